@@ -1,0 +1,3 @@
+"""Parametric Global Modal Parameterization of flexible mechanisms on PETSc and SLEPc."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,143 @@
+"""Planar large-rotation beam element (Reissner; Simo and Vu-Quoc; Geradin and Cardona).
+
+Strain energy of an element of length L between nodes ``(x1, y1, phi1)`` and ``(x2, y2, phi2)``, one-point quadrature
+(which removes shear locking), with ``psi = (phi1 + phi2) / 2 + alpha`` and alpha the direction in the mesh::
+
+    eps   =  (cos(psi) dx + sin(psi) dy) / L - 1
+    gamma = (-sin(psi) dx + cos(psi) dy) / L
+    kappa =  (phi2 - phi1) / L
+    U     = L / 2 (EA eps^2 + GA gamma^2 + EI kappa^2)
+
+The kinetic energy has the consistent constant mass matrix with rotary inertia. Element unknowns are ordered
+``(x1, y1, phi1, x2, y2, phi2)``; symmetric 6 x 6 matrices are packed as their lower triangle row by row (21 entries).
+The functions below work on many elements or samples at once: the last axis is contiguous and vectorised.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+N_PACKED = 21
+PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
+
+
+@njit(cache=True, error_model="numpy")
+def force_and_tangent(u, length, alpha, section, force, tangent):
+    """Evaluate gradient and Hessian of the strain energy of one element for several states.
+
+    Parameters
+    ----------
+    u
+        Element unknowns, shape (6, n).
+    length, alpha
+        Length (m) and direction in the mesh (rad) of the element.
+    section
+        ``(EA, k_s GA, EI)``, shape (3, n).
+    force, tangent
+        Results: gradient, shape (6, n), and packed Hessian, shape (21, n).
+    """
+    n = u.shape[1]
+    inv = 1.0 / length
+    for k in range(n):
+        psi = 0.5 * (u[2, k] + u[5, k]) + alpha
+        # parked in the results, so that the loop below has no calls and vectorises
+        force[0, k] = np.cos(psi)
+        force[1, k] = np.sin(psi)
+    for k in range(n):
+        cos, sin = force[0, k], force[1, k]
+        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
+        stretch = (cos * dx + sin * dy) * inv
+        gamma = (cos * dy - sin * dx) * inv
+        axial, shear, bending = section[0, k], section[1, k], section[2, k]
+        n_force = axial * (stretch - 1.0)
+        q_force = shear * gamma
+        moment = bending * (u[5, k] - u[2, k]) * inv
+        # internal force resolved along x and y, and its couple about the element's middle
+        fx = n_force * cos - q_force * sin
+        fy = n_force * sin + q_force * cos
+        couple = 0.5 * length * (n_force * gamma - q_force * stretch)
+        force[0, k] = -fx
+        force[1, k] = -fy
+        force[2, k] = couple - moment
+        force[3, k] = fx
+        force[4, k] = fy
+        force[5, k] = couple + moment
+        # d(fx, fy)/d(dx, dy) and the derivatives with psi (each phi has half of psi)
+        kxx = (axial * cos * cos + shear * sin * sin) * inv
+        kxy = (axial - shear) * cos * sin * inv
+        kyy = (axial * sin * sin + shear * cos * cos) * inv
+        kxp = 0.5 * ((axial * cos * gamma + shear * sin * stretch) - n_force * sin - q_force * cos)
+        kyp = 0.5 * ((axial * sin * gamma - shear * cos * stretch) + n_force * cos - q_force * sin)
+        kpp = 0.25 * length * (
+            axial * gamma * gamma + shear * stretch * stretch - n_force * stretch - q_force * gamma
+        )
+        kb = bending * inv
+        tangent[0, k] = kxx
+        tangent[1, k] = kxy
+        tangent[2, k] = kyy
+        tangent[3, k] = -kxp
+        tangent[4, k] = -kyp
+        tangent[5, k] = kpp + kb
+        tangent[6, k] = -kxx
+        tangent[7, k] = -kxy
+        tangent[8, k] = kxp
+        tangent[9, k] = kxx
+        tangent[10, k] = -kxy
+        tangent[11, k] = -kyy
+        tangent[12, k] = kyp
+        tangent[13, k] = kxy
+        tangent[14, k] = kyy
+        tangent[15, k] = -kxp
+        tangent[16, k] = -kyp
+        tangent[17, k] = kpp - kb
+        tangent[18, k] = kxp
+        tangent[19, k] = kyp
+        tangent[20, k] = kpp + kb
+
+
+def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
+    """Return the tangents of elements at rest in the mesh's own frame.
+
+    At rest the stress resultants vanish, so the tangent is the sum of three rank-one terms.
+
+    Parameters
+    ----------
+    lengths, alphas
+        Shape (n_elements,): m and rad.
+    section
+        ``(EA, k_s GA, EI)``, shape (3,).
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 6, 6)
+    """
+    cos, sin, zero, one = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas), np.ones_like(alphas)
+    half = lengths / 2
+    gradients = np.array(  # of eps, gamma, kappa, each times the length: shape (3, 6, n_elements)
+        [
+            [-cos, -sin, zero, cos, sin, zero],
+            [sin, -cos, -half, -sin, cos, -half],
+            [zero, zero, -one, zero, zero, one],
+        ]
+    )
+    return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
+
+
+def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
+    """Return consistent mass matrices, constant in any frame.
+
+    Parameters
+    ----------
+    lengths
+        Shape (n_elements,), m.
+    line_density, rotary_density
+        rho A (kg/m) and rho I (kg m).
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 6, 6)
+    """
+    density = np.diag([line_density, line_density, rotary_density])
+    unit = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, density)
+    return lengths[:, None, None] * unit

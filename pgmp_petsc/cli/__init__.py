@@ -1,0 +1,1 @@
+"""The command ``pgmp``: thin commands over the studies, and the frame that they run in."""

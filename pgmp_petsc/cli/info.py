@@ -1,0 +1,90 @@
+"""``pgmp info``: what a result file holds."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from datetime import datetime
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.report import say
+from pgmp_petsc.runtime.agreement import on_root
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--scene", is_flag=True, help="Print the scene that the file was made from, as TOML.")
+@click.pass_context
+def info(context: click.Context, file: Path, scene: bool) -> None:
+    """Say what FILE holds: its origin, parameters, timings and datasets."""
+    say(context, on_root(context.obj.comm, _scene if scene else describe, file))
+
+
+def describe(path: Path) -> str:
+    """Return the description of a result file of any kind."""
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+    from pgmp_petsc.runtime.timings import Timings
+
+    with open_file(path, KINDS) as file:
+        record = RunRecord.read(file)
+        parameters = ", ".join(f"{name} = {value:g}" for name, value in record.parameters.items())
+        model = file.attrs.get("model")
+        lines = [
+            f"{path}: {KINDS[file.attrs['kind']]}" + (f" of the {model} model" if model else ""),
+            f"written    {datetime.fromtimestamp(os.path.getmtime(path)):%Y-%m-%d %H:%M}"
+            f" by pgmp {file.attrs['program_version']}, format {file.attrs['format_version']}",
+            f"scene      {_scene_name(record.scene_toml)}",
+            f"parameters {parameters or 'none'}",
+            f"seed       {'none' if record.seed is None else record.seed}",
+            f"ranks      {record.ranks}",
+        ]
+        if record.timings:
+            lines += ["", "timings", _indented(Timings(record.timings).table())]
+        return "\n".join([*lines, "", "datasets", _indented(_datasets(file))])
+
+
+def _scene(path: Path) -> str:
+    """Return the resolved scene of a result file."""
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+
+    with open_file(path, KINDS) as file:
+        return RunRecord.read(file).scene_toml.rstrip()
+
+
+def _scene_name(scene_toml: str) -> str:
+    """Return the name that a scene gives itself."""
+    try:
+        return str(tomllib.loads(scene_toml)["scene"]["name"])
+    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        return "without a name"
+
+
+def _datasets(file) -> str:
+    """Return one line a dataset: name, shape, unit, description; a numbered series (frames) is one line."""
+    import h5py
+
+    rows: list[tuple[str, str, str, str]] = []
+
+    def visit(name: str, item: object) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("timings/"):
+            return
+        group, _, last = name.rpartition("/")
+        description = str(item.attrs.get("description", ""))
+        if last.isdigit():
+            if int(last) > 0:
+                return
+            name, description = f"{group}/<{len(file[group])} frames>", description.replace(" at 0 s", "")
+        shape = " x ".join(str(length) for length in item.shape) or "scalar"
+        rows.append((f"/{name}", shape, str(item.attrs.get("unit", "")), description))
+
+    file.visititems(visit)
+    widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
+    padded = [[f"{text:<{width}}" for text, width in zip(row, [*widths, 0])] for row in rows]
+    return "\n".join("  ".join(row).rstrip() for row in padded)
+
+
+def _indented(text: str) -> str:
+    """Indent every line by two spaces."""
+    return "\n".join(f"  {line}" for line in text.splitlines())

@@ -1,0 +1,79 @@
+"""A click group that imports a command's module only when that command is called.
+
+``pgmp --help`` and ``pgmp info`` must not wait for PETSc, and PETSc must be started with the user's options
+before any module imports it; both need to know the command before its module is touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import click
+
+from pgmp_petsc.cli.session import Session
+from pgmp_petsc.runtime.errors import nearest_name
+
+
+@dataclass(frozen=True)
+class LazyCommand:
+    """Where a command is found, and what the group's help says of it.
+
+    Parameters
+    ----------
+    target : str
+        ``module:function``.
+    help : str
+        One line.
+    uses_petsc : bool
+        Whether PETSc is started before the module is imported.
+    """
+
+    target: str
+    help: str
+    uses_petsc: bool = True
+
+    def load(self) -> click.Command:
+        """Import the module and return the command."""
+        module, _, function = self.target.partition(":")
+        return getattr(import_module(module), function)
+
+
+class LazyGroup(click.Group):
+    """A group of :class:`LazyCommand`."""
+
+    def __init__(self, *args: Any, lazy: Mapping[str, LazyCommand], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._lazy = lazy
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order in which they were registered."""
+        return list(self._lazy)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Import a command, after starting PETSc if it needs that.
+
+        Raises
+        ------
+        click.UsageError
+            If there is no such command, or it was given options for PETSc and does not use it.
+        """
+        if cmd_name not in self._lazy:
+            raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)
+        command = self._lazy[cmd_name]
+        session = ctx.find_object(Session)
+        if command.uses_petsc and session is not None:
+            session.start_petsc()
+        elif session is not None and session.petsc_options:
+            given = " ".join(session.petsc_options)
+            raise click.UsageError(
+                f"'{cmd_name}' does not use PETSc, but was given PETSc options after '--': {given}", ctx
+            )
+        return command.load()
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.help) for name, command in self._lazy.items()])

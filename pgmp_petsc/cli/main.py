@@ -1,0 +1,145 @@
+"""Entry point of ``pgmp``: parses the command line, runs one command on all ranks and ends them all alike.
+
+Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted. Rank 0 alone
+prints results and messages; a traceback is printed where it happened. Arguments after a bare ``--`` go to
+PETSc.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import traceback
+from contextlib import redirect_stdout
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from pgmp_petsc import __version__
+from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
+from pgmp_petsc.cli.session import Session
+from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+INTERRUPTED = 130
+# How long a rank that failed waits for the others to fail with it, before it ends them.
+GRACE_SECONDS = 20.0
+
+COMMANDS = {
+    "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
+    "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
+    "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
+}
+
+
+@click.group(
+    cls=LazyGroup, lazy=COMMANDS, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]..."
+)
+@click.version_option(__version__, prog_name="pgmp")
+@click.pass_context
+def pgmp(context: click.Context) -> None:
+    """Reduced models of flexible mechanisms with uncertain parameters.
+
+    Every command runs serially or under mpirun. Options after a bare '--' are passed to PETSc.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+def main(argv: list[str] | None = None) -> NoReturn:
+    """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
+    from mpi4py import MPI
+
+    own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
+    comm = MPI.COMM_WORLD
+    # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
+    closing = comm.Dup()
+    status, message = _run(own, Session(comm, petsc_options))
+    sys.exit(_close(closing, status, message))
+
+
+def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Return the arguments before and after the first bare ``--``."""
+    if "--" not in arguments:
+        return list(arguments), []
+    place = arguments.index("--")
+    return list(arguments[:place]), list(arguments[place + 1 :])
+
+
+def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
+    """Run the command on this rank; return its exit status and the message of its failure.
+
+    An unexpected exception ends all ranks at once: the others may be waiting in a collective operation.
+    """
+    comm = session.comm
+    try:
+        with open(os.devnull, "w") as silent, redirect_stdout(silent if comm.rank > 0 else sys.stdout):
+            status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
+        return status if isinstance(status, int) else 0, None
+    except PgmpError as error:
+        return error.exit_status, str(error)
+    except click.ClickException as error:
+        return InputError.exit_status, _usage_message(error)
+    except SystemExit as error:
+        # Click ends the process itself when its reader has gone (`pgmp info F | head`).
+        return error.code if isinstance(error.code, int) else 1, None
+    except (KeyboardInterrupt, click.Abort):
+        status, message = INTERRUPTED, "pgmp: interrupted"
+    except BaseException:
+        status, message = 1, traceback.format_exc()
+    where = f"pgmp: rank {comm.rank}:\n" if comm.size > 1 else ""
+    print(f"{where}{message.rstrip()}", file=sys.stderr, flush=True)
+    if comm.size > 1:
+        comm.Abort(status)
+    return status, None
+
+
+def _usage_message(error: click.ClickException) -> str:
+    """Return one message for an error of the command line, with the nearest name and where to look."""
+    context = getattr(error, "ctx", None)
+    message = error.format_message()
+    if isinstance(error, click.NoSuchOption) and context is not None:
+        names = (name for option in context.command.get_params(context) for name in option.opts)
+        known = [name for name in names if name.startswith("-")]
+        message = f"no option '{error.option_name}'{nearest_name(error.option_name, known)}"
+    help_command = f" (see '{context.command_path} --help')" if context is not None else ""
+    return f"{message.rstrip('.')}{help_command}"
+
+
+def _close(closing: MPI.Comm, status: int, message: str | None) -> int:
+    """Agree on the exit status and let one rank print the message. Collective on ``closing``.
+
+    Failures are meant to be agreed on within a command (:mod:`pgmp_petsc.runtime.agreement`), so every rank
+    comes here at the same time. Where one does not, because a failure was not agreed on, the rank that failed
+    does not wait for ever: it says so and ends the others.
+    """
+    if closing.size == 1:
+        if message is not None:
+            print(f"pgmp: error: {message}", file=sys.stderr, flush=True)
+        return status
+    from mpi4py import MPI
+    import numpy as np
+
+    mine = np.array([status, -closing.rank if message is not None else -closing.size])
+    highest = np.empty_like(mine)
+    request = closing.Iallreduce(mine, highest, op=MPI.MAX)
+    if status == 0:
+        request.Wait()
+    else:
+        deadline = time.monotonic() + GRACE_SECONDS
+        while not request.Test():
+            if time.monotonic() > deadline:
+                alone = f"pgmp: error: rank {closing.rank} failed alone: {message}"
+                print(alone, file=sys.stderr, flush=True)
+                closing.Abort(status)
+            time.sleep(0.001)
+    if message is not None and closing.rank == -highest[1]:
+        print(f"pgmp: error: {message}", file=sys.stderr, flush=True)
+    return int(highest[0])
+
+
+if __name__ == "__main__":
+    main()

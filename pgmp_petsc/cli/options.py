@@ -1,0 +1,45 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., object])
+
+
+def scene_options(command: Command) -> Command:
+    """Add the repeatable ``--set NAME=VALUE`` and ``--override KEY=VALUE``.
+
+    The function receives ``settings`` and ``overrides``, tuples of str as they were typed, which
+    :func:`pgmp_petsc.scene.loading.load_scene` takes and checks.
+    """
+    command = click.option(
+        "--override",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Replace the scene's entry with dotted key KEY by a TOML value; repeatable.",
+    )(command)
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Set parameter NAME to a number, SI units; repeatable.",
+    )(command)
+
+
+def output_option(command: Command) -> Command:
+    """Add the required ``-o/--output FILE``; the function receives ``output`` (Path)."""
+    return click.option(
+        "-o",
+        "--output",
+        required=True,
+        metavar="FILE",
+        type=click.Path(path_type=Path),
+        help="File to write; it replaces an older one when it is complete.",
+    )(command)

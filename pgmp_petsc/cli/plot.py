@@ -1,0 +1,41 @@
+"""``pgmp plot``: result files as pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.report import say
+from pgmp_petsc.runtime.agreement import on_root
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Directory for the pictures; made if it does not exist.",
+)
+@click.option(
+    "--exaggerate",
+    default=1.0,
+    show_default=True,
+    metavar="FACTOR",
+    type=click.FloatRange(min=1.0),
+    help="Enlarge the deformation in the picture of the mechanism.",
+)
+@click.pass_context
+def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float) -> None:
+    """Draw result FILEs: what belongs together goes into one picture.
+
+    Tables of modes become frequencies.png, trajectories trajectories.png and mechanism.png (full-order and
+    reduced ones are compared where their parameters are equal), ensembles densities.png.
+    """
+    from pgmp_petsc.figures.collection import draw
+
+    for line in on_root(context.obj.comm, draw, files, output, exaggerate):
+        say(context, line)

@@ -1,0 +1,32 @@
+"""What a command is given besides its options: the ranks, and the options for PETSc."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Session:
+    """One call of ``pgmp``; click's context object (``context.obj``).
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+        All ranks of the run.
+    petsc_options : sequence of str
+        What stood after ``--`` on the command line.
+    """
+
+    comm: MPI.Comm
+    petsc_options: Sequence[str] = ()
+
+    def start_petsc(self) -> None:
+        """Start PETSc with the user's options; anything that imports PETSc is imported after this."""
+        import petsc4py
+
+        petsc4py.init(["pgmp", *self.petsc_options])

@@ -1,0 +1,34 @@
+"""Gravity: the mass matrix times a constant acceleration, one load term for each affine mass term."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import effects as schema
+
+
+class Gravity:
+    """Gravity effect; see the module."""
+
+    def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
+        self.name = name
+        direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
+        self._acceleration = Quantity.of(entry.acceleration)
+        self._field = np.zeros((mechanism.n_nodes, DOFS_PER_NODE))
+        self._field[:, :2] = direction * self._acceleration.coefficient
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
+        field = self._field.ravel()
+        terms = ((weight * self._acceleration.monomial, mass @ field) for weight, mass in matrices.mass.items())
+        # a purely rotary mass term takes no part in a uniform field
+        return [Load(self.name, weight, vector) for weight, vector in terms if np.any(vector)]
+
+    def amplitude(self, time: float) -> float:
+        """Return 1: gravity does not change."""
+        return 1.0

@@ -1,0 +1,39 @@
+"""A torque in a revolute joint: a couple on the second body and its reaction on the first.
+
+The torque is a table over time, interpolated linearly and constant beyond its ends, times a scale that may be an
+uncertain parameter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import effects as schema
+
+
+class Torque:
+    """Torque effect; see the module."""
+
+    def __init__(self, name: str, entry: schema.Torque, mechanism: Mechanism) -> None:
+        self.name = name
+        self._times, self._values = np.array(entry.table, dtype=float).T
+        self._scale = Quantity.of(entry.scale)
+        self._connection = mechanism.connection(entry.joint)
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return one term: unit couples at the joint's nodes."""
+        vector = np.zeros(len(matrices.rows))
+        for sign, side in ((-1.0, self._connection.a), (1.0, self._connection.b)):
+            dof = DOFS_PER_NODE * side.node + 2
+            if not side.on_ground and dof in matrices.rows:
+                vector[dof - matrices.rows.start] += sign * self._scale.coefficient
+        return [Load(self.name, self._scale.monomial, vector)]
+
+    def amplitude(self, time: float) -> float:
+        """Return the torque of the table, N m."""
+        return float(np.interp(time, self._times, self._values))

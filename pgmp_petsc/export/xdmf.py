@@ -1,0 +1,104 @@
+"""A trajectory for ParaView: an XDMF file that points into the trajectory's own HDF5 file.
+
+XDMF (version 3, https://www.xdmf.org) keeps the description in XML and the arrays in HDF5. The trajectory's
+arrays are stored frame by frame and with three components (:mod:`pgmp_petsc.results.trajectory`), so nothing
+is copied: each array is named as ``<file>:<dataset>``, with the file relative to the XDMF file. The XML is
+written here because meshio's writer of time series stores its arrays in ``F.h5`` beside ``F.xdmf``, which
+would overwrite the trajectory. The two files have to stay together.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree
+
+import h5py
+import numpy as np
+
+from pgmp_petsc.results.layout import shapes_of
+from pgmp_petsc.results.trajectory import frame_name
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.files import check_writable, open_file, take
+
+_ATTRIBUTES = {"displacement": "Vector", "rotation": "Scalar"}
+
+
+def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
+    """Write the XDMF description of a trajectory's frames and return their number; by one process only.
+
+    Every frame holds the positions of all nodes at that instant, the line cells, and on the nodes the
+    displacement from the first frame (m), the rotation (rad) and the number of the body.
+
+    Raises
+    ------
+    InputError
+        If the trajectory cannot be read, has no frames, or `xdmf_path` cannot be written or is the
+        trajectory.
+    RunError
+        If the system fails to write.
+    """
+    xdmf_path = check_writable(xdmf_path)
+    if xdmf_path.exists() and os.path.samefile(xdmf_path, trajectory_path):
+        raise InputError(f"output file '{xdmf_path}' is the trajectory itself; name another file, F.xdmf say")
+    with open_file(trajectory_path, "trajectory") as file:
+        if "frames" not in file:
+            raise InputError(
+                f"file '{trajectory_path}' has no frames to export; run the simulation again with "
+                "--override simulation.frames=100"
+            )
+        heavy = os.path.relpath(Path(trajectory_path).resolve(), xdmf_path.resolve().parent)
+        with shapes_of(file):
+            tree, n_frames = _tree(file, heavy)
+    ElementTree.indent(tree)
+    partial = xdmf_path.with_name(f".{xdmf_path.name}.{os.getpid()}.partial")
+    try:
+        tree.write(partial, encoding="utf-8", xml_declaration=True)
+        os.replace(partial, xdmf_path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise RunError(f"output file '{xdmf_path}' could not be written: {error}") from error
+    return n_frames
+
+
+def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
+    """Build the XML: a temporal collection with one uniform grid a frame."""
+    root = ElementTree.Element("Xdmf", Version="3.0")
+    domain = ElementTree.SubElement(root, "Domain")
+    series = ElementTree.SubElement(
+        domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal"
+    )
+    time = take(file, "frames/time", 1)
+    for number, instant in enumerate(time):
+        name = frame_name(number)
+        grid = ElementTree.SubElement(series, "Grid", Name=f"frame {name}", GridType="Uniform")
+        ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
+        cells = file["mesh/cells"]
+        topology = ElementTree.SubElement(
+            grid, "Topology", TopologyType="Polyline", NodesPerElement="2", NumberOfElements=str(len(cells))
+        )
+        _refer(topology, cells, heavy)
+        geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
+        _refer(geometry, file[f"frames/points/{name}"], heavy)
+        for attribute, kind in _ATTRIBUTES.items():
+            _refer(_attribute(grid, attribute, kind), file[f"frames/{attribute}/{name}"], heavy)
+        _refer(_attribute(grid, "body", "Scalar"), file["mesh/body"], heavy)
+    return ElementTree.ElementTree(root), len(time)
+
+
+def _attribute(grid: ElementTree.Element, name: str, kind: str) -> ElementTree.Element:
+    """Add an attribute on the nodes."""
+    return ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
+
+
+def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:
+    """Add a reference to a dataset of the trajectory's file."""
+    item = ElementTree.SubElement(
+        parent,
+        "DataItem",
+        Dimensions=" ".join(str(length) for length in dataset.shape),
+        NumberType="Int" if np.issubdtype(dataset.dtype, np.integer) else "Float",
+        Precision=str(dataset.dtype.itemsize),
+        Format="HDF",
+    )
+    item.text = f"{heavy}:{dataset.name}"

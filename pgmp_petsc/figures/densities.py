@@ -1,0 +1,191 @@
+"""Densities of the parameters and outputs of ensembles (as Figs. 5 and 6 of Naets et al. 2015)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from pgmp_petsc.figures.style import (
+    FULL_COLOUR,
+    PALETTE,
+    QUIET,
+    REDUCED_COLOUR,
+    axis_label,
+    axis_unit,
+    new_figure,
+    scene_name,
+    styled,
+    top_legend,
+)
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.runtime.errors import InputError
+
+N_BINS = 50
+COLUMNS = 3
+
+
+@styled
+def densities(ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None) -> Figure:
+    """Draw the density of every parameter and output that the ensembles have in common, one panel each.
+
+    The densities are histograms of the samples that are fine, with the same bins for all ensembles. Dashed
+    lines mark the means; the band is the first ensemble's mean plus and minus a standard deviation. With two
+    ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
+
+    Parameters
+    ----------
+    ensembles : sequence of Ensemble
+        The first is drawn as an area, the others as steps over it.
+    labels : sequence of str, optional
+        By default the model and the number of samples.
+
+    Raises
+    ------
+    InputError
+        If the ensembles have no quantity in common or one has no sample that is fine.
+    """
+    labels = [_label(ensemble) for ensemble in ensembles] if labels is None else labels
+    names = _common(ensembles)
+    compared = len(ensembles) == 2
+    n_columns = min(len(names), COLUMNS)
+    n_blocks = -(-len(names) // n_columns)
+    ratios = ([2.8, 1.0] if compared else [1.0]) * n_blocks
+    rows_a_block = len(ratios) // n_blocks
+    figure = new_figure(max(3.6 * n_columns, 5.0), (4.3 if compared else 3.3) * n_blocks + 0.65)
+    panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
+    colours = _colours(ensembles)
+    for place in range(n_blocks * n_columns):
+        row, column = rows_a_block * (place // n_columns), place % n_columns
+        block = panels[row : row + rows_a_block, column]
+        if place < len(names):
+            _draw_quantity(block, ensembles, names[place], colours)
+        else:
+            for axes in block:
+                axes.set_visible(False)
+    keys = [
+        Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
+        for number, (label, colour) in enumerate(zip(labels, colours))
+    ]
+    name = scene_name(ensembles[0].record)
+    top_legend(figure, keys, f"Uncertainty of the {name or 'mechanism'}")
+    return figure
+
+
+def _draw_quantity(
+    block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]
+) -> None:
+    """Draw the densities of one quantity and, with two of them, their difference."""
+    samples = [_samples(ensemble, name) for ensemble in ensembles]
+    factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *samples)
+    samples = [values * factor for values in samples]
+    edges = _edges(samples)
+    heights = [np.histogram(values, edges, density=True)[0] for values in samples]
+    axes = block[0]
+    mean, std = np.mean(samples[0]), np.std(samples[0], ddof=1) if len(samples[0]) > 1 else 0.0
+    axes.axvspan(mean - std, mean + std, color="#F3F3F3", zorder=0.5, linewidth=0)
+    for number, (values, height, colour) in enumerate(zip(samples, heights, colours)):
+        if number == 0:
+            axes.stairs(height, edges, fill=True, color=_tint(colour))
+        axes.stairs(height, edges, color=colour, linewidth=1.4 if number else 1.1)
+        axes.axvline(np.mean(values), color=colour, linestyle=(0, (4, 3)), linewidth=1.0)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
+    axes.set_title(name.replace("_", " "), pad=8.0 + 12.0 * len(samples))
+    axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
+    _write_moments(axes, samples, colours, unit)
+    if len(block) > 1:
+        axes.tick_params(labelbottom=False)
+        block[1].sharex(axes)
+        difference = 100.0 * (heights[1] - heights[0]) / heights[0].max()
+        block[1].stairs(difference, edges, baseline=0.0, fill=True, color=colours[1])
+        block[1].axhline(0.0, color=QUIET, linewidth=0.8)
+        block[1].set_ylabel("difference\n(% of peak)")
+        reach = max(np.abs(block[1].get_ylim()).max(), 1.0)
+        block[1].set_ylim(-1.1 * reach, 1.1 * reach)
+    block[-1].set_xlabel(axis_label(name, unit))
+
+
+def _write_moments(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[str], unit: str) -> None:
+    """Write mean, standard deviation and number of samples above the axes, a line for each ensemble."""
+    shown = "" if unit in ("", "1") else f" {unit}"
+    for number, (values, colour) in enumerate(zip(samples, colours)):
+        std = np.std(values, ddof=1) if len(values) > 1 else np.nan
+        text = f"{_rounded(np.mean(values), std)} ± {std:.3g}{shown},  N = {len(values)}"
+        axes.annotate(
+            text.replace("-", "\N{MINUS SIGN}"),
+            xy=(0.0, 1.0),
+            xycoords="axes fraction",
+            xytext=(0.0, 5.0 + 12.0 * (len(samples) - 1 - number)),
+            textcoords="offset points",
+            fontsize=8.5,
+            color=colour,
+        )
+
+
+def _rounded(mean: float, std: float) -> str:
+    """Return the mean with as many decimals as the three digits of the standard deviation have."""
+    if not np.isfinite(std) or std <= 0.0:
+        return f"{mean:.5g}"
+    decimals = max(0, 2 - int(np.floor(np.log10(std))))
+    return f"{mean:.{decimals}f}" if decimals < 8 else f"{mean:.5g}"
+
+
+def _edges(samples: Sequence[np.ndarray]) -> np.ndarray:
+    """Return bins over all samples; a quantity that does not vary gets a narrow range around its value."""
+    low, high = min(values.min() for values in samples), max(values.max() for values in samples)
+    if high - low <= 1e-12 * max(abs(low), abs(high)):
+        half = 0.5 * max(abs(low), 1e-12) * 1e-3
+        low, high = low - half, high + half
+    # Few samples in many bins are a comb: about the square root of their number is readable.
+    n_bins = int(np.clip(2.0 * np.sqrt(min(len(values) for values in samples)), 5, N_BINS))
+    return np.linspace(low, high, n_bins + 1)
+
+
+def _samples(ensemble: Ensemble, name: str) -> np.ndarray:
+    """Return the finite values of a quantity over the samples that are fine."""
+    values = (ensemble.parameters | ensemble.outputs)[name][ensemble.status == 0]
+    return values[np.isfinite(values)]
+
+
+def _common(ensembles: Sequence[Ensemble]) -> list[str]:
+    """Return the quantities that all ensembles have, parameters first."""
+    names = [
+        name
+        for name in (*ensembles[0].parameters, *ensembles[0].outputs)
+        if all(name in ensemble.parameters or name in ensemble.outputs for ensemble in ensembles)
+    ]
+    if not names:
+        raise InputError("the ensembles have nothing in common; plot those of one scene together")
+    for ensemble in ensembles:
+        for name in names:
+            if not len(_samples(ensemble, name)):
+                raise InputError(f"no sample of the {ensemble.model} ensemble has a value of '{name}'")
+    return names
+
+
+def _label(ensemble: Ensemble) -> str:
+    """Return the model and how many samples it has, and how many of them failed."""
+    n_failed = int(np.count_nonzero(ensemble.status))
+    failed = f", {n_failed} failed" if n_failed else ""
+    model = "full order" if ensemble.model == "full" else "reduced"
+    return f"{model}, {len(ensemble.status)} samples{failed}"
+
+
+def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
+    """Return the models' colours, or the palette's where there are several ensembles of one model."""
+    models = [ensemble.model for ensemble in ensembles]
+    if len(set(models)) < len(models):
+        return list((PALETTE * 10)[: len(models)])
+    return [FULL_COLOUR if model == "full" else REDUCED_COLOUR for model in models]
+
+
+def _tint(colour: str) -> str:
+    """Return a colour mixed with white, for areas."""
+    parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
+    return "#" + "".join(f"{round(255 - 0.3 * (255 - part)):02X}" for part in parts)

@@ -1,0 +1,102 @@
+"""Eigenfrequencies over the configurations, full-order and reduced (as Fig. 2 of Naets et al. 2015)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from pgmp_petsc.figures.style import (
+    PALETTE,
+    QUIET,
+    angle_ticks,
+    axis_label,
+    labels_by_parameters,
+    new_figure,
+    scene_name,
+    styled,
+    top_legend,
+)
+from pgmp_petsc.results import ModesTable
+
+# About as many crosses as can be told from the line below them.
+N_CROSSES = 24
+
+
+@styled
+def frequencies(
+    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None
+) -> Figure:
+    """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
+
+    Parameters
+    ----------
+    tables : sequence of ModesTable
+        Drawn over each other, one colour each.
+    n_modes : int
+        Number of panels; fewer where no table has as many.
+    labels : sequence of str, optional
+        Names of the tables; by default the parameters in which they differ.
+    """
+    labels = labels_by_parameters([table.record for table in tables]) if labels is None else labels
+    n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
+    n_columns = 1 if n_modes == 1 else 2
+    n_rows = -(-n_modes // n_columns)
+    figure = new_figure(4.2 * n_columns, 2.45 * n_rows + 0.75)
+    panels = figure.subplots(n_rows, n_columns, sharex=True, squeeze=False)
+    for mode, axes in enumerate(panels.flat):
+        if mode >= n_modes:
+            axes.set_visible(False)
+            continue
+        for table, colour in zip(tables, _colours()):
+            _draw_mode(axes, table, mode, colour)
+        axes.set_title(f"flexible mode {mode + 1}: frequency (Hz)")
+        axes.margins(y=0.12)
+        theta, name, unit = _abscissa(tables[0])
+        angle_ticks(axes, theta, unit)
+        if mode >= n_modes - n_columns:
+            axes.set_xlabel(axis_label(name, unit))
+            axes.tick_params(labelbottom=True)
+
+    keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, _colours()) if label]
+    line_colour = QUIET if keys else PALETTE[0]
+    if any(table.reduced_hz is not None for table in tables):
+        keys.append(Line2D([], [], color=line_colour, label="full order"))
+        keys.append(Line2D([], [], color=line_colour, linestyle="none", marker="x", label="reduced"))
+    name = scene_name(tables[0].record)
+    top_legend(figure, keys, f"Eigenfrequencies{f' of the {name}' if name else ''}")
+    return figure
+
+
+def _draw_mode(axes, table: ModesTable, mode: int, colour: str) -> None:
+    """Draw one mode of one table, the reduced one as sparse crosses."""
+    theta = _abscissa(table)[0]
+    if mode < table.full_hz.shape[1]:
+        axes.plot(theta, table.full_hz[:, mode], color=colour)
+    if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
+        step = max(1, len(theta) // N_CROSSES)
+        axes.plot(
+            theta[::step],
+            table.reduced_hz[::step, mode],
+            color=colour,
+            linestyle="none",
+            marker="x",
+            markersize=4.5,
+            markeredgewidth=1.1,
+            clip_on=False,
+        )
+
+
+def _abscissa(table: ModesTable) -> tuple[np.ndarray, str, str]:
+    """Return values, name and unit of the horizontal axis; with several coordinates a running number."""
+    if table.theta.ndim == 1:
+        (name, unit), *_ = table.coordinate_units.items()
+        return table.theta, name, unit
+    return np.arange(table.theta.shape[1]), "configuration", "1"
+
+
+def _colours() -> Sequence[str]:
+    """Return colours for any number of tables."""
+    return PALETTE * 10

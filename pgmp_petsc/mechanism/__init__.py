@@ -1,0 +1,1 @@
+"""Mechanisms: joints, unknowns, rigid kinematics and the null space of the constraints."""

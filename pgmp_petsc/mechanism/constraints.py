@@ -1,0 +1,50 @@
+"""Constraint Jacobians of the full-order model in body frames, at configurations of the rigid mechanism.
+
+In body frames (`u_b = R_b^T (q_b - rho_b)` node by node) mass and stiffness do not depend on the configuration; the
+constraint Jacobian alone does, through the directions in which the bodies meet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.mechanism.body_frames import rotation
+from pgmp_petsc.mechanism.mechanism import Mechanism
+
+
+def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray) -> sp.csr_matrix:
+    """Return C in body frames at one configuration of the rigid mechanism.
+
+    Parameters
+    ----------
+    poses
+        Shape (n_bodies, 3).
+
+    Returns
+    -------
+    csr_matrix, shape (n_constraints, n_dofs)
+    """
+    rows, columns, values = [], [], []
+    for connection in mechanism.connections:
+        frames = connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
+        jacobian = connection.joint.jacobian(*frames)
+        for offset, side in ((0, connection.a), (DOFS_PER_NODE, connection.b)):
+            if side.on_ground:
+                continue
+            block = jacobian[:, offset : offset + DOFS_PER_NODE] @ rotation(poses[side.body, 2])
+            row, column = np.meshgrid(
+                np.arange(connection.rows.start, connection.rows.stop),
+                DOFS_PER_NODE * side.node + np.arange(DOFS_PER_NODE),
+                indexing="ij",
+            )
+            # explicit zeros are dropped: an unknown that no constraint feels must not become a dependent one
+            chosen = np.abs(block) > 1e-14
+            rows.append(row[chosen])
+            columns.append(column[chosen])
+            values.append(block[chosen])
+    shape = (mechanism.n_constraints, mechanism.n_dofs)
+    return sp.coo_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+    ).tocsr()

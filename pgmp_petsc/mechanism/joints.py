@@ -1,0 +1,101 @@
+"""Joints between two frames ``(x, y, phi)``, fixed to a node of a body or to the ground.
+
+Each joint gives constraints ``c(a, b) = 0`` of the two frames a and b it connects, with first and second derivatives in
+the six frame unknowns. The full-order model applies them to nodes, the rigid kinematics to points of rigid bodies;
+there is one formula for both. Trailing axes of the frames (samples, configurations) are kept.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+N_FRAME = 3
+N_PAIR = 2 * N_FRAME
+
+
+class Joint(Protocol):
+    """Constraints of a pair of frames."""
+
+    n_constraints: int
+    linear: bool  # in the frame unknowns: constant Jacobian, no Hessian
+
+    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return c, shape (n_constraints, ...), for frames of shape (3, ...)."""
+
+    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return dc/d(a, b), shape (n_constraints, 6, ...)."""
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the second derivatives of c, shape (n_constraints, 6, 6, ...)."""
+
+
+class Revolute:
+    """Equal positions: ``x_a = x_b``, ``y_a = y_b``."""
+
+    n_constraints = 2
+    linear = True
+
+    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return ``b - a`` of the positions, m."""
+        return b[:2] - a[:2]
+
+    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the constant Jacobian."""
+        jacobian = np.zeros((2, N_PAIR, *a.shape[1:]))
+        for i in range(2):
+            jacobian[i, i] = -1.0
+            jacobian[i, N_FRAME + i] = 1.0
+        return jacobian
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return zeros."""
+        return np.zeros((2, N_PAIR, N_PAIR, *a.shape[1:]))
+
+
+class PointOnLine:
+    """Point b stays on a line through a: ``n(phi_a) . (b - a) = 0``, n normal to the line.
+
+    The line turns with frame a when a belongs to a body (``turning``); on the ground it is fixed and the constraint is
+    linear.
+    """
+
+    n_constraints = 1
+
+    def __init__(self, direction: tuple[float, float], turning: bool) -> None:
+        self._direction = np.asarray(direction, dtype=float) / np.hypot(*direction)
+        self.linear = not turning
+
+    def _line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the line's unit direction and normal, each of shape (2, ...)."""
+        angle = np.zeros_like(a[2]) if self.linear else a[2]
+        cos, sin = np.cos(angle), np.sin(angle)
+        dx, dy = self._direction
+        direction = np.array([cos * dx - sin * dy, sin * dx + cos * dy])
+        return direction, np.array([-direction[1], direction[0]])
+
+    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the distance of b from the line, m."""
+        _, normal = self._line(a)
+        return np.sum(normal * (b[:2] - a[:2]), axis=0)[None]
+
+    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return dc/d(a, b); ``dn/dphi = -direction``."""
+        direction, normal = self._line(a)
+        jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
+        jacobian[0, 0:2] = -normal
+        jacobian[0, 3:5] = normal
+        if not self.linear:
+            jacobian[0, 2] = -np.sum(direction * (b[:2] - a[:2]), axis=0)
+        return jacobian
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the second derivatives, zero where the line is fixed."""
+        hessian = np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
+        if not self.linear:
+            direction, normal = self._line(a)
+            hessian[0, 0:2, 2] = hessian[0, 2, 0:2] = direction
+            hessian[0, 3:5, 2] = hessian[0, 2, 3:5] = -direction
+            hessian[0, 2, 2] = -np.sum(normal * (b[:2] - a[:2]), axis=0)
+        return hessian

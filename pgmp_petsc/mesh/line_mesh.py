@@ -1,0 +1,233 @@
+"""Line meshes of planar beams: two-node cells in the plane z = 0, with the named points where joints attach.
+
+Any format that meshio reads is accepted. A point is named by a physical group of dimension 0 (gmsh) or by a
+node set (Abaqus and others) that holds exactly one node.
+"""
+
+from __future__ import annotations
+
+import io
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+
+if TYPE_CHECKING:
+    import meshio
+
+#: Lengths below this share of the mesh's extent count as zero (round-off of 12-digit coordinates).
+RELATIVE_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class LineMesh:
+    """Two-node line cells in the plane.
+
+    Parameters
+    ----------
+    nodes : ndarray of float, shape (n_nodes, 2)
+        Coordinates in the mesh's own frame (m).
+    cells : ndarray of int, shape (n_cells, 2)
+        The two nodes of each cell.
+    points : dict of str to int
+        The node of each named point.
+    groups : dict of str to int
+        Names that cannot serve as a point, with the number of nodes they hold; kept to explain the refusal.
+    """
+
+    nodes: np.ndarray
+    cells: np.ndarray
+    points: dict[str, int] = field(default_factory=dict)
+    groups: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.nodes)
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return len(self.cells)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Length of each cell (m), shape (n_cells,)."""
+        return np.linalg.norm(np.diff(self.nodes[self.cells], axis=1)[:, 0], axis=1)
+
+    def point(self, name: str, entry: str) -> int:
+        """Return the node of the point `name`.
+
+        A name that the mesh does not hold and that is a decimal integer is a node's index, counted from zero
+        in the order of `nodes`.
+
+        Parameters
+        ----------
+        name : str
+            A named point or a node's index.
+        entry : str
+            Dotted name of the scene's entry that asks, for the message.
+
+        Raises
+        ------
+        InputError
+            If the name is unknown, holds other than one node, or is an index out of range.
+        """
+        if name in self.points:
+            return self.points[name]
+        if name in self.groups:
+            raise InputError(
+                f'{entry} = "{name}": this group holds {self.groups[name]} nodes of line cells; a point '
+                "holds exactly one"
+            )
+        if name.isascii() and name.isdecimal():
+            if int(name) < self.n_nodes:
+                return int(name)
+            raise InputError(f'{entry} = "{name}": there is no such node; allowed: 0 to {self.n_nodes - 1}')
+        raise InputError(
+            f'{entry} = "{name}": the mesh has no point of this name{nearest_name(name, self.points)}'
+            f" (or a node's index, 0 to {self.n_nodes - 1})"
+        )
+
+
+def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
+    """Read a line mesh from any format that meshio reads.
+
+    Nodes that are on no line cell are dropped; the others keep the file's order.
+
+    Parameters
+    ----------
+    path : Path or str
+        The mesh file.
+    entry : str
+        Dotted name of the scene's entry, such as ``bodies.crank.mesh``, for the messages.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or unreadable, holds cells that the element beam2d cannot use, leaves the plane
+        z = 0, has cells of zero length or twice the same cell, or is not connected.
+    """
+    received = f'{entry} = "{path}"'
+    mesh = _read(Path(path), received)
+    all_cells = _line_cells(mesh, received)
+    used, cells = np.unique(all_cells, return_inverse=True)
+    nodes = _planar(mesh.points, used, received)
+    line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
+    _check_cells(line_mesh, all_cells, received)
+    return line_mesh
+
+
+def _read(path: Path, received: str) -> meshio.Mesh:
+    """Read `path` through meshio, whatever way it has of failing."""
+    import meshio  # takes a noticeable time, and only runs that read a mesh need it
+
+    if not path.is_file():
+        raise InputError(
+            f"{received}: {'this is a directory' if path.is_dir() else 'no such file'}; a mesh file that "
+            "meshio reads is needed (paths are relative to the scene's directory)"
+        )
+    printed = io.StringIO()
+    try:
+        # meshio prints its reasons, and some versions leave the interpreter.
+        with redirect_stdout(printed), redirect_stderr(printed):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        reason = printed.getvalue() if isinstance(error, SystemExit) else str(error) or type(error).__name__
+        raise InputError(
+            f"{received}: meshio cannot read this file ({' '.join(reason.split())}); a mesh in a format "
+            "that meshio knows by the file's suffix is needed"
+        ) from error
+
+
+def _line_cells(mesh: meshio.Mesh, received: str) -> np.ndarray:
+    """Return the line cells in the file's node numbers; other cells than lines and vertices are refused."""
+    types = sorted({block.type for block in mesh.cells if len(block.data)})
+    others = [name for name in types if name not in ("line", "vertex")]
+    if others:
+        raise InputError(
+            f"{received}: it has cells of type {', '.join(others)}; the element beam2d takes two-node "
+            "cells of type line only"
+        )
+    if "line" not in types:
+        raise InputError(
+            f"{received}: it has no cells of type line, which the element beam2d needs "
+            f"(it has: {', '.join(types) or 'no cells at all'})"
+        )
+    cells = np.concatenate([block.data for block in mesh.cells if block.type == "line"]).astype(int)
+    if cells.min() < 0 or cells.max() >= len(mesh.points):
+        raise InputError(f"{received}: a line cell names a node that the file does not hold")
+    return cells
+
+
+def _planar(file_points: np.ndarray, used: np.ndarray, received: str) -> np.ndarray:
+    """Return x and y of the used nodes after checking that all are finite and in the plane z = 0."""
+    points = file_points[used]
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        where = int(np.flatnonzero(~finite)[0])
+        raise InputError(
+            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers are "
+            "needed"
+        )
+    out_of_plane = np.abs(points[:, 2:]).max(axis=1, initial=0.0)
+    if (out_of_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max()).any():
+        where = int(np.argmax(out_of_plane))
+        raise InputError(
+            f"{received}: node {used[where]} at {points[where].tolist()} is off the plane z = 0, where "
+            "mechanisms move"
+        )
+    return np.array(points[:, :2], dtype=float)
+
+
+def _named_points(mesh: meshio.Mesh, used: np.ndarray) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the names of single nodes, and for every other named group how many of its nodes are used."""
+    groups: dict[str, np.ndarray] = {
+        name: np.asarray(nodes, dtype=int) for name, nodes in mesh.point_sets.items()
+    }
+    names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 0}
+    for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", [])):
+        if block.type == "vertex":
+            for tag in np.intersect1d(tags, list(names)):
+                nodes = block.data[np.asarray(tags) == tag].ravel().astype(int)
+                groups[names[tag]] = np.append(groups.get(names[tag], np.array([], dtype=int)), nodes)
+    points, unusable = {}, {}
+    for name, nodes in groups.items():
+        on_lines = np.flatnonzero(np.isin(used, nodes))
+        if len(on_lines) == 1:
+            points[name] = int(on_lines[0])
+        else:
+            unusable[name] = len(on_lines)
+    return points, unusable
+
+
+def _check_cells(mesh: LineMesh, file_cells: np.ndarray, received: str) -> None:
+    """Refuse cells of zero length, repeated cells and several pieces; messages use the file's numbers."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    extent = np.ptp(mesh.nodes, axis=0).max()
+    zero = np.flatnonzero(mesh.lengths <= RELATIVE_TOLERANCE * extent)
+    if zero.size:
+        raise InputError(
+            f"{received}: line cell {zero[0]} between the nodes {file_cells[zero[0]].tolist()} has zero "
+            "length; a positive length is needed"
+        )
+    unique, first, counts = np.unique(np.sort(mesh.cells), axis=0, return_index=True, return_counts=True)
+    if len(unique) < mesh.n_cells:
+        twice = first[np.argmax(counts)]
+        raise InputError(
+            f"{received}: there is more than one line cell between the nodes "
+            f"{file_cells[twice].tolist()}; each may be there once"
+        )
+    graph = coo_array((np.ones(mesh.n_cells), tuple(mesh.cells.T)), shape=(mesh.n_nodes, mesh.n_nodes))
+    n_pieces, _ = connected_components(graph, directed=False)
+    if n_pieces > 1:
+        raise InputError(
+            f"{received}: the line cells form {n_pieces} separate pieces; a body is one connected piece "
+            "(nodes at the same place must be merged)"
+        )

@@ -1,0 +1,1 @@
+"""Constrained eigenmodes at sampled configurations, and their continuity over the configurations."""

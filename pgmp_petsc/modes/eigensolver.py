@@ -1,0 +1,196 @@
+"""Shift-invert Krylov-Schur for ``A x = lambda B x`` with A singular (rigid motion), B positive definite.
+
+The shift is slightly negative, so that ``A - sigma B`` is positive definite and its Cholesky factor exists although A
+is singular. SLEPc does not raise when it has not converged and cannot know of an eigenvalue that it missed; so every
+solve is followed by its residuals and by Sylvester's law of inertia: the number of negative pivots of ``A - tau B`` is
+the number of eigenvalues below tau.
+
+Options prefix: ``pgmp_modes_`` (e.g. ``-pgmp_modes_eps_ncv 60``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import RunError
+
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+PREFIX = "pgmp_modes_"
+SOLVER_TOLERANCE = 1e-13
+RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of the order of its square
+SPARE_PAIRS = 3  # computed beyond those asked for, to find a gap for the count
+
+
+@dataclass(frozen=True)
+class EigenPairs:
+    """Lowest eigenpairs, ascending, rigid ones included.
+
+    Attributes
+    ----------
+    values
+        Shape (n_pairs,), (rad/s)^2.
+    vectors
+        B-orthonormal, local rows: shape (n_local, n_pairs).
+    spare
+        The eigenvalues found beyond, ascending.
+    """
+
+    values: np.ndarray
+    vectors: np.ndarray
+    spare: np.ndarray
+
+
+class ShiftInvertSolver:
+    """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices."""
+
+    def __init__(self, comm: PETSc.Comm, shift: float) -> None:
+        from petsc4py import PETSc
+        from slepc4py import SLEPc
+
+        self._shift = shift
+        self._eps = SLEPc.EPS().create(comm)
+        self._eps.setOptionsPrefix(PREFIX)
+        self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+        self._eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        self._eps.setTarget(shift)
+        self._eps.setTolerances(SOLVER_TOLERANCE, 200)
+        st = self._eps.getST()
+        st.setType(SLEPc.ST.Type.SINVERT)
+        st.setShift(shift)
+        st.setMatStructure(PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        _use_cholesky(st.getKSP())
+        self._eps.setFromOptions()
+        self._count = PETSc.KSP().create(comm)
+        self._count.setOptionsPrefix(f"{PREFIX}count_")
+        _use_cholesky(self._count)
+        # MUMPS reports its inertia only with null-pivot detection on
+        PETSc.Options().setValue(f"{PREFIX}count_mat_mumps_icntl_24", 1)
+        self._count.setFromOptions()
+        self._shifted: PETSc.Mat | None = None
+
+    def close(self) -> None:
+        """Destroy the PETSc objects."""
+        self._eps.destroy()
+        self._count.destroy()
+        if self._shifted is not None:
+            self._shifted.destroy()
+
+    def solve(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
+        """Compute the lowest eigenpairs and check them.
+
+        Parameters
+        ----------
+        a, b
+            Symmetric matrices of one pattern.
+        n_rigid, n_flexible
+            Number of zero eigenvalues of A, and of positive ones to be found.
+        where
+            Configuration, for messages.
+
+        Raises
+        ------
+        RunError
+            If the solver did not converge, a residual is too large, or eigenvalues are missing.
+        """
+        size, n_pairs = a.getSize()[0], n_rigid + n_flexible
+        wanted = min(size, n_pairs + SPARE_PAIRS)
+        eps = self._eps
+        eps.setOperators(a, b)
+        eps.setDimensions(wanted, min(size, max(2 * wanted, wanted + 16)))
+        start = a.createVecRight()
+        start.set(1.0)
+        eps.setInitialSpace(start)
+        start.destroy()
+        eps.solve()
+        converged = eps.getConverged()
+        if converged < n_pairs:
+            raise RunError(
+                f"eigenproblem at {where}: {converged} of {n_pairs} eigenpairs converged in "
+                f"{eps.getIterationNumber()} iterations (reason {eps.getConvergedReason()}); "
+                f"a larger -{PREFIX}eps_ncv may help"
+            )
+        values, vectors = self._fetch(a, converged)
+        self._check_residuals(a, b, values[:n_pairs], vectors[:, :n_pairs], values[n_rigid], where)
+        self._check_complete(a, b, values, n_pairs, where)
+        return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
+
+    def _fetch(self, a: PETSc.Mat, n_pairs: int) -> tuple[np.ndarray, np.ndarray]:
+        vector = a.createVecRight()
+        values = np.empty(n_pairs)
+        vectors = np.empty((vector.getLocalSize(), n_pairs))
+        for i in range(n_pairs):
+            values[i] = self._eps.getEigenpair(i, vector).real
+            vectors[:, i] = vector.getArray(readonly=True)
+        vector.destroy()
+        order = np.argsort(values, kind="stable")
+        return values[order], vectors[:, order]
+
+    def _check_residuals(
+        self, a: PETSc.Mat, b: PETSc.Mat, values: np.ndarray, vectors: np.ndarray, floor: float, where: str
+    ) -> None:
+        """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one."""
+        x, ax, bx = a.createVecRight(), a.createVecLeft(), a.createVecLeft()
+        try:
+            for value, column in zip(values, vectors.T):
+                x.setArray(column)
+                a.mult(x, ax)
+                b.mult(x, bx)
+                scale = bx.norm() * max(abs(value), floor)
+                ax.axpy(-value, bx)
+                residual = ax.norm() / scale
+                if not residual < RESIDUAL_TOLERANCE:
+                    raise RunError(
+                        f"eigenproblem at {where}: eigenvalue {value:.6g} has the relative residual {residual:.2g}, "
+                        f"above {RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
+                    )
+        finally:
+            for work in (x, ax, bx):
+                work.destroy()
+
+    def _check_complete(self, a: PETSc.Mat, b: PETSc.Mat, values: np.ndarray, n_pairs: int, where: str) -> None:
+        """Count the eigenvalues below a gap by inertia, and compare with those found."""
+        if values.size == a.getSize()[0]:
+            return
+        # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
+        candidates = np.arange(n_pairs, values.size)
+        if candidates.size:
+            gaps = values[candidates] / values[candidates - 1]
+            found = int(candidates[np.argmax(gaps)])
+            tau = 0.5 * (values[found - 1] + values[found])
+        else:
+            found, tau = n_pairs, values[n_pairs - 1] * (1 + 1e-6)
+        below = self.count_below(a, b, tau)
+        if below != found:
+            raise RunError(
+                f"eigenproblem at {where}: {below} eigenvalues lie below {tau:.6g} (rad/s)^2 but {found} were found; "
+                f"a larger -{PREFIX}eps_ncv may help"
+            )
+
+    def count_below(self, a: PETSc.Mat, b: PETSc.Mat, tau: float) -> int:
+        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``."""
+        from petsc4py import PETSc
+
+        if self._shifted is not None and self._shifted.getSizes() != a.getSizes():
+            self._shifted.destroy()
+            self._shifted = None
+        if self._shifted is None:
+            self._shifted = a.duplicate(copy=True)
+        else:
+            a.copy(self._shifted, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._shifted.axpy(-tau, b, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self._count.setOperators(self._shifted)
+        self._count.setUp()
+        negative, _, _ = self._count.getPC().getFactorMatrix().getInertia()
+        return int(negative)
+
+
+def _use_cholesky(ksp: PETSc.KSP) -> None:
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    pc.setType("cholesky")
+    pc.setFactorSolverType("mumps")

@@ -1,0 +1,256 @@
+"""The constrained eigenproblem of a mechanism over its configurations (Naets et al. 2015, eqs. (15)-(17)):
+
+    (N^T K N - Lambda N^T M N) psi = 0,    Psi = N psi,
+
+in body frames, where K and M are constant and theta enters through N alone. The n_theta zero eigenvalues belong to
+the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in the basis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
+from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
+
+
+@dataclass(frozen=True)
+class ModeSet:
+    """Rigid and flexible modes at one configuration, local rows, in body frames.
+
+    Attributes
+    ----------
+    theta
+        The configuration, rad.
+    eigenvalues
+        Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
+    rigid
+        ``d rho / d theta``, shape (n_local, n_theta).
+    rigid_curvature
+        ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
+    flexible
+        M-orthonormal at the parameters of the problem and M-orthogonal to `rigid`, shape (n_local, n_modes).
+    """
+
+    theta: float
+    eigenvalues: np.ndarray
+    rigid: np.ndarray
+    rigid_curvature: np.ndarray
+    flexible: np.ndarray
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Eigenfrequencies, shape (n_modes,)."""
+        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
+
+
+class ModalProblem:
+    """Modes of a mechanism at any configuration, for fixed parameter values. Collective on `comm`.
+
+    Parameters
+    ----------
+    kinematics
+        Rigid kinematics of the mechanism.
+    values
+        Parameter values at which M and K are taken.
+    n_modes
+        Number of flexible modes.
+    comm
+        Ranks that share one eigenproblem.
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer flexible modes than asked for.
+    """
+
+    def __init__(
+        self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: MPI.Comm
+    ) -> None:
+        self.kinematics = kinematics
+        self.mechanism = kinematics.mechanism
+        self.comm = comm
+        self.n_modes = n_modes
+        rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
+        self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
+        self.rows = rows
+        self.mass = _petsc_sum(self.matrices.mass, values, comm)
+        self.stiffness = _petsc_sum(self.matrices.stiffness, values, comm)
+        self._null: PETSc.Mat | None = None
+        self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
+        self._signature: bytes = b""
+        self._check_size()
+        self._solver = self._scaled_solver()
+
+    def close(self) -> None:
+        """Destroy the PETSc objects."""
+        self._solver.close()
+        self._drop_reduced()
+        self.mass.destroy()
+        self.stiffness.destroy()
+
+    def __enter__(self) -> ModalProblem:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def solve(self, theta: float) -> ModeSet:
+        """Compute the modes at one configuration.
+
+        Raises
+        ------
+        RunError
+            If the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
+        """
+        n_theta = self.kinematics.n_coordinates
+        poses = self.kinematics.poses(np.array([theta]))
+        rates = self.kinematics.rates(poses)
+        curvatures = self.kinematics.curvatures(poses, rates)
+        own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
+        rigid = rigid_velocities(self.mechanism, pose, rate)[own]
+        curvature = rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
+        self._project(pose)
+        where = f"{self.kinematics.coordinate.name} = {theta:.6g} rad"
+        pairs = self._solver.solve(*self._reduced, n_theta, self.n_modes, where)
+        vectors = self._expand(pairs.vectors)
+        self._check_rigid(pairs.values, vectors[:, :n_theta], rigid, where)
+        flexible = self._deflate(vectors[:, n_theta:], rigid)
+        return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
+
+    def times_mass(self, vectors: np.ndarray) -> np.ndarray:
+        """Return M times local columns (n_local, k)."""
+        return _times(self.mass, vectors)
+
+    def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Return ``left^T right`` over all rows (those of all ranks)."""
+        from mpi4py import MPI
+
+        return self.comm.allreduce(left.T @ right, op=MPI.SUM)
+
+    def _check_size(self) -> None:
+        start = self.kinematics.poses(np.array([self.kinematics.coordinate.lower]))[..., 0]
+        null = null_space(constraint_jacobian(self.mechanism, start))
+        available = null.independent.size - self.kinematics.n_coordinates
+        if self.n_modes > available:
+            raise InputError(
+                f"reduction.modes = {self.n_modes}: the mesh has only {available} flexible modes; "
+                "take fewer modes or a finer mesh"
+            )
+        self.n_redundant = null.n_redundant
+
+    def _scaled_solver(self) -> ShiftInvertSolver:
+        """Return a solver with a shift that fits the first flexible eigenvalue.
+
+        The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
+        eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
+        """
+        n_theta = self.kinematics.n_coordinates
+        lower = self.kinematics.coordinate.lower
+        self._project(self.kinematics.poses(np.array([lower]))[..., 0])
+        guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
+        trial = ShiftInvertSolver(self.mass.getComm(), -guess)
+        pairs = trial.solve(*self._reduced, n_theta, 1, f"{self.kinematics.coordinate.name} = {lower:.6g} rad")
+        trial.close()
+        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_theta])
+
+    def _project(self, poses: np.ndarray) -> None:
+        """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
+        null = null_space(constraint_jacobian(self.mechanism, poses))
+        lo, hi = np.searchsorted(null.independent, (self.rows.start, self.rows.stop))
+        local = null.matrix[self.rows.start : self.rows.stop].tocsr()
+        signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()
+        if signature != self._signature:
+            self._drop_reduced()
+            self._signature = signature
+        if self._null is None:
+            self._null = _petsc_matrix(local, self.comm, int(hi - lo))
+            self._reduced = (self.stiffness.PtAP(self._null), self.mass.PtAP(self._null))
+            for matrix in self._reduced:
+                matrix.setOption(matrix.Option.SYMMETRIC, True)
+        else:
+            self._null.setValuesCSR(local.indptr, local.indices, local.data)
+            self._null.assemble()
+            self.stiffness.PtAP(self._null, result=self._reduced[0])
+            self.mass.PtAP(self._null, result=self._reduced[1])
+
+    def _drop_reduced(self) -> None:
+        if self._null is not None:
+            for matrix in (self._null, *self._reduced):
+                matrix.destroy()
+            self._null = self._reduced = None
+
+    def _expand(self, vectors: np.ndarray) -> np.ndarray:
+        """Return ``N psi`` for local columns of independent unknowns."""
+        return _times(self._null, vectors)
+
+    def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
+        """Make vectors M-orthogonal to the rigid motion to the last digits."""
+        m_rigid = self.times_mass(rigid)
+        return vectors - rigid @ np.linalg.solve(self.inner(rigid, m_rigid), self.inner(m_rigid, vectors))
+
+    def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
+        n_theta = zeros.shape[1]
+        largest = np.max(np.abs(values[:n_theta])) / values[n_theta] if values.size > n_theta else 0.0
+        if not largest < RIGID_TOLERANCE:
+            raise RunError(
+                f"eigenproblem at {where}: {n_theta} eigenvalues should vanish, but the largest is {largest:.2g} of "
+                "the first flexible one"
+            )
+        m_rigid = self.times_mass(rigid)
+        norm = self.inner(rigid, m_rigid)
+        part = self.inner(m_rigid, zeros)
+        captured = np.trace(np.linalg.solve(norm, part @ part.T)) / n_theta
+        if not abs(captured - 1.0) < RIGID_TOLERANCE:
+            raise RunError(
+                f"eigenproblem at {where}: the modes of frequency zero are not the mechanism's rigid motion "
+                f"(they share {captured:.6f} of its kinetic energy)"
+            )
+
+
+def _petsc_sum(terms: Mapping, values: Mapping[str, float], comm: MPI.Comm) -> PETSc.Mat:
+    total = weighted_sum(terms, values)
+    return _petsc_matrix(total, comm, total.shape[0])
+
+
+def _petsc_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
+    """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
+    from petsc4py import PETSc
+
+    local.sort_indices()
+    matrix = PETSc.Mat().createAIJ(
+        size=((local.shape[0], None), (n_local_columns, local.shape[1])),
+        csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix
+
+
+def _times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """Return matrix times local columns (n_local, k)."""
+    x, y = matrix.createVecs()
+    product = np.empty((y.getLocalSize(), columns.shape[1]))
+    for i in range(columns.shape[1]):
+        x.setArray(columns[:, i])
+        matrix.mult(x, y)
+        product[:, i] = y.getArray(readonly=True)
+    x.destroy()
+    y.destroy()
+    return product

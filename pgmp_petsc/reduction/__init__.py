@@ -1,0 +1,1 @@
+"""Reduced tables over the sampled configurations, their interpolation, and the ROM file."""

@@ -1,0 +1,115 @@
+"""The offline build: modes at the sampled configurations, joined into one continuous basis, and the reduced tables.
+
+The configurations are dealt to groups of ranks in contiguous arcs. Each group transports its basis along its own arc;
+then neighbouring groups compare their bases where the arcs meet, and every arc is turned as a whole. Because
+transport commutes with a constant rotation of the start, the result is the one that a single group would have found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from pgmp_petsc.bodies.matrices import assemble, owned_rows
+from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.joining import join_arcs
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sampler import ArcSampler
+from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+
+
+def build_rom(
+    scene: Scene,
+    meshes: Mapping[str, LineMesh],
+    group: RankGroup,
+    scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes,
+) -> ReducedOrderModel | None:
+    """Build the reduced-order model of a scene. Collective on ``group.world``.
+
+    Parameters
+    ----------
+    scene
+        The scene; modes are taken at its nominal parameters.
+    meshes
+        The mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    scramble
+        Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
+
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
+    """
+    timings = Timings()
+    with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
+        mechanism = Mechanism.from_scene(scene, meshes)
+        kinematics = RigidKinematics(mechanism)
+        grid = _grid(scene, kinematics)
+        loads = loads_of(
+            effects_of(scene, mechanism),
+            assemble(mechanism.bodies, owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)),
+        )
+    arc = group.arc(grid.n)
+    samples, n_redundant = None, 0
+    with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
+        len(arc), "eigenproblems", group.world
+    ) as bar:
+        if arc:
+            with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm) as problem:
+                n_redundant = problem.n_redundant
+                sampler = ArcSampler(problem, loads)
+                samples = sampler.run(grid.theta[arc.start : arc.stop], scramble, bar.update)
+    with timings.phase("continuity"):
+        joined = join_arcs(group, grid, samples)
+    timings = timings.maximum(group.world)
+    if joined is None:
+        return None
+    tables = ReducedTables(
+        grid=grid,
+        mass_weights=mechanism.mass_weights,
+        stiffness_weights=mechanism.stiffness_weights,
+        load_weights=tuple(load.weight for load in loads),
+        load_effects=tuple(load.effect for load in loads),
+        mass=joined.samples.mass,
+        inertia=joined.samples.inertia,
+        stiffness=joined.samples.stiffness,
+        load=joined.samples.load,
+    ).turned(joined.rotations)
+    projection = joined.samples.shapes @ joined.rotations
+    if joined.flipped >= 0:
+        tables = tables.over_two_turns(joined.flipped)
+        signs = np.ones(tables.n_modes)
+        signs[joined.flipped] = -1.0
+        projection = np.concatenate([projection, projection * signs])
+    return ReducedOrderModel(
+        tables=tables,
+        projection=projection,
+        frequencies_hz=joined.samples.frequencies_hz,
+        cosines=joined.samples.cosines,
+        meshes=dict(meshes),
+        n_redundant=n_redundant,
+        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
+    )
+
+
+def _grid(scene: Scene, kinematics: RigidKinematics) -> Grid:
+    coordinate = kinematics.coordinate
+    return Grid.over(coordinate.lower, coordinate.upper, scene.reduction.angles, coordinate.periodic)

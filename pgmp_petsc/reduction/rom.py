@@ -1,0 +1,138 @@
+"""The reduced-order model: what the offline build leaves for all simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+
+NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
+
+
+@dataclass(frozen=True)
+class ReducedOrderModel:
+    """Reduced tables, and what is needed to come back to the nodes.
+
+    Attributes
+    ----------
+    tables
+        Reduced matrices and loads over the grid.
+    projection
+        Flexible modes in body frames at the samples, shape (n, n_dofs, n_modes); empty along the second axis where
+        only the tables were read.
+    frequencies_hz
+        Full-order frequencies at the nominal parameters, shape (n_sampled, n_modes).
+    cosines
+        Cosine of the largest angle between each sample's space of modes and the previous one's, shape (n_sampled,).
+    meshes
+        The mesh of every body.
+    n_redundant
+        Number of redundant constraints that were dropped.
+    record
+        Scene and circumstances of the build.
+    """
+
+    tables: ReducedTables
+    projection: np.ndarray
+    frequencies_hz: np.ndarray
+    cosines: np.ndarray
+    meshes: Mapping[str, LineMesh]
+    n_redundant: int
+    record: RunRecord = field(repr=False)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file ROM.h5 (one process)."""
+        tables = self.tables
+        with write_file(path, "rom", {"n_redundant": self.n_redundant}) as file:
+            self.record.write(file)
+            grid = file.create_group("grid")
+            put(grid, "theta", tables.grid.theta, "rad", "sampled configurations")
+            grid.attrs.update(lower=tables.grid.lower, step=tables.grid.step, periodic=tables.grid.periodic)
+            group = file.create_group("tables")
+            _put_terms(group, "mass", tables.mass, tables.mass_weights, "Psi^T M_i Psi, eq. (13)")
+            _put_terms(group, "inertia", tables.inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i Psi")
+            _put_terms(group, "stiffness", tables.stiffness, tables.stiffness_weights, "Psi^T K_i Psi, eq. (14)")
+            _put_terms(group, "load", tables.load, tables.load_weights, "Psi^T f_j")
+            group["load"].attrs["effects"] = list(tables.load_effects)
+            put(file, "projection", self.projection, NODE_UNITS, "flexible modes in body frames, (theta, unknown, mode)")
+            put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
+            put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
+            meshes = file.create_group("mesh", track_order=True)
+            for name, mesh in self.meshes.items():
+                body = meshes.create_group(name)
+                put(body, "nodes", mesh.nodes, "m", "coordinates in the body's frame")
+                put(body, "cells", mesh.cells, "1", "nodes of the elements")
+                body.attrs["point_names"] = list(mesh.points)
+                body.attrs["point_nodes"] = list(mesh.points.values())
+
+    @classmethod
+    def read(cls, path: str | Path, with_projection: bool = True) -> ReducedOrderModel:
+        """Read ROM.h5 (one process).
+
+        Raises
+        ------
+        InputError
+            If the file is missing, cut off, of another kind or version, or its tables do not fit together.
+        """
+        with open_file(path, "rom") as file:
+            try:
+                return cls._read(file, with_projection)
+            except (KeyError, OSError) as error:
+                raise InputError(f"file '{path}' is damaged ({error}); build it again with pgmp build") from error
+
+    @classmethod
+    def _read(cls, file, with_projection: bool) -> ReducedOrderModel:
+        theta = take(file["grid"], "theta", 1)
+        grid_attributes = file["grid"].attrs
+        grid = Grid(
+            float(grid_attributes["lower"]), float(grid_attributes["step"]), theta.size, bool(grid_attributes["periodic"])
+        )
+        group = file["tables"]
+        tables = ReducedTables(
+            grid=grid,
+            mass_weights=_weights(group["mass"]),
+            stiffness_weights=_weights(group["stiffness"]),
+            load_weights=_weights(group["load"]),
+            load_effects=tuple(str(name) for name in group["load"].attrs["effects"]),
+            mass=take(group, "mass", 4),
+            inertia=take(group, "inertia", 5),
+            stiffness=take(group, "stiffness", 4),
+            load=take(group, "load", 3),
+        )
+        if any(len(t) != grid.n for t in (tables.mass, tables.inertia, tables.stiffness, tables.load)):
+            raise InputError(f"file '{file.filename}': the tables have different numbers of configurations")
+        meshes = {
+            name: LineMesh(
+                take(body, "nodes", 2),
+                take(body, "cells", 2),
+                {str(k): int(v) for k, v in zip(body.attrs["point_names"], body.attrs["point_nodes"])},
+            )
+            for name, body in file["mesh"].items()
+        }
+        projection = take(file, "projection", 3) if with_projection else np.empty((grid.n, 0, tables.n_modes))
+        return cls(
+            tables=tables,
+            projection=projection,
+            frequencies_hz=take(file, "frequencies_hz", 2),
+            cosines=take(file, "cosines", 1),
+            meshes=meshes,
+            n_redundant=int(file.attrs["n_redundant"]),
+            record=RunRecord.read(file),
+        )
+
+
+def _put_terms(group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str) -> None:
+    dataset = put(group, name, data, "SI, weight taken out", f"{description}, (theta, term, ...)")
+    dataset.attrs["weights"] = [str(weight) for weight in weights]
+
+
+def _weights(dataset) -> tuple[Monomial, ...]:
+    return tuple(Monomial.parse(str(text)) for text in dataset.attrs["weights"])

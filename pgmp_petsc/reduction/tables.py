@@ -1,0 +1,159 @@
+"""Reduced affine matrices at the sampled configurations (Naets et al. 2015, eqs. (13)-(14)):
+
+    M^r_i(theta) = Psi^T M_i Psi,   K^r_i(theta) = Psi^T K_i Psi,   Q_j(theta) = Psi^T f_j,
+
+with Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta]. Stiffness acts on delta alone: a rigid
+motion strains nothing. A further table projects the acceleration of the rigid motion at constant speed,
+
+    c_i(theta) = (d2 rho/d theta2)^T M_i Psi_flexible,
+
+the inertia forces that bend the bodies; eq. (12), in which only M^r appears, has no term for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Uniformly sampled values of a coordinate.
+
+    Attributes
+    ----------
+    lower, step
+        First sample and spacing, rad.
+    n
+        Number of samples.
+    periodic
+        Whether the sample after the last one is the first again.
+    """
+
+    lower: float
+    step: float
+    n: int
+    periodic: bool
+
+    @classmethod
+    def over(cls, lower: float, upper: float, n: int, periodic: bool) -> Grid:
+        """Sample a range with n points; a periodic one leaves out its upper end."""
+        return cls(lower, (upper - lower) / (n if periodic else n - 1), n, periodic)
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The samples, shape (n,), rad."""
+        return self.lower + self.step * np.arange(self.n)
+
+    @property
+    def upper(self) -> float:
+        """Upper end of the sampled range, rad."""
+        return self.lower + self.step * (self.n if self.periodic else self.n - 1)
+
+
+@dataclass(frozen=True)
+class ReducedTables:
+    """Reduced matrices and loads over the grid.
+
+    Attributes
+    ----------
+    grid
+        Sampled configurations, n of them.
+    mass_weights, stiffness_weights, load_weights
+        Monomials of the affine terms.
+    load_effects
+        Name of the effect of every load term.
+    mass
+        Shape (n, n_mass_terms, n_eta, n_eta).
+    inertia
+        Shape (n, n_mass_terms, n_theta, n_theta, n_delta).
+    stiffness
+        Shape (n, n_stiffness_terms, n_delta, n_delta).
+    load
+        Shape (n, n_load_terms, n_eta).
+    """
+
+    grid: Grid
+    mass_weights: tuple[Monomial, ...]
+    stiffness_weights: tuple[Monomial, ...]
+    load_weights: tuple[Monomial, ...]
+    load_effects: tuple[str, ...]
+    mass: np.ndarray
+    inertia: np.ndarray
+    stiffness: np.ndarray
+    load: np.ndarray
+
+    @property
+    def n_modes(self) -> int:
+        """Number of flexible coordinates n_delta."""
+        return self.stiffness.shape[-1]
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number of rigid coordinates n_theta."""
+        return self.mass.shape[-1] - self.n_modes
+
+    def turned(self, rotations: np.ndarray) -> ReducedTables:
+        """Express the flexible coordinates in another basis at every sample.
+
+        Parameters
+        ----------
+        rotations
+            Orthogonal matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_delta).
+        """
+        n, m = rotations.shape[:2]
+        whole = np.zeros((n, self.n_coordinates + m, self.n_coordinates + m))
+        whole[:, : self.n_coordinates, : self.n_coordinates] = np.eye(self.n_coordinates)
+        whole[:, self.n_coordinates :, self.n_coordinates :] = rotations
+        return replace(
+            self,
+            mass=_congruent(whole, self.mass),
+            inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
+            stiffness=_congruent(rotations, self.stiffness),
+            load=np.einsum("nij,nti->ntj", whole, self.load),
+        )
+
+    def over_two_turns(self, flipped: int) -> ReducedTables:
+        """Append a second revolution in which one flexible coordinate has the opposite sign."""
+        signs = np.eye(self.n_modes)
+        signs[flipped, flipped] = -1.0
+        second = self.turned(np.broadcast_to(signs, (self.grid.n, *signs.shape)))
+        return replace(
+            self,
+            grid=replace(self.grid, n=2 * self.grid.n),
+            mass=np.concatenate([self.mass, second.mass]),
+            inertia=np.concatenate([self.inertia, second.inertia]),
+            stiffness=np.concatenate([self.stiffness, second.stiffness]),
+            load=np.concatenate([self.load, second.load]),
+        )
+
+    def frequencies_hz(self, mass_weights: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:
+        """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out.
+
+        Parameters
+        ----------
+        mass_weights, stiffness_weights
+            Values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,).
+
+        Returns
+        -------
+        ndarray, shape (n, n_delta), Hz
+        """
+        r = self.n_coordinates
+        mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
+        stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)
+        # free-free modes: the rigid coordinate is condensed out of the kinetic energy
+        coupling = np.linalg.solve(mass[:, :r, :r], mass[:, :r, r:])
+        flexible = mass[:, r:, r:] - np.einsum("nri,nrj->nij", mass[:, :r, r:], coupling)
+        lower = np.linalg.inv(np.linalg.cholesky(flexible))
+        values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
+        return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+
+
+def _congruent(left: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Return ``Q^T A Q`` for Q (n, i, j) and A (n, terms, i, i), exactly symmetric."""
+    product = np.einsum("nki,ntkl,nlj->ntij", left, matrices, left, optimize=True)
+    return 0.5 * (product + np.swapaxes(product, -1, -2))

@@ -1,0 +1,162 @@
+"""Many runs with random parameters: values, outputs at the end time, and their statistics.
+
+Layout of the file (kind ``ensemble``, root attribute ``model``: ``full`` or ``reduced``):
+
+======================================== =============== ====================================================
+dataset                                  shape           content
+======================================== =============== ====================================================
+``/parameters/<name>``                   (N)             sampled values
+``/outputs/<name>``                      (N)             outputs at the end time; NaN where the sample failed
+``/status``                              (N)             0 = fine; attribute ``meanings`` (JSON, number: text)
+``/failure_time``                        (N)             instant at which a sample failed, s; NaN where fine
+``/statistics/<name>/mean``, ``std``     ()              over the samples that are fine
+``.../mean_standard_error``              ()              standard errors of these two estimates,
+``.../std_standard_error``               ()
+``.../pdf``                              (n_bins)        probability density, per unit of the quantity
+``.../edges``                            (n_bins + 1)    limits of its bins
+``.../quantiles``                        (n_quantiles)   attribute ``probabilities``
+======================================== =============== ====================================================
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+
+_SCALARS = {
+    "mean": "mean",
+    "std": "standard deviation",
+    "mean_standard_error": "standard error of the mean",
+    "std_standard_error": "standard error of the standard deviation",
+}
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Statistics of one quantity over the samples that are fine, in the quantity's unit.
+
+    Parameters
+    ----------
+    mean, std, mean_standard_error, std_standard_error : float
+    pdf : ndarray, shape (n_bins,)
+        Probability density, 1/unit.
+    edges : ndarray, shape (n_bins + 1,)
+        Limits of the bins; both arrays are empty where no sample is fine.
+    quantiles, probabilities : ndarray, shape (n_quantiles,)
+        Values and the probabilities that they belong to.
+    """
+
+    mean: float
+    std: float
+    mean_standard_error: float
+    std_standard_error: float
+    pdf: np.ndarray
+    edges: np.ndarray
+    quantiles: np.ndarray
+    probabilities: np.ndarray
+
+    def __post_init__(self) -> None:
+        check_shape("pdf", self.pdf, (None,))
+        check_shape("edges", self.edges, (len(self.pdf) + 1 if len(self.pdf) else 0,))
+        check_shape("quantiles", self.quantiles, (None,))
+        check_shape("probabilities", self.probabilities, (len(self.quantiles),))
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """N samples of the full-order or the reduced model.
+
+    Parameters
+    ----------
+    model : {"full", "reduced"}
+    record : RunRecord
+    parameters, outputs : dict of str to ndarray, shape (N,)
+    units : dict of str to str
+        Unit of every parameter and output.
+    status : ndarray of int, shape (N,)
+        0 = fine.
+    meanings : dict of int to str
+        What the numbers in `status` say.
+    failure_time : ndarray, shape (N,)
+        s; NaN where the sample is fine.
+    statistics : dict of str to Statistics
+    """
+
+    model: str
+    record: RunRecord
+    parameters: dict[str, np.ndarray]
+    outputs: dict[str, np.ndarray]
+    units: dict[str, str]
+    status: np.ndarray
+    meanings: dict[int, str]
+    failure_time: np.ndarray
+    statistics: dict[str, Statistics]
+
+    def __post_init__(self) -> None:
+        n_samples = len(self.status)
+        check_model(self.model)
+        check_shape("status", self.status, (None,))
+        check_shape("failure_time", self.failure_time, (n_samples,))
+        for name, values in (*self.parameters.items(), *self.outputs.items()):
+            check_shape(f"'{name}'", values, (n_samples,))
+        unknown = set(np.unique(self.status).tolist()) - self.meanings.keys()
+        if unknown:
+            raise ValueError(f"status {sorted(unknown)} has no meaning; known: {sorted(self.meanings)}")
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
+        with write_file(path, "ensemble", {"model": self.model}) as file:
+            self.record.write(file)
+            put_named(file, "parameters", self.parameters, self.units, "sampled values of parameter '{name}'")
+            put_named(file, "outputs", self.outputs, self.units, "output '{name}' at the end time")
+            status = put(file, "status", self.status.astype(np.int32), "1", "how each sample ended; 0 = fine")
+            status.attrs["meanings"] = json.dumps({str(key): text for key, text in self.meanings.items()})
+            put(file, "failure_time", self.failure_time, "s", "instant of failure; NaN where fine")
+            for name, statistics in self.statistics.items():
+                group = file.create_group(f"statistics/{name}")
+                _write_statistics(group, name, statistics, self.units.get(name, "1"))
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Ensemble:
+        """Read a file; raises `InputError` where it is not a whole ensemble."""
+        with open_file(path, "ensemble") as file, shapes_of(file):
+            status = take(file, "status", 1)
+            meanings = json.loads(file["status"].attrs["meanings"])
+            return cls(
+                model=str(file.attrs["model"]),
+                record=RunRecord.read(file),
+                parameters=take_named(file, "parameters", 1),
+                outputs=take_named(file, "outputs", 1),
+                units=units_of(file, "parameters", "outputs"),
+                status=status,
+                meanings={int(key): text for key, text in meanings.items()},
+                failure_time=take(file, "failure_time", 1),
+                statistics={
+                    name: _read_statistics(group) for name, group in file.get("statistics", {}).items()
+                },
+            )
+
+
+def _write_statistics(group: h5py.Group, name: str, statistics: Statistics, unit: str) -> None:
+    """Write the statistics of one quantity."""
+    for scalar, words in _SCALARS.items():
+        put(group, scalar, float(getattr(statistics, scalar)), unit, f"{words} of '{name}'")
+    per_unit = "1" if unit == "1" else f"1/{unit}"
+    put(group, "pdf", statistics.pdf, per_unit, f"probability density of '{name}'")
+    put(group, "edges", statistics.edges, unit, "limits of the bins of the density")
+    quantiles = put(group, "quantiles", statistics.quantiles, unit, f"quantiles of '{name}'")
+    quantiles.attrs["probabilities"] = statistics.probabilities
+
+
+def _read_statistics(group: h5py.Group) -> Statistics:
+    """Read the statistics of one quantity."""
+    scalars = {scalar: float(take(group, scalar, 0)) for scalar in _SCALARS}
+    arrays = {name: take(group, name, 1) for name in ("pdf", "edges", "quantiles")}
+    return Statistics(**scalars, **arrays, probabilities=np.array(group["quantiles"].attrs["probabilities"]))

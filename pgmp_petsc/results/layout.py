@@ -1,0 +1,60 @@
+"""What the three kinds of result file have in common: groups of named arrays, and checks of shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import put, take
+
+if TYPE_CHECKING:
+    import h5py
+
+MODELS = ("full", "reduced")
+
+
+def check_shape(name: str, data: np.ndarray, shape: tuple[int | None, ...]) -> None:
+    """Raise `ValueError` unless ``data`` has the given shape; None stands for any length."""
+    fits = data.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, data.shape))
+    if not fits:
+        wanted = ", ".join("any" if length is None else str(length) for length in shape)
+        raise ValueError(f"{name} has shape {data.shape}; needed: ({wanted})")
+
+
+def check_model(model: str) -> None:
+    """Raise `ValueError` unless ``model`` names one of the two models."""
+    if model not in MODELS:
+        raise ValueError(f"model is '{model}'; allowed: {', '.join(MODELS)}")
+
+
+@contextmanager
+def shapes_of(file: h5py.File) -> Iterator[None]:
+    """Turn what does not fit together in a file that is being read into an `InputError`."""
+    try:
+        yield
+    except (KeyError, ValueError, OSError) as error:
+        reason = error.args[0] if error.args else error
+        raise InputError(f"file '{file.filename}' is damaged: {reason}; write it again") from error
+
+
+def put_named(
+    file: h5py.File, group: str, arrays: Mapping[str, np.ndarray], units: Mapping[str, str], description: str
+) -> None:
+    """Write arrays as ``/<group>/<name>``, kept in their order; ``{name}`` in the description is replaced."""
+    target = file.create_group(group, track_order=True)
+    for name, data in arrays.items():
+        put(target, name, data, units.get(name, "1"), description.format(name=name))
+
+
+def take_named(file: h5py.File, group: str, n_dimensions: int) -> dict[str, np.ndarray]:
+    """Read all arrays of a group, in the order of writing; an absent group is an empty one."""
+    return {name: take(file[group], name, n_dimensions) for name in file.get(group, {})}
+
+
+def units_of(file: h5py.File, *groups: str) -> dict[str, str]:
+    """Return the unit of every array in the groups."""
+    return {name: str(data.attrs["unit"]) for group in groups for name, data in file.get(group, {}).items()}

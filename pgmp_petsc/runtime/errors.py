@@ -1,0 +1,34 @@
+"""What can go wrong, and with which exit status a command then ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class PgmpError(Exception):
+    """Base of every error that a user is meant to read; never shown with a traceback."""
+
+    exit_status = 1
+
+
+class InputError(PgmpError):
+    """The scene, a mesh, a file or the command line is wrong; the message names the entry (exit status 2).
+
+    The message says what was received, what is allowed, and where possible the cure.
+    """
+
+    exit_status = 2
+
+
+class RunError(PgmpError):
+    """The input was accepted but the computation failed (exit status 1)."""
+
+
+def nearest_name(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the known name closest to ``name``, or the list of known names."""
+    known = sorted(known)
+    close = get_close_matches(name, known, n=1, cutoff=0.6)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    return f"; known: {', '.join(known)}" if known else "; none is defined"

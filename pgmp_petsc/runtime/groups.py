@@ -1,0 +1,62 @@
+"""Groups of ranks that each work on one configuration at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class RankGroup:
+    """This rank's place among groups of ranks.
+
+    Attributes
+    ----------
+    world
+        All ranks.
+    comm
+        The ranks of this group.
+    roots
+        The first ranks of all groups (on those ranks), else None.
+    index, count
+        Number of this group, and of groups.
+    """
+
+    world: MPI.Comm
+    comm: MPI.Comm
+    roots: MPI.Comm | None
+    index: int
+    count: int
+
+    @classmethod
+    def split(cls, world: MPI.Comm, ranks_per_group: int) -> RankGroup:
+        """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
+
+        Raises
+        ------
+        InputError
+            If a group needs more ranks than there are.
+        """
+        if not 1 <= ranks_per_group <= world.size:
+            raise InputError(
+                f"--ranks-per-angle = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
+            )
+        count = world.size // ranks_per_group
+        index = min(world.rank // ranks_per_group, count - 1)
+        comm = world.Split(color=index, key=world.rank)
+        roots = world.Split(color=0 if comm.rank == 0 else 1, key=index)
+        return cls(world, comm, roots if comm.rank == 0 else None, index, count)
+
+    def arc(self, n: int) -> range:
+        """Return this group's contiguous share of n configurations; empty for groups beyond the n-th."""
+        bounds = np.linspace(0, n, min(self.count, n) + 1).round().astype(int)
+        if self.index >= bounds.size - 1:
+            return range(0)
+        return range(bounds[self.index], bounds[self.index + 1])

@@ -1,0 +1,107 @@
+"""Field types that the tables of a scene share: numbers, pairs, names, points. SI units throughout."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Annotated, TypeGuard
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+GROUND = "ground"
+
+
+class Table(BaseModel):
+    """A table of a scene: unknown keys are refused and values never change after validation."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def refusal(allowed: str, key: str = "") -> PydanticCustomError:
+    """Return the error that a validator raises: what is allowed, and the key that is to blame."""
+    return PydanticCustomError("refusal", "{allowed}", {"allowed": allowed, "key": key})
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Say whether `value` is a finite number; true and false are none."""
+    try:
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # an integer beyond the largest float
+        return False
+
+
+def split_point(point: str) -> tuple[str, str]:
+    """Split ``"rod:tip"`` into the body's name (or ``"ground"``) and the name of the point on it."""
+    owner, _, name = point.partition(":")
+    return owner, name
+
+
+def _name(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", value):
+        raise refusal("a name starts with a letter or _ and goes on with letters, digits, _ or -")
+    return value
+
+
+def _number_or_parameter(value: object) -> object:
+    if not (isinstance(value, str) or is_number(value)):
+        raise refusal("a finite number or the name of a parameter is needed")
+    return value
+
+
+def _positive_or_parameter(value: object) -> object:
+    if not (isinstance(value, str) or is_number(value) and value > 0):
+        raise refusal("a positive number or the name of a parameter is needed")
+    return value
+
+
+def _two_numbers(value: object) -> object:
+    if not (isinstance(value, (list, tuple)) and len(value) == 2 and all(map(is_number, value))):
+        raise refusal("two finite numbers in brackets are needed, such as [0.0, 1.0]")
+    return value
+
+
+def _two_points(value: object) -> object:
+    if not (isinstance(value, (list, tuple)) and len(value) == 2):
+        raise refusal('two points in brackets are needed, such as ["ground:origin", "crank:hinge"]')
+    return value
+
+
+def _point(value: object) -> object:
+    if not (isinstance(value, str) and all(split_point(value))):
+        raise refusal('a point is needed, written "body:point" or "ground:point"')
+    return value
+
+
+def _increasing(value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] < value[1]:
+        raise refusal("the first number must be below the second")
+    return value
+
+
+def _nonzero(value: tuple[float, float]) -> tuple[float, float]:
+    if value == (0.0, 0.0):
+        raise refusal("a direction other than [0, 0] is needed")
+    return value
+
+
+#: A finite number; text and booleans are refused.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+#: An integer; numbers with a decimal point are refused.
+Integer = Annotated[int, Field(strict=True)]
+#: A number, or the name of a parameter.
+NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter)]
+#: A positive number, or the name of a parameter.
+PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter)]
+#: Two finite numbers (x, y).
+Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers)]
+#: Two finite numbers (low, high), low < high.
+Interval = Annotated[Pair, AfterValidator(_increasing)]
+#: A vector (x, y) other than zero; its length does not matter.
+Direction = Annotated[Pair, AfterValidator(_nonzero)]
+#: Name of a table that the user chooses; it becomes the name of a data set.
+Name = Annotated[str, AfterValidator(_name)]
+#: "body:point" or "ground:point".
+Point = Annotated[str, BeforeValidator(_point)]
+#: The two points that a joint connects.
+Connection = Annotated[tuple[Point, Point], BeforeValidator(_two_points)]

@@ -1,0 +1,186 @@
+"""Messages about wrong entries: `dotted.name = received: what is allowed`, one line a problem."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+
+MAX_LINES = 8
+MAX_RECEIVED = 60
+
+#: What is allowed, by the type of pydantic's error, with the fields of its context.
+ALLOWED = {
+    "float_type": "a number is needed",
+    "finite_number": "a finite number is needed",
+    "int_type": "an integer is needed",
+    "bool_type": "true or false is needed",
+    "string_type": "text in quotes is needed",
+    "string_too_short": "text that is not empty is needed",
+    "model_type": "a table is needed",
+    "model_attributes_type": "a table is needed",
+    "dict_type": "a table is needed",
+    "tuple_type": "a list in brackets is needed",
+    "too_short": "at least {min_length} entry is needed",
+    "greater_than": "must be greater than {gt}",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than": "must be less than {lt}",
+    "less_than_equal": "must be at most {le}",
+}
+#: What pydantic appends to the location of a refused key of a table.
+KEY_MARK = "[key]"
+_NOTHING = object()
+
+
+def input_error(problems: Sequence[str]) -> InputError:
+    """Return one error for several problems, cut to a readable number of lines."""
+    lines = list(problems)
+    if len(lines) > MAX_LINES:
+        lines[MAX_LINES - 1 :] = [f"... and {len(lines) - MAX_LINES + 1} more problems"]
+    return InputError("\n".join(lines))
+
+
+def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
+    """Return the line about one entry."""
+    return f"{entry}: {allowed}" if received is _NOTHING else f"{entry} = {toml_text(received)}: {allowed}"
+
+
+def toml_text(value: object) -> str:
+    """Return `value` as it would stand in a scene, shortened if it is long."""
+    text = _toml_text(value)
+    return text if len(text) <= MAX_RECEIVED else text[: MAX_RECEIVED - 4] + " ..."
+
+
+def dotted_name(keys: Sequence[str | int]) -> str:
+    """Return the dotted name of an entry, with keys quoted as in TOML and rows of a list in brackets."""
+    name = ""
+    for key in keys:
+        if isinstance(key, int):
+            name += f"[{key}]"
+        else:
+            name += ("." if name else "") + _toml_key(key)
+    return name
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> InputError:
+    """Turn what pydantic says about tables read as a `model` into messages for the author of the scene."""
+    return input_error([_explain(details, model) for details in error.errors(include_url=False)])
+
+
+def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
+    location, kind, context, received = (
+        details["loc"],
+        details["type"],
+        details.get("ctx", {}),
+        details["input"],
+    )
+    keys, members = _follow(model, location)
+    entry = dotted_name(keys)
+    if kind == "missing":
+        (parent,) = _follow(model, location[:-1])[1]
+        return problem(entry, f"missing; needed: {parent.model_fields[location[-1]].description}")
+    if kind == "extra_forbidden":
+        (parent,) = _follow(model, location[:-1])[1]
+        allowed = list(parent.model_fields)
+        return problem(
+            entry, f"unknown key{_nearest(keys[-1], allowed)} (allowed: {', '.join(allowed)})", received
+        )
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return _explain_tag(entry, [_tag(member) for member in members], details)
+    if kind == "literal_error":
+        return problem(entry, _choice(received, re.findall(r"'([^']*)'", context["expected"])), received)
+    if kind == "refusal":
+        return _explain_refusal(keys, context, _NOTHING if location[-1] == KEY_MARK else received)
+    return problem(entry, ALLOWED[kind].format(**context) if kind in ALLOWED else details["msg"], received)
+
+
+def _explain_refusal(keys: list[str | int], context: Mapping[str, Any], received: object) -> str:
+    """Explain what one of the scene's own validators refused, perhaps on account of one key of a table."""
+    if context["key"]:
+        keys = [*keys, context["key"]]
+        received = received.get(context["key"], _NOTHING) if isinstance(received, Mapping) else _NOTHING
+    return problem(dotted_name(keys), context["allowed"], received)
+
+
+def _explain_tag(entry: str, allowed: Sequence[str], details: Mapping[str, Any]) -> str:
+    """Explain a missing or unknown `type` (or `shape`), the key that says which kind of table it is."""
+    key = details["ctx"]["discriminator"].strip("'")
+    if details["type"] == "union_tag_not_found":
+        return problem(f"{entry}.{key}", f"missing (allowed: {', '.join(allowed)})")
+    received = details["input"][key]
+    return problem(f"{entry}.{key}", _choice(received, allowed), received)
+
+
+def _choice(received: object, allowed: Sequence[str]) -> str:
+    return f"unknown{_nearest(received, allowed)} (allowed: {', '.join(allowed)})"
+
+
+def _nearest(received: object, allowed: Sequence[str]) -> str:
+    """Return the nearest of the allowed names, or nothing: the list of all follows anyway."""
+    hint = nearest_name(received, allowed) if isinstance(received, str) else ""
+    return hint if "did you mean" in hint else ""
+
+
+def _follow(model: type[BaseModel], location: Sequence[str | int]) -> tuple[list[str | int], list[Any]]:
+    """Follow pydantic's location of an error through the fields of `model`.
+
+    Returns the keys in the user's own file, without the types of tables that pydantic puts between them,
+    and the types allowed at the end (none behind an unknown key).
+    """
+    keys: list[str | int] = []
+    members: list[Any] = [model]
+    for key in location:
+        if key == KEY_MARK:
+            break
+        if len(members) > 1:
+            members = [member for member in members if _tag(member) == key]
+            continue
+        keys.append(key)
+        (kind,) = members
+        if get_origin(kind) is None:
+            field = kind.model_fields.get(key)
+            members = _members(field.annotation) if field else []
+        else:
+            members = _members(get_args(kind)[1 if get_origin(kind) is dict else 0])
+    return keys, members
+
+
+def _members(annotation: Any) -> list[Any]:
+    """Return the alternatives of a type, without None and without the notes around it."""
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    if get_origin(annotation) in (Union, UnionType):
+        return [member for member in get_args(annotation) if member is not type(None)]
+    return [annotation]
+
+
+def _tag(model: type[BaseModel]) -> str:
+    """Return the value of `type` or `shape` that selects a model; it is declared first."""
+    first = next(iter(model.model_fields.values()))
+    return get_args(first.annotation)[0]
+
+
+def _toml_key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
+
+
+def _toml_text(value: object) -> str:
+    if isinstance(value, Mapping):
+        return (
+            "{}"
+            if not value
+            else "{ "
+            + ", ".join(f"{_toml_key(str(key))} = {_toml_text(item)}" for key, item in value.items())
+            + " }"
+        )
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml_text, value)) + "]"
+    if isinstance(value, (str, bool)):
+        return json.dumps(value, ensure_ascii=False)
+    return str(value)

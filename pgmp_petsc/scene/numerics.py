@@ -1,0 +1,62 @@
+"""How a scene is computed: the reduction, a simulation, an ensemble."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from pgmp_petsc.scene.fields import Integer, Number, Table, refusal
+
+Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
+
+
+class Reduction(Table):
+    """The reduced model."""
+
+    modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
+    angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate")
+    interpolation: Literal["overhauser"] = Field(
+        "overhauser",
+        description="interpolation between samples: cubic Hermite with central-difference tangents",
+    )
+
+
+class InitialState(Table):
+    """Where a coordinate starts."""
+
+    position: Number = Field(0.0, description="angle at the start (rad)")
+    velocity: Number = Field(0.0, description="angular velocity at the start (rad/s)")
+
+
+class Simulation(Table):
+    """One run over time."""
+
+    duration: Number = Field(1.0, gt=0.0, description="end time (s)")
+    step: Number = Field(1.0e-3, gt=0.0, description="time step (s)")
+    spectral_radius: Number = Field(
+        0.8,
+        ge=0.0,
+        le=1.0,
+        description="of generalised-alpha at infinite frequency; 1 is without numerical damping",
+    )
+    frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
+    initial: dict[str, InitialState] = Field(
+        {}, description="start of each coordinate; 0 at rest where not given"
+    )
+
+    @model_validator(mode="after")
+    def _step_fits(self) -> Self:
+        if self.step > self.duration:
+            raise refusal(f"must not exceed the duration, {self.duration} s", "step")
+        return self
+
+
+class Ensemble(Table):
+    """Many runs with parameters drawn from their distributions."""
+
+    bins: Integer = Field(50, ge=1, description="number of bins of the estimated densities")
+    quantiles: tuple[Probability, ...] = Field(
+        (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
+    )
+    batch: Integer = Field(128, ge=1, description="number of samples that a rank integrates together")

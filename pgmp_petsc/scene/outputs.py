@@ -1,0 +1,52 @@
+"""Outputs: what a run reports over time."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pgmp_petsc.scene.fields import Point, Table
+
+Axis = Literal["x", "y"]
+
+
+class Angle(Table):
+    """Relative rotation of a revolute joint (rad), measured on the flexible bodies' nodes."""
+
+    type: Literal["angle"]
+    joint: str = Field(description="name of a revolute joint")
+
+
+class Rotation(Table):
+    """Rotation of a point's cross-section in space (rad)."""
+
+    type: Literal["rotation"]
+    point: Point = Field(description='point of a body, "body:point"')
+
+
+class Position(Table):
+    """Position of a point along an axis in space (m)."""
+
+    type: Literal["position"]
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y")
+
+
+class Displacement(Table):
+    """Position of a point along an axis minus that at the start of the run (m)."""
+
+    type: Literal["displacement"]
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y")
+
+
+class Deformation(Table):
+    """Position of a point along an axis minus that of the rigid mechanism at the same joint angle (m)."""
+
+    type: Literal["deformation"]
+    point: Point = Field(description='point of a body, "body:point"')
+    axis: Axis = Field(description="x or y")
+
+
+Output = Annotated[Angle | Rotation | Position | Displacement | Deformation, Field(discriminator="type")]

@@ -1,0 +1,109 @@
+"""Uncertain parameters and their distributions, by the names and conventions of scipy.stats."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+
+from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.scene.fields import Interval, Number, Table, refusal
+
+if TYPE_CHECKING:
+    from scipy.stats import rv_continuous
+    from scipy.stats._distn_infrastructure import rv_frozen
+
+
+class Distribution(Table):
+    """A continuous distribution of scipy.stats: its name, with ``loc``, ``scale`` and shapes as keys."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Number]
+
+    name: str = Field(description="name of a continuous distribution of scipy.stats, such as norm")
+
+    @property
+    def arguments(self) -> dict[str, float]:
+        """The arguments of the distribution by name, as given."""
+        return dict(self.__pydantic_extra__)
+
+    def frozen(self) -> rv_frozen:
+        """Return the scipy.stats distribution with its arguments fixed."""
+        return _continuous(self.name)(**self.arguments)
+
+    @model_validator(mode="after")
+    def _arguments_fit(self) -> Self:
+        shapes = _shapes(_continuous(self.name))
+        allowed = [*shapes, "loc", "scale"]
+        for key in self.arguments:
+            if key not in allowed:
+                raise refusal(
+                    f"unknown argument of {self.name}{nearest_name(key, allowed)}"
+                    f" (allowed: {', '.join(allowed)})",
+                    key,
+                )
+        for key in shapes:
+            if key not in self.arguments:
+                raise refusal(f"missing; {self.name} needs the shape parameters {', '.join(shapes)}", key)
+        if self.arguments.get("scale", 1.0) <= 0.0:
+            raise refusal("a positive number is needed", "scale")
+        if np.isnan(self.frozen().support()).any():
+            raise refusal(f"scipy.stats refuses these arguments of {self.name}")
+        return self
+
+
+class Parameter(Table):
+    """A quantity that may differ between samples; materials, sections and effects name it."""
+
+    nominal: Number = Field(description="value at which the reduced basis is built")
+    unit: str = Field("", description="unit of the values, for labels only")
+    description: str = Field("", description="what the parameter is, for reports")
+    distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
+    bounds: Interval | None = Field(None, description="smallest and largest value; samples stay between them")
+    value: Number | None = Field(
+        None, description="value of a single run (--set); nominal where it is not given"
+    )
+
+    @property
+    def current(self) -> float:
+        """The value of a single run: `value`, or `nominal` where no value was set."""
+        return self.nominal if self.value is None else self.value
+
+    def frozen(self) -> rv_frozen | None:
+        """Return the scipy.stats distribution, its arguments fixed and bounds not applied, or None."""
+        return None if self.distribution is None else self.distribution.frozen()
+
+    @model_validator(mode="after")
+    def _inside_bounds(self) -> Self:
+        if self.bounds is None:
+            return self
+        low, high = self.bounds
+        for key in ("nominal", "value"):
+            number = getattr(self, key)
+            if number is not None and not low <= number <= high:
+                raise refusal(f"must lie inside the parameter's bounds [{low}, {high}]", key)
+        distribution = self.frozen()
+        if distribution is not None and not distribution.cdf(high) > distribution.cdf(low):
+            raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
+        return self
+
+
+def _continuous(name: str) -> rv_continuous:
+    """Return the continuous distribution `name` of scipy.stats."""
+    from scipy import stats  # half a second, which a scene without distributions need not wait for
+
+    distribution = getattr(stats, name, None)
+    if isinstance(distribution, stats.rv_continuous):
+        return distribution
+    known = [key for key, value in vars(stats).items() if isinstance(value, stats.rv_continuous)]
+    nearest = nearest_name(name, known)
+    examples = (
+        nearest if len(nearest) < 50 else "; known are norm, uniform, lognorm, truncnorm, weibull_min, ..."
+    )
+    raise refusal(f"no continuous distribution of scipy.stats{examples}", "name")
+
+
+def _shapes(distribution: rv_continuous) -> list[str]:
+    """Return the names of the shape parameters."""
+    return distribution.shapes.split(", ") if distribution.shapes else []

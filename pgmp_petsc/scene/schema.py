@@ -1,0 +1,103 @@
+"""The scene: everything that a user says about a mechanism, validated. SI units throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, PrivateAttr, model_validator
+
+from pgmp_petsc.scene.bodies import Body, Material
+from pgmp_petsc.scene.effects import Effect
+from pgmp_petsc.scene.fields import Name, Table
+from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
+from pgmp_petsc.scene.messages import input_error
+from pgmp_petsc.scene.numerics import Ensemble, InitialState, Reduction, Simulation
+from pgmp_petsc.scene.outputs import Output
+from pgmp_petsc.scene.parameters import Parameter
+from pgmp_petsc.scene.references import reference_problems
+
+
+class Header(Table):
+    """What the scene is called."""
+
+    name: str = Field(min_length=1, description="short name, used in reports and titles")
+    description: str = Field("", description="what the scene shows")
+
+
+class Scene(Table):
+    """A validated scene. Names that entries refer to exist and are of the right kind; see `load_scene`."""
+
+    scene: Header = Field(description="table with the scene's name")
+    ground: Ground = Field(Ground(), description="points fixed in space")
+    parameters: dict[Name, Parameter] = Field({}, description="uncertain quantities by name")
+    materials: dict[Name, Material] = Field(
+        min_length=1, description="a table for each material, [materials.NAME]"
+    )
+    bodies: dict[Name, Body] = Field(min_length=1, description="a table for each body, [bodies.NAME]")
+    joints: dict[Name, Joint] = Field(min_length=1, description="a table for each joint, [joints.NAME]")
+    coordinates: dict[Name, Coordinate] = Field(
+        min_length=1, description="a table for each rigid coordinate, [coordinates.NAME]"
+    )
+    effects: dict[Name, Effect] = Field({}, description="what acts on the mechanism")
+    reduction: Reduction = Field(Reduction(), description="the reduced model")
+    simulation: Simulation = Field(Simulation(), description="a run over time")
+    ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
+    outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
+
+    _directory: Path = PrivateAttr(default=Path("."))
+
+    @property
+    def name(self) -> str:
+        """The scene's name."""
+        return self.scene.name
+
+    @property
+    def directory(self) -> Path:
+        """Directory that the paths of meshes are relative to; no part of the TOML."""
+        return self._directory
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Value of each parameter in a single run: nominal, or what ``--set`` gave."""
+        return {name: parameter.current for name, parameter in self.parameters.items()}
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal value of each parameter, where the reduced basis is built."""
+        return {name: parameter.nominal for name, parameter in self.parameters.items()}
+
+    def path_of(self, mesh: str) -> Path:
+        """Return the path of a body's mesh file, which a scene gives relative to its own directory."""
+        return self._directory / mesh
+
+    def number(self, entry: float | str, values: Mapping[str, float] | None = None) -> float:
+        """Return the number behind an entry that is a number or a parameter's name.
+
+        Parameters
+        ----------
+        entry : float or str
+            Such as ``scene.bodies["crank"].section.radius``.
+        values : mapping of str to float, optional
+            Value of each parameter; those of a single run (`values`) if not given.
+        """
+        if isinstance(entry, str):
+            return (self.values if values is None else values)[entry]
+        return entry
+
+    def initial_state(self, coordinate: str) -> InitialState:
+        """Return where a coordinate starts: as given, or 0 and at rest."""
+        return self.simulation.initial.get(coordinate, InitialState())
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Take the directory from the context of the validation, where `loading` puts it."""
+        if context:
+            self._directory = Path(context["directory"])
+
+    @model_validator(mode="after")
+    def _references_hold(self) -> Self:
+        problems = reference_problems(self)
+        if problems:
+            raise input_error(problems)
+        return self

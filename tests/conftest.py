@@ -1,0 +1,73 @@
+"""What tests of every kind share: running a command on several ranks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = Path(__file__).resolve().parent / "parallel"
+TIMEOUT_SECONDS = 300.0
+# More ranks than cores and two jobs at once are allowed; small LAPACK calls are fastest with one thread.
+MPI_ENVIRONMENT = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+    "OMP_NUM_THREADS": "1",
+}
+
+
+def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subprocess.CompletedProcess[str]:
+    """Run Python with the arguments ``command`` on ``n`` ranks and return what it printed.
+
+    Parameters
+    ----------
+    n : int
+        Number of ranks.
+    *command : object
+        Arguments of the Python interpreter that runs the tests: a script and its arguments, ``-m``, ...
+    check_status : int or None
+        Exit status that the test needs; None for any.
+    """
+    arguments = ["mpirun", "-n", str(n), sys.executable, *(str(word) for word in command)]
+    paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    process = subprocess.Popen(
+        arguments,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
+    try:
+        out, err = process.communicate(timeout=TIMEOUT_SECONDS)
+    except subprocess.TimeoutExpired:
+        # The whole session: mpirun killed alone may leave its ranks behind.
+        os.killpg(process.pid, signal.SIGKILL)
+        out, err = process.communicate()
+        pytest.fail(f"{' '.join(arguments)} hangs\n{out}\n{err}")
+    if check_status is not None:
+        shown = f"{' '.join(arguments)} ended with {process.returncode}\n{out}\n{err}"
+        assert process.returncode == check_status, shown
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+@pytest.fixture(scope="session")
+def mpirun() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Return :func:`run_mpi`."""
+    return run_mpi
+
+
+@pytest.fixture(scope="session")
+def parallel_scripts() -> Path:
+    """Return the directory of the scripts that tests run on several ranks."""
+    return SCRIPTS

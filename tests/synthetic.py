@@ -1,0 +1,135 @@
+"""Made-up results in the likeness of the slider-crank's, for tests of files, pictures and commands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.results import Ensemble, Frames, ModesTable, Statistics, Trajectory
+from pgmp_petsc.runtime.files import RunRecord
+
+SCENE = """
+[scene]
+name = "slider_crank"
+[parameters.r1]
+nominal = 5.6e-3
+unit = "m"
+"""
+CRANK, ROD = 0.3, 0.7
+
+
+def record(r1: float = 5.6e-3, seed: int | None = None) -> RunRecord:
+    """Return the record of a made-up run."""
+    return RunRecord(SCENE, {"r1": r1}, seed, 2, {"eigenproblems": 1.25, "tables": 0.5})
+
+
+def trajectory(
+    model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_times: int = 1001
+) -> Trajectory:
+    """Return a run that looks like the paper's; the reduced one is wrong by some per cent."""
+    time = np.linspace(0.0, 1.0, n_times)
+    angle = _angle(time, r1)
+    wrong = 0.0 if model == "full" else 1.0
+    wave = np.sin(330.0 * time * (r1 / 5.6e-3)) * np.exp(-time)
+    deformation = -1.6e-4 * (5.6e-3 / r1) ** 2 * np.minimum(time / 0.25, 1.0) * np.sin(angle) + 2e-5 * wave
+    outputs = {
+        "crank_angle": angle * (1.0 + wrong * 6e-5 * np.sin(5.0 * time)),
+        "slider_position": _slider(angle),
+        "slider_deformation": deformation * (1.0 + wrong * 0.04 * np.cos(9.0 * time)),
+    }
+    return Trajectory(
+        model=model,
+        record=record(r1),
+        time=time,
+        outputs=outputs,
+        units={"crank_angle": "rad", "slider_position": "m", "slider_deformation": "m"},
+        coordinates=angle[:, None],
+        modal=np.outer(wave, np.arange(3.0)) if model == "reduced" else None,
+        frames=frames(np.linspace(0.0, 1.0, n_frames), r1) if n_frames else None,
+    )
+
+
+def frames(time: np.ndarray, r1: float = 5.6e-3, n_elements: int = 5) -> Frames:
+    """Return shapes of crank and rod, bent like half a sine."""
+    angle = _angle(time, r1)
+    tilt = -np.arcsin(CRANK / ROD * np.sin(angle))
+    s = np.linspace(0.0, 1.0, n_elements + 1)
+    cells = np.column_stack([np.arange(n_elements), np.arange(1, n_elements + 1)])
+    bend = 2e-3 * np.sin(12.0 * time)[:, None] * np.sin(np.pi * s)
+    pin = CRANK * np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def placed(origin: np.ndarray, length: float, direction: np.ndarray) -> np.ndarray:
+        along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)[:, None, :]
+        across = np.stack([-np.sin(direction), np.cos(direction)], axis=-1)[:, None, :]
+        return origin[:, None, :] + length * s[:, None] * along + bend[..., None] * across
+
+    return Frames(
+        time=time,
+        positions={"crank": placed(0.0 * pin, CRANK, angle), "rod": placed(pin, ROD, tilt)},
+        rotations={"crank": angle[:, None] + 0.0 * s, "rod": tilt[:, None] + 0.0 * s},
+        nodes={"crank": np.column_stack([CRANK * s, 0 * s]), "rod": np.column_stack([ROD * s, 0 * s])},
+        cells={"crank": cells, "rod": cells},
+    )
+
+
+def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed: int = 1) -> Ensemble:
+    """Return samples of r1 and what follows from them; the last ``n_failed`` samples failed."""
+    random = np.random.default_rng(seed)
+    r1 = random.normal(5.6e-3, 0.56e-3, n_samples)
+    shift = 0.0 if model == "full" else 1.0
+    relative = r1 / 5.6e-3
+    outputs = {
+        "crank_angle": 5.283 + 1.67 * (relative - 1.0) + shift * 1e-3,
+        "slider_deformation": -0.9e-4 * relative**-3.0 * (1.0 + 0.02 * shift),
+    }
+    status = np.zeros(n_samples, dtype=np.int32)
+    failure_time = np.full(n_samples, np.nan)
+    if n_failed:
+        status[-n_failed:] = 2
+        failure_time[-n_failed:] = 0.4
+        for values in outputs.values():
+            values[-n_failed:] = np.nan
+    return Ensemble(
+        model=model,
+        record=record(seed=seed),
+        parameters={"r1": r1},
+        outputs=outputs,
+        units={"r1": "m", "crank_angle": "rad", "slider_deformation": "m"},
+        status=status,
+        meanings={0: "fine", 2: "Newton's method did not converge"},
+        failure_time=failure_time,
+        statistics={name: statistics(values) for name, values in outputs.items()},
+    )
+
+
+def statistics(values: np.ndarray) -> Statistics:
+    """Return the statistics of the finite values."""
+    fine = values[np.isfinite(values)]
+    pdf, edges = np.histogram(fine, 50, density=True)
+    probabilities = np.array([0.05, 0.5, 0.95])
+    std = float(np.std(fine, ddof=1)) if len(fine) > 1 else float("nan")
+    error = std / len(fine) ** 0.5
+    quantiles = np.quantile(fine, probabilities)
+    return Statistics(
+        float(np.mean(fine)), std, error, error / 2**0.5, pdf, edges, quantiles, probabilities
+    )
+
+
+def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduced: bool = True) -> ModesTable:
+    """Return frequencies in the bands of the paper's Fig. 2."""
+    theta = np.linspace(0.0, 2 * np.pi, n_theta)
+    low = np.array([49.0, 229.2, 277.0, 694.4, 1250.0, 1360.0])[:n_modes]
+    high = np.array([64.1, 238.9, 357.0, 750.4, 1300.0, 1374.0])[:n_modes]
+    share = np.cos(theta[:, None] * np.array([2, 4, 2, 2, 2, 2])[:n_modes]) * 0.5 + 0.5
+    growth = (r1 / 5.6e-3) ** np.array([0.3, 0.9, 1.0, 0.6, 1.0, 1.0])[:n_modes]
+    full = (low + (high - low) * share) * growth
+    return ModesTable(record(r1), theta, full, full * 1.0005 if reduced else None)
+
+
+def _angle(time: np.ndarray, r1: float) -> np.ndarray:
+    """Return the crank's angle: slow at first, 5.3 rad after 1 s, a little more with a lighter crank."""
+    return 5.28 * time**2.2 * (5.6e-3 / r1) ** 0.4 + 0.15 * np.sin(2.0 * np.pi * time) * time
+
+
+def _slider(angle: np.ndarray) -> np.ndarray:
+    """Return the position of the rigid slider."""
+    return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)

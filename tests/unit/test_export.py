@@ -1,0 +1,120 @@
+"""The XDMF file: every reference leads to an array of the stated size; another reader accepts it."""
+
+from __future__ import annotations
+
+import shutil
+from xml.etree import ElementTree
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+import synthetic
+
+from pgmp_petsc.export.xdmf import write_xdmf
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+
+@pytest.fixture
+def exported(tmp_path):
+    """Return the trajectory's file and the XDMF file, in different directories."""
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "paraview").mkdir()
+    run, xdmf = tmp_path / "runs" / "t.h5", tmp_path / "paraview" / "t.xdmf"
+    synthetic.trajectory(n_frames=5).write(run)
+    assert write_xdmf(run, xdmf) == 5
+    return run, xdmf
+
+
+def test_every_reference_leads_to_an_array_of_the_stated_size(exported):
+    run, xdmf = exported
+    items = ElementTree.parse(xdmf).getroot().findall(".//DataItem")
+    assert len(items) == 5 * 5
+    with h5py.File(run) as file:
+        for item in items:
+            name, dataset = item.text.split(":")
+            assert (xdmf.parent / name).resolve() == run.resolve()
+            data = file[dataset]
+            assert data.shape == tuple(int(length) for length in item.get("Dimensions").split())
+            assert data.dtype.itemsize == int(item.get("Precision"))
+            assert (data.dtype.kind == "i") == (item.get("NumberType") == "Int")
+
+
+def test_frames_have_times_and_lie_in_one_series(exported):
+    root = ElementTree.parse(exported[1]).getroot()
+    series = root.find("Domain/Grid")
+    assert (series.get("GridType"), series.get("CollectionType")) == ("Collection", "Temporal")
+    times = [float(grid.find("Time").get("Value")) for grid in series.findall("Grid")]
+    np.testing.assert_array_equal(times, np.linspace(0.0, 1.0, 5))
+
+
+def test_an_independent_reader_sees_the_mechanism(exported):
+    run, xdmf = exported
+    tree = ElementTree.parse(xdmf)
+    domain = tree.getroot().find("Domain")
+    series = domain.find("Grid")
+    last = series.findall("Grid")[-1]
+    # meshio reads single grids only.
+    domain.remove(series)
+    last.remove(last.find("Time"))
+    domain.append(last)
+    tree.write(xdmf.parent / "last.xdmf")
+    mesh = meshio.read(xdmf.parent / "last.xdmf")
+    frames = synthetic.trajectory(n_frames=5).frames
+    positions = np.concatenate([frames.positions[body] for body in frames.positions], axis=1)
+    np.testing.assert_array_equal(mesh.points[:, :2], positions[-1])
+    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :2], positions[-1] - positions[0])
+    assert (mesh.cells[0].type, mesh.cells[0].data.shape) == ("line", (10, 2))
+    np.testing.assert_array_equal(np.unique(mesh.cells[0].data), np.arange(12))
+    np.testing.assert_array_equal(mesh.point_data["body"], np.repeat([0, 1], 6))
+
+
+def test_the_trajectory_is_not_touched(exported):
+    run, xdmf = exported
+    before = run.read_bytes()
+    write_xdmf(run, run.with_suffix(".xdmf"))
+    assert run.read_bytes() == before
+
+
+def test_without_frames_the_cure_is_named(tmp_path):
+    synthetic.trajectory(n_frames=0).write(tmp_path / "t.h5")
+    with pytest.raises(InputError, match="--override simulation.frames="):
+        write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")
+
+
+def test_the_trajectory_itself_is_no_target(exported):
+    with pytest.raises(InputError, match="is the trajectory itself"):
+        write_xdmf(exported[0], exported[0])
+
+
+def test_a_file_of_another_kind(tmp_path):
+    synthetic.modes_table().write(tmp_path / "m.h5")
+    with pytest.raises(InputError, match="needed: a trajectory"):
+        write_xdmf(tmp_path / "m.h5", tmp_path / "m.xdmf")
+
+
+def test_a_damaged_trajectory(exported):
+    run, xdmf = exported
+    with h5py.File(run, "r+") as file:
+        del file["frames/rotation/00002"]
+    with pytest.raises(InputError, match="damaged"):
+        write_xdmf(run, xdmf)
+
+
+def test_a_system_that_fails_to_write(exported, monkeypatch):
+    def fail(*_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("pgmp_petsc.export.xdmf.os.replace", fail)
+    with pytest.raises(RunError, match="no space left"):
+        write_xdmf(exported[0], exported[1])
+    assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]
+
+
+def test_both_files_can_be_moved_together(exported, tmp_path):
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    shutil.copytree(tmp_path / "runs", moved / "runs")
+    shutil.copytree(tmp_path / "paraview", moved / "paraview")
+    item = ElementTree.parse(moved / "paraview" / "t.xdmf").getroot().find(".//DataItem")
+    assert (moved / "paraview" / item.text.split(":")[0]).exists()

@@ -1,0 +1,262 @@
+"""Pictures: what is drawn is what the data say, and nothing overlaps the edge of the picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+import synthetic
+
+from pgmp_petsc.figures.collection import draw
+from pgmp_petsc.figures.densities import densities
+from pgmp_petsc.figures.frequencies import frequencies
+from pgmp_petsc.figures.mechanism import mechanism, shown_positions
+from pgmp_petsc.figures.style import axis_unit, labels_by_parameters, quantity, save
+from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
+from pgmp_petsc.runtime.errors import InputError
+
+RADII = (5.04e-3, 5.6e-3, 6.16e-3)
+
+
+def visible(figure):
+    """Return the axes that are shown."""
+    return [axes for axes in figure.axes if axes.get_visible()]
+
+
+def legend_texts(figure):
+    """Return the texts of the figure's keys."""
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def assert_inside(figure):
+    """Check that every axes with its labels lies within the picture."""
+    figure.canvas.draw()
+    width, height = figure.canvas.get_width_height()
+    for axes in visible(figure):
+        box = axes.get_tightbbox(figure.canvas.get_renderer())
+        # Half a marker or tick label may stand over the axes' end, never over the edge of the picture.
+        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
+
+
+def test_frequencies_show_every_table_in_every_panel():
+    figure = frequencies([synthetic.modes_table(r1) for r1 in RADII])
+    assert len(visible(figure)) == 4
+    assert all(len(axes.lines) == 6 for axes in visible(figure))
+    assert legend_texts(figure) == ["r1 = 5.04 mm", "r1 = 5.6 mm", "r1 = 6.16 mm", "full order", "reduced"]
+    assert_inside(figure)
+
+
+def test_frequencies_of_few_modes_without_a_reduced_model():
+    figure = frequencies([synthetic.modes_table(n_modes=3, reduced=False)])
+    assert len(visible(figure)) == 3
+    assert legend_texts(figure) == []
+    assert_inside(figure)
+    assert_inside(frequencies([synthetic.modes_table(n_modes=1)]))
+
+
+def test_frequencies_over_two_coordinates_are_numbered():
+    table = replace(
+        synthetic.modes_table(n_theta=12),
+        theta=np.zeros((2, 12)),
+        coordinate_units={"theta": "rad", "reach": "m"},
+    )
+    assert visible(frequencies([table]))[-1].get_xlabel() == "configuration"
+
+
+def test_runs_are_paired_by_their_parameters():
+    runs = [synthetic.trajectory(model, r1, 0, 50) for model in ("full", "reduced") for r1 in RADII]
+    lonely = synthetic.trajectory("full", 7e-3, 0, 50)
+    comparisons = paired([*runs, lonely])
+    assert [comparison.runs[0].record.parameters["r1"] for comparison in comparisons] == [*RADII, 7e-3]
+    assert [len(comparison.runs) for comparison in comparisons] == [2, 2, 2, 1]
+
+
+def test_the_error_is_in_per_cent_of_the_full_order_maximum():
+    full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
+    shifted = replace(reduced, outputs={**full.outputs, "crank_angle": full.outputs["crank_angle"] + 0.01})
+    time, error = Comparison(full, shifted).error_percent("crank_angle")
+    np.testing.assert_allclose(error, 1.0 / np.max(full.outputs["crank_angle"]), rtol=1e-9)
+    assert len(time) == len(full.time)
+
+
+def test_the_error_needs_two_runs_and_a_signal():
+    full = synthetic.trajectory("full", n_frames=0)
+    zero = replace(full, outputs={"crank_angle": np.zeros(1001)})
+    assert Comparison(full, None).error_percent("crank_angle") is None
+    assert Comparison(zero, synthetic.trajectory("reduced")).error_percent("crank_angle") is None
+
+
+def test_the_error_is_known_only_where_both_runs_are():
+    full, reduced = synthetic.trajectory("full"), synthetic.trajectory("reduced")
+    short = replace(
+        reduced,
+        time=reduced.time[:501],
+        outputs={name: values[:501] for name, values in reduced.outputs.items()},
+        coordinates=reduced.coordinates[:501],
+        modal=None,
+    )
+    assert len(Comparison(full, short).error_percent("crank_angle")[0]) == 501
+
+
+def test_trajectories_have_a_column_an_output_and_errors_below():
+    runs = [synthetic.trajectory(model, r1, 0) for r1 in RADII for model in ("full", "reduced")]
+    figure = trajectories(paired(runs))
+    assert len(visible(figure)) == 6
+    assert [axes.get_title(loc="left") for axes in visible(figure)[:3]] == [
+        "crank angle (rad)",
+        "slider position (m)",
+        "slider deformation (mm)",
+    ]
+    assert "at most 3.5 %" in visible(figure)[5].get_title(loc="left")
+    assert_inside(figure)
+
+
+def test_one_trajectory_is_drawn_without_errors():
+    figure = trajectories(paired([synthetic.trajectory("full", n_frames=0)]))
+    assert len(visible(figure)) == 3
+    assert_inside(figure)
+
+
+def test_many_outputs_are_wrapped():
+    run = synthetic.trajectory("full", n_frames=0)
+    run = replace(run, outputs={f"output_{number}": run.time for number in range(4)}, units={})
+    figure = trajectories(paired([run]))
+    assert len(visible(figure)) == 4
+    assert_inside(figure)
+
+
+def test_trajectories_without_a_common_output():
+    one = synthetic.trajectory("full", n_frames=0)
+    other = replace(one, outputs={"other": one.time})
+    with pytest.raises(InputError, match="no output in common"):
+        trajectories(paired([one, other]))
+
+
+def test_densities_compare_two_ensembles():
+    figure = densities([synthetic.ensemble("full", 1000), synthetic.ensemble("reduced", 1000)])
+    assert len(visible(figure)) == 6
+    assert legend_texts(figure) == ["full order, 1000 samples, 3 failed", "reduced, 1000 samples, 3 failed"]
+    shown = [text.get_text() for text in visible(figure)[0].texts]
+    assert all("N = 997" in text and "mm" in text for text in shown) and len(shown) == 2
+    assert_inside(figure)
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 30])
+def test_densities_of_few_samples(n_samples):
+    figure = densities([synthetic.ensemble("reduced", n_samples, n_failed=0)])
+    assert len(visible(figure)) == 3
+    assert_inside(figure)
+
+
+def test_densities_of_a_quantity_that_does_not_vary():
+    ensemble = synthetic.ensemble("full", 20, n_failed=0)
+    for value in (0.0, 3.0):
+        assert_inside(densities([replace(ensemble, outputs={"crank_angle": np.full(20, value)})]))
+
+
+def test_three_ensembles_of_one_model_have_colours_of_their_own():
+    figure = densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)])
+    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()}) == 3
+    assert_inside(figure)
+
+
+def test_ensembles_without_anything_in_common_or_without_samples():
+    ensemble = synthetic.ensemble("full", 20)
+    other = replace(ensemble, parameters={}, outputs={"other": np.zeros(20)})
+    with pytest.raises(InputError, match="ensembles have nothing in common"):
+        densities([ensemble, other])
+    with pytest.raises(InputError, match="no sample of the full ensemble"):
+        densities([replace(ensemble, status=np.full(20, 2))])
+
+
+def test_the_mechanism_is_drawn_at_the_asked_instants():
+    figure = mechanism(synthetic.trajectory(), n_instants=5)
+    assert len(visible(figure)[0].collections) == 5 * 2
+    assert_inside(figure)
+    assert_inside(mechanism(synthetic.trajectory(n_frames=1)))
+
+
+def test_exaggeration_moves_nodes_between_the_ends_only():
+    frames = synthetic.trajectory().frames
+    plain, enlarged = frames.positions["rod"], shown_positions(frames, "rod", 10.0)
+    np.testing.assert_allclose(enlarged[:, [0, -1]], plain[:, [0, -1]], atol=1e-15)
+    rigid = shown_positions(frames, "rod", 0.0)
+    np.testing.assert_allclose(enlarged - rigid, 10.0 * (plain - rigid), atol=1e-14)
+    # The rod's chord is as long as the rod: half a sine between the ends is all that is left.
+    largest = np.max(np.linalg.norm(plain - rigid, axis=-1))
+    assert largest == pytest.approx(2e-3 * np.sin(0.4 * np.pi), rel=1e-2)
+    np.testing.assert_array_equal(shown_positions(frames, "rod", 1.0), plain)
+
+
+def test_a_mechanism_without_frames():
+    with pytest.raises(InputError, match="no frames to draw"):
+        mechanism(synthetic.trajectory(n_frames=0))
+
+
+def test_units_get_readable_prefixes():
+    assert axis_unit("m", np.array([2e-4])) == (1e3, "mm")
+    assert axis_unit("m", np.array([0.3])) == (1.0, "m")
+    assert axis_unit("m", np.array([2e-5])) == (1e6, "µm")
+    assert axis_unit("Pa", np.array([2.1e11]))[1] == "GPa"
+    assert axis_unit("rad", np.array([5.3, np.nan])) == (1.0, "rad")
+    assert axis_unit("kg/m3", np.array([7800.0])) == (1.0, "kg/m3")
+    assert axis_unit("m", np.array([])) == (1.0, "m")
+    assert quantity("r1", 5.6e-3, "m") == "r1 = 5.6 mm"
+
+
+def test_labels_name_only_what_differs():
+    records = [synthetic.record(r1) for r1 in RADII[:2]]
+    for record in records:
+        record.parameters["r2"] = 1.0
+    assert labels_by_parameters(records) == ["r1 = 5.04 mm", "r1 = 5.6 mm"]
+    assert labels_by_parameters(records[:1]) == [""]
+    without_units = [replace(record, scene_toml="no TOML") for record in records]
+    assert labels_by_parameters(without_units)[0] == "r1 = 0.00504"
+
+
+def test_settings_of_the_process_are_left_alone(tmp_path):
+    before = dict(matplotlib.rcParams)
+    path = save(frequencies([synthetic.modes_table()]), tmp_path / "f.png")
+    assert path.stat().st_size > 10_000
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_files_are_grouped_into_pictures(tmp_path):
+    paths = []
+    for number, result in enumerate(
+        [
+            synthetic.modes_table(),
+            synthetic.trajectory("full", n_frames=3),
+            synthetic.trajectory("reduced", n_frames=0),
+            synthetic.ensemble("reduced", 50),
+            synthetic.ensemble("full", 50),
+        ]
+    ):
+        paths.append(tmp_path / f"{number}.h5")
+        result.write(paths[-1])
+    target = tmp_path / "deep" / "pictures"
+    names = ["frequencies.png", "trajectories.png", "mechanism.png", "densities.png"]
+    assert draw(paths, target) == [str(target / name) for name in names]
+    assert sorted(path.name for path in target.iterdir()) == sorted(names)
+    lines = draw(paths[2:3], target)
+    assert lines[0].endswith("trajectories.png") and "no mechanism.png" in lines[1]
+
+
+def test_a_bad_file_is_reported_before_anything_is_drawn(tmp_path):
+    synthetic.modes_table().write(tmp_path / "m.h5")
+    with pytest.raises(InputError, match="does not exist"):
+        draw([tmp_path / "m.h5", tmp_path / "no.h5"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_directory_that_cannot_be_made_or_written_to(tmp_path, monkeypatch):
+    synthetic.modes_table().write(tmp_path / "m.h5")
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(InputError, match="cannot be made"):
+        draw([tmp_path / "m.h5"], tmp_path / "taken")
+    access = "pgmp_petsc.figures.collection.os.access"
+    monkeypatch.setattr(access, lambda path, mode: mode == 4)
+    with pytest.raises(InputError, match="no permission to write"):
+        draw([tmp_path / "m.h5"], tmp_path / "out")

@@ -1,0 +1,226 @@
+"""Scenes from files and back: what is read, resolved and written, and what cannot be read."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from pgmp_petsc.mesh import read_line_mesh
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import GROUND, Scene, load_scene, scene_from_toml, scene_to_toml, split_point
+from pgmp_petsc.scene.joints import PointOnLine, Revolute
+
+ROOT = Path(__file__).resolve().parents[2]
+SLIDER_CRANK = ROOT / "scenes" / "slider_crank.toml"
+
+MINIMAL = """
+[scene]
+name = "pendulum"
+[materials.steel]
+E = 210e9
+nu = 0.3
+rho = 7800
+[bodies.arm]
+mesh = "arm.msh"
+element = "beam2d"
+material = "steel"
+section = { shape = "rectangle", width = 0.01, height = 0.02 }
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "arm:0"]
+[coordinates.phi]
+joint = "hinge"
+range = [-1.0, 1.0]
+"""
+
+
+@pytest.fixture(scope="module")
+def slider_crank() -> Scene:
+    return load_scene(SLIDER_CRANK)
+
+
+def test_the_shipped_scene_is_the_published_mechanism(slider_crank: Scene) -> None:
+    scene = slider_crank
+    assert scene.name == "slider_crank"
+    assert scene.nominal == scene.values == {"r1": 5.6e-3}
+    assert scene.bodies["crank"].section.radius == "r1"
+    assert scene.number(scene.bodies["crank"].section.radius) == scene.bodies["rod"].section.radius == 5.6e-3
+    assert scene.parameters["r1"].bounds == (1.0e-3, 12.0e-3)
+    frozen = scene.parameters["r1"].frozen()
+    assert (frozen.mean(), frozen.std()) == pytest.approx((5.6e-3, 0.56e-3), rel=1e-15)
+    steel = scene.materials["steel"]
+    assert (steel.E, steel.nu, steel.rho) == (210e9, 0.3, 7800.0)
+    assert isinstance(scene.joints["elbow"], Revolute)
+    assert isinstance(scene.joints["slider"], PointOnLine)
+    assert scene.joints["slider"].direction == (1.0, 0.0)
+    assert scene.effects["motor"].table == ((0.0, 0.0), (0.25, 0.5), (1.0, 0.5))
+    assert list(scene.outputs) == ["crank_angle", "slider_position", "slider_deformation"]
+    assert (scene.reduction.modes, scene.reduction.angles) == (15, 629)
+
+
+def test_the_points_of_the_shipped_scene_are_in_its_meshes(slider_crank: Scene) -> None:
+    meshes = {
+        name: read_line_mesh(slider_crank.path_of(body.mesh), f"bodies.{name}.mesh")
+        for name, body in slider_crank.bodies.items()
+    }
+    points = [point for joint in slider_crank.joints.values() for point in joint.connect]
+    points += [output.point for output in slider_crank.outputs.values() if hasattr(output, "point")]
+    for point in points:
+        owner, name = split_point(point)
+        if owner == GROUND:
+            assert name in slider_crank.ground.positions
+        else:
+            assert name in meshes[owner].points
+
+
+def test_defaults(tmp_path: Path) -> None:
+    scene = scene_from_toml(MINIMAL, tmp_path)
+    assert scene.directory == tmp_path
+    assert scene.path_of("arm.msh") == tmp_path / "arm.msh"
+    assert scene.ground.positions == {"origin": (0.0, 0.0)}
+    assert (scene.parameters, scene.effects, scene.outputs, scene.values) == ({}, {}, {}, {})
+    assert scene.reduction.model_dump() == {"modes": 15, "angles": 629, "interpolation": "overhauser"}
+    assert scene.simulation.model_dump() == {
+        "duration": 1.0,
+        "step": 1e-3,
+        "spectral_radius": 0.8,
+        "frames": 101,
+        "initial": {},
+    }
+    assert scene.ensemble.model_dump() == {
+        "bins": 50,
+        "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
+        "batch": 128,
+    }
+    assert scene.bodies["arm"].placement.model_dump() == {"origin": (0.0, 0.0), "angle": 0.0}
+    assert not scene.coordinates["phi"].periodic
+    assert scene.initial_state("phi").model_dump() == {"position": 0.0, "velocity": 0.0}
+    assert isinstance(scene.materials["steel"].rho, float)
+
+
+def test_every_entry_is_read(tmp_path: Path) -> None:
+    scene = scene_from_toml(
+        MINIMAL + """
+    [ground.points]
+    wall = [1.0, 2.0]
+    [parameters.load]
+    nominal = 2.0
+    [effects.weight]
+    type = "gravity"
+    [effects.push]
+    type = "torque"
+    joint = "hinge"
+    table = [[0, 1]]
+    scale = "load"
+    [simulation.initial.phi]
+    position = 0.5
+    velocity = -1.0
+    [outputs]
+    a = { type = "angle", joint = "hinge" }
+    b = { type = "rotation", point = "arm:tip" }
+    c = { type = "displacement", point = "arm:tip", axis = "y" }
+    """,
+        tmp_path,
+        overrides=["bodies.arm.placement = { origin = [1, 0], angle = 0.5 }"],
+    )
+    assert scene.ground.positions == {"origin": (0.0, 0.0), "wall": (1.0, 2.0)}
+    assert scene.parameters["load"].frozen() is None
+    assert scene.effects["weight"].direction == (0.0, -1.0)
+    assert scene.effects["weight"].acceleration == 9.81
+    assert scene.number(scene.effects["push"].scale) == 2.0
+    assert scene.number(scene.effects["push"].scale, {"load": 7.0}) == 7.0
+    assert scene.initial_state("phi").velocity == -1.0
+    assert scene.bodies["arm"].placement.angle == 0.5
+
+
+def test_the_resolved_scene_reads_back_unchanged(slider_crank: Scene) -> None:
+    scene = load_scene(SLIDER_CRANK, ["reduction.modes=7"], ["r1=5e-3"])
+    text = scene_to_toml(scene)
+    assert scene_from_toml(text, scene.directory) == scene != slider_crank
+    assert scene_to_toml(scene_from_toml(text, scene.directory)) == text
+    assert "spectral_radius = 0.8" in text and "batch = 128" in text
+    assert str(ROOT) not in text
+
+
+def test_set_gives_the_value_of_a_run_and_keeps_the_nominal_one() -> None:
+    scene = load_scene(SLIDER_CRANK, settings=["r1=6e-3", "r1 = 5e-3"])
+    assert scene.values == {"r1": 5e-3}
+    assert scene.nominal == {"r1": 5.6e-3}
+    assert scene.number("r1") == 5e-3
+    again = scene_from_toml(scene_to_toml(scene), scene.directory, settings=["r1=4e-3"])
+    assert again.values == {"r1": 4e-3}
+
+
+def test_a_scene_travels_between_ranks(slider_crank: Scene) -> None:
+    copy = pickle.loads(pickle.dumps(slider_crank))
+    assert copy == slider_crank
+    assert copy.directory == slider_crank.directory
+
+
+def test_a_scene_is_frozen(slider_crank: Scene) -> None:
+    with pytest.raises(ValidationError):
+        slider_crank.reduction.modes = 3
+
+
+def test_every_field_says_what_it_is() -> None:
+    def undescribed(schema: dict) -> list[str]:
+        return [
+            key
+            for key, field in schema.get("properties", {}).items()
+            if "description" not in field and "const" not in field
+        ]
+
+    schema = Scene.model_json_schema()
+    assert undescribed(schema) == []
+    assert {name: undescribed(table) for name, table in schema["$defs"].items() if undescribed(table)} == {}
+
+
+def test_scenes_and_meshes_need_no_petsc() -> None:
+    code = (
+        "import sys, pgmp_petsc.scene, pgmp_petsc.mesh; "
+        "print(*{'petsc4py', 'mpi4py', 'scipy', 'meshio', 'gmsh', 'matplotlib'} & set(sys.modules))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == ""
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere.toml: there is no such scene file$"):
+        load_scene(tmp_path / "nowhere.toml")
+    (tmp_path / "pendulum.toml").write_text(MINIMAL)
+    with pytest.raises(InputError, match=r"no such scene file; did you mean 'pendulum.toml'\? in "):
+        load_scene(tmp_path / "pendulm.toml")
+
+
+def test_a_directory(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="this is a directory; a scene is a TOML file"):
+        load_scene(tmp_path)
+
+
+def test_a_binary_file(tmp_path: Path) -> None:
+    (tmp_path / "rom.h5").write_bytes(b"\x89HDF\r\n")
+    with pytest.raises(InputError, match=r"rom.h5: not a text file in UTF-8 \(byte 0\)"):
+        load_scene(tmp_path / "rom.h5")
+
+
+def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"the scene file cannot be read \(Not a directory\)"):
+        load_scene(tmp_path / "file" / "scene.toml")
+
+
+@pytest.mark.parametrize("text", ["[scene]\nname = slider", "[scene]\nname = " + 5000 * "1"])
+def test_invalid_toml(tmp_path: Path, text: str) -> None:
+    (tmp_path / "bad.toml").write_text(text)
+    with pytest.raises(InputError, match=r"bad.toml: not valid TOML: (.*line 2, column 8|Exceeds the limit)"):
+        load_scene(tmp_path / "bad.toml")
+
+
+def test_invalid_toml_text() -> None:
+    with pytest.raises(InputError, match="the scene's text: not valid TOML: .*line 1"):
+        scene_from_toml("a b", ".")
