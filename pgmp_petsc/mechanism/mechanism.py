@@ -176,6 +176,26 @@ class Mechanism:
             q[body.nodes] = place_points(poses[index], body.mesh.nodes)
         return q.reshape(self.n_dofs, *poses.shape[2:])
 
+    def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return ``d rho / d theta`` in the inertial frame.
+
+        Parameters
+        ----------
+        poses, rates
+            One configuration, shape (n_bodies, 3), and ``dP/dtheta``, shape (n_bodies, 3, n_theta).
+
+        Returns
+        -------
+        ndarray, shape (n_dofs, n_theta)
+        """
+        result = np.empty((self.n_nodes, DOFS_PER_NODE, rates.shape[2]))
+        for body, pose, rate in zip(self.bodies, poses, rates):
+            arm = rotate(pose[2], body.mesh.nodes.T)[..., None]
+            result[body.nodes, 0] = rate[0] - arm[1] * rate[2]
+            result[body.nodes, 1] = rate[1] + arm[0] * rate[2]
+            result[body.nodes, 2] = rate[2]
+        return result.reshape(self.n_dofs, -1)
+
     @classmethod
     def from_scene(cls, scene: Scene, meshes: Mapping[str, LineMesh]) -> Mechanism:
         """Number the unknowns of a scene's bodies and attach its joints.

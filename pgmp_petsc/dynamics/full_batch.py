@@ -1,0 +1,238 @@
+"""The full-order model of a batch of samples as one second-order system for the integrator, on one rank."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from mpi4py import MPI
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
+from pgmp_petsc.bodies.matrices import assemble, element_dofs
+from pgmp_petsc.dynamics.batched_ldl import LANES, analyse
+from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Pattern, correct
+from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.effects import Effect, loads_of
+from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+
+
+class FullBatch:
+    """A batch of full-order samples.
+
+    Arrays have shape (n_blocks, n, LANES): sample k is lane ``k % LANES`` of block ``k // LANES``; the last block is
+    filled up with copies of the last sample that are never active.
+
+    Parameters
+    ----------
+    kinematics
+        Rigid kinematics; the start is an undeformed configuration.
+    effects
+        Effects of the scene.
+    values
+        Parameter values of the samples, each of shape (n_samples,).
+    initial
+        Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
+    n_samples
+        Number of samples.
+    """
+
+    comm = MPI.COMM_SELF
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        effects: Sequence[Effect],
+        values: Mapping[str, np.ndarray],
+        initial: tuple[float, float],
+        n_samples: int,
+    ) -> None:
+        mechanism = kinematics.mechanism
+        self.n_samples = n_samples
+        self.n_blocks = -(-n_samples // LANES)
+        self.n_dofs = mechanism.n_dofs
+        self._kinematics = kinematics
+        self._initial = initial
+        self._constraints = ConstraintSet(mechanism)
+        values = {name: np.broadcast_to(value, (n_samples,)) for name, value in values.items()}
+        self._section = self._sections(values)
+        self._loads(effects, values)
+        self._structure()
+        self._units = np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], mechanism.n_nodes)
+        self._size = np.empty((self.n_blocks, LANES))
+
+    def start(self) -> State:
+        """Return the undeformed start with consistent accelerations and multipliers."""
+        position, velocity = self._initial
+        poses = self._kinematics.poses(np.array([position]))
+        rates = self._kinematics.rates(poses)
+        mechanism = self._kinematics.mechanism
+        q = mechanism.place(poses)[:, 0]
+        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ np.array([velocity])
+        shape = (self.n_blocks, self.n_dofs, LANES)
+        state = State(
+            np.broadcast_to(q[None, :, None], shape).copy(),
+            np.broadcast_to(v[None, :, None], shape).copy(),
+            np.zeros(shape),
+            np.zeros((self.n_blocks, mechanism.n_constraints, LANES)),
+        )
+        # acceleration and multipliers enter linearly: one correction with the mass alone solves
+        # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
+        trial = state.copy()
+        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v))
+        self._correct(0.0, trial, (0.0, 1.0, 0.0), _lanes_first(drift), self._everyone(), True)
+        return State(state.q, state.v, trial.a, trial.multipliers)
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        """Do one Newton correction; see `SecondOrderSystem.correct`."""
+        residual = _lanes_first(self._constraints.residual(_lanes_last(state.q)))
+        gains = (scheme.gain_v, scheme.gain_a, 1.0)
+        return self._correct(time, state, gains, residual, self._fill(active), fresh)
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        """Put samples back."""
+        chosen = self._fill(samples)
+        for now, before in (
+            (state.q, previous.q),
+            (state.v, previous.v),
+            (state.a, previous.a),
+            (state.multipliers, previous.multipliers),
+        ):
+            np.copyto(now, before, where=chosen[:, None, :])
+
+    def outside(self, state: State) -> np.ndarray:
+        """Return no sample: the full-order model is valid everywhere."""
+        return np.zeros(self.n_samples, dtype=bool)
+
+    def unpack(self, array: np.ndarray) -> np.ndarray:
+        """Return a state's array as (n, n_samples)."""
+        return _lanes_last(array).reshape(array.shape[1], -1)[:, : self.n_samples]
+
+    def _correct(
+        self,
+        time: float,
+        state: State,
+        gains: tuple[float, float, float],
+        residual: np.ndarray,
+        active: np.ndarray,
+        fresh: bool,
+    ) -> np.ndarray:
+        amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
+        scale = gains[1] * self._typical_mass
+        constraint = (residual, *self._linearise(state), self._load_values)
+        with np.errstate(all="ignore"):
+            correct(
+                self._elements,
+                self._section,
+                self._jacobian,
+                self._curvature,
+                self._load_entries,
+                self._pattern,
+                constraint,
+                amplitudes[:, None] * self._load_weights,
+                (state.q, state.v, state.a, state.multipliers),
+                (*gains, scale),
+                active,
+                fresh,
+                self._factors,
+                self._units,
+                self._size,
+            )
+        return self._size.ravel()[: self.n_samples].copy()
+
+    def _linearise(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return entries of the constraint Jacobian and of the constraints' curvature, by lane."""
+        if self._constraints.linear and self._constant is not None:
+            return self._constant
+        q = _lanes_last(state.q)
+        jacobian = _lanes_first(self._constraints.jacobian_values(q))
+        curvature = _lanes_first(self._constraints.curvature_values(q, _lanes_last(state.multipliers)))
+        self._constant = jacobian, curvature
+        return self._constant
+
+    def _sections(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Evaluate (EA, k_s GA, EI, rho A, rho I) of every body, shape (n_blocks, n_bodies, 5, LANES)."""
+        bodies = self._kinematics.mechanism.bodies
+        table = np.empty((len(bodies), 5, self.n_samples))
+        for body, row in zip(bodies, table):
+            s = body.section
+            quantities = (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)
+            row[:] = [q.coefficient * (q.monomial.evaluate(values) * np.ones(self.n_samples)) for q in quantities]
+        return np.ascontiguousarray(np.moveaxis(self._block(table), 2, 0))
+
+    def _loads(self, effects: Sequence[Effect], values: Mapping[str, np.ndarray]) -> None:
+        mechanism = self._kinematics.mechanism
+        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        loads = loads_of(effects, matrices)
+        by_name = {effect.name: effect for effect in effects}
+        self._load_effects = [by_name[load.effect] for load in loads]
+        weights = evaluate_weights((load.weight for load in loads), values)
+        weights = np.broadcast_to(weights.reshape(len(loads), -1), (len(loads), self.n_samples))
+        self._load_weights = np.ascontiguousarray(np.moveaxis(self._block(weights), 1, 0))
+        vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), self.n_dofs))
+        self._load_entries = Entries(vectors.row.astype(int), vectors.col.astype(int), np.zeros(0, dtype=int))
+        self._load_values = vectors.data
+        nominal_mass = sum(abs(term).diagonal().mean() for term in self._mean_masses(matrices, values))
+        self._typical_mass = float(nominal_mass)
+
+    def _mean_masses(self, matrices, values: Mapping[str, np.ndarray]) -> list[sp.csr_matrix]:
+        mean = {name: float(np.mean(value)) for name, value in values.items()}
+        return [weight.evaluate(mean) * matrix for weight, matrix in matrices.mass.items()]
+
+    def _structure(self) -> None:
+        """Number the entries of the iteration matrix and analyse it."""
+        mechanism = self._kinematics.mechanism
+        dofs = np.concatenate([element_dofs(body.elements) for body in mechanism.bodies])
+        owner = np.concatenate([np.full(len(b.mesh.cells), i) for i, b in enumerate(mechanism.bodies)])
+        rows, columns = self._constraints.jacobian_pattern
+        curved_rows, curved_columns = self._constraints.curvature_pattern
+        multiplier = self.n_dofs + rows
+        n = self.n_dofs + mechanism.n_constraints
+        i = np.concatenate([dofs[:, PACKED_ROWS].ravel(), multiplier, curved_rows])
+        j = np.concatenate([dofs[:, PACKED_COLUMNS].ravel(), columns, curved_columns])
+        lower = sp.coo_matrix((np.ones(i.size), (i, j)), shape=(n, n))
+        symbolic = analyse(lower + lower.T, np.arange(self.n_dofs, n))
+        place = np.empty(n, dtype=np.int64)
+        place[symbolic.order] = np.arange(n)
+        self._pattern = Pattern(place, symbolic.starts, symbolic.rows, symbolic.targets)
+        self._elements = Elements(
+            dofs,
+            np.concatenate([body.mesh.lengths for body in mechanism.bodies]),
+            np.concatenate([body.directions for body in mechanism.bodies]),
+            owner,
+            symbolic.position(dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]),
+        )
+        self._jacobian = Entries(rows, columns, symbolic.position(multiplier, columns))
+        self._curvature = Entries(curved_rows, curved_columns, symbolic.position(curved_rows, curved_columns))
+        self._factors = (
+            np.empty((self.n_blocks, n, LANES)),
+            np.empty((self.n_blocks, symbolic.rows.size, LANES)),
+        )
+        self._constant = None
+
+    def _block(self, rows: np.ndarray) -> np.ndarray:
+        """Split the last axis (samples) into (n_blocks, LANES), the last sample repeated to fill."""
+        missing = self.n_blocks * LANES - self.n_samples
+        filled = np.concatenate([rows, np.repeat(rows[..., -1:], missing, axis=-1)], axis=-1)
+        return filled.reshape(*rows.shape[:-1], self.n_blocks, LANES)
+
+    def _fill(self, samples: np.ndarray) -> np.ndarray:
+        """Return a mask of samples as (n_blocks, LANES), False where there is none."""
+        filled = np.zeros(self.n_blocks * LANES, dtype=bool)
+        filled[: self.n_samples] = samples
+        return filled.reshape(self.n_blocks, LANES)
+
+    def _everyone(self) -> np.ndarray:
+        return np.ones((self.n_blocks, LANES), dtype=bool)
+
+
+def _lanes_last(array: np.ndarray) -> np.ndarray:
+    """View (n_blocks, n, LANES) as (n, n_blocks, LANES)."""
+    return np.moveaxis(array, 1, 0)
+
+
+def _lanes_first(array: np.ndarray) -> np.ndarray:
+    """Copy (n, n_blocks, LANES) to contiguous (n_blocks, n, LANES)."""
+    return np.ascontiguousarray(np.moveaxis(array, 0, 1))
