@@ -169,7 +169,7 @@ class FullBatch:
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[load.effect] for load in loads]
         weights = evaluate_weights((load.weight for load in loads), values)
-        weights = np.broadcast_to(weights.reshape(len(loads), -1), (len(loads), self.n_samples))
+        weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], (len(loads), self.n_samples))
         self._load_weights = np.ascontiguousarray(np.moveaxis(self._block(weights), 1, 0))
         vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), self.n_dofs))
         self._load_entries = Entries(vectors.row.astype(int), vectors.col.astype(int), np.zeros(0, dtype=int))

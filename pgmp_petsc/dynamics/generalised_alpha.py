@@ -165,8 +165,13 @@ class GeneralisedAlpha:
         alive = self.status == Status.FINE
         if alive.any():
             previous = self.state
-            self.state = self._predict(previous)
-            lost = self._iterate(end, alive)
+            self.state = self._predict(previous, previous.a)
+            lost = self._iterate(end, alive, REFRESH_EVERY)
+            if lost.any():
+                # A load that sets in at once gives light nodes accelerations that no step can follow; the
+                # displacement, held at constant velocity, is then the better prediction.
+                self.system.restore(self.state, self._predict(previous, self._coasting(previous)), lost)
+                lost = self._iterate(end, lost, 1)
             self._retire(lost, Status.NOT_CONVERGED, end)
             self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
             self.system.restore(self.state, previous, self.status != Status.FINE)
@@ -179,15 +184,22 @@ class GeneralisedAlpha:
         weighted = (1 - s.alpha_f) * a + s.alpha_f * previous_a - s.alpha_m * self._auxiliary
         return weighted / (1 - s.alpha_m)
 
-    def _predict(self, previous: State) -> State:
-        """Predict the end of the step with the acceleration of its beginning."""
+    def _coasting(self, previous: State) -> np.ndarray:
+        """Return the accelerations at the end of the step for which the displacement is ``q + h q'``."""
+        s = self.scheme
+        ahead = -(0.5 - s.beta) / s.beta * self._auxiliary
+        weighted = (1 - s.alpha_m) * ahead + s.alpha_m * self._auxiliary - s.alpha_f * previous.a
+        return weighted / (1 - s.alpha_f)
+
+    def _predict(self, previous: State, a: np.ndarray) -> State:
+        """Predict the end of the step with given accelerations there."""
         s, h = self.scheme, self._step
-        ahead = self._ahead(previous.a, previous.a)
+        ahead = self._ahead(a, previous.a)
         q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * self._auxiliary + s.beta * ahead)
         v = previous.v + h * ((1 - s.gamma) * self._auxiliary + s.gamma * ahead)
-        return State(q, v, previous.a.copy(), previous.multipliers.copy())
+        return State(q, v, a.copy(), previous.multipliers.copy())
 
-    def _iterate(self, time: float, alive: np.ndarray) -> np.ndarray:
+    def _iterate(self, time: float, alive: np.ndarray, refresh_every: int) -> np.ndarray:
         """Run Newton's iteration of every living sample to its own convergence; return those that failed.
 
         What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner
@@ -197,7 +209,7 @@ class GeneralisedAlpha:
         active = alive.copy()
         last = np.full(active.shape, np.inf)
         for iteration in range(MAX_ITERATIONS):
-            fresh = iteration % REFRESH_EVERY == 0
+            fresh = iteration % refresh_every == 0
             size = self.system.correct(time, self.state, self.scheme, active, fresh)
             self.n_iterations += int(active.sum())
             lost |= active & ~np.isfinite(size)

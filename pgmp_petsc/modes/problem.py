@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
@@ -22,6 +21,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.matrices import aij_matrix, times
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -136,7 +136,7 @@ class ModalProblem:
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times local columns (n_local, k)."""
-        return _times(self.mass, vectors)
+        return times(self.mass, vectors)
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return ``left^T right`` over all rows (those of all ranks)."""
@@ -180,7 +180,7 @@ class ModalProblem:
             self._drop_reduced()
             self._signature = signature
         if self._null is None:
-            self._null = _petsc_matrix(local, self.comm, int(hi - lo))
+            self._null = aij_matrix(local, self.comm, int(hi - lo))
             self._reduced = (self.stiffness.PtAP(self._null), self.mass.PtAP(self._null))
             for matrix in self._reduced:
                 matrix.setOption(matrix.Option.SYMMETRIC, True)
@@ -198,7 +198,7 @@ class ModalProblem:
 
     def _expand(self, vectors: np.ndarray) -> np.ndarray:
         """Return ``N psi`` for local columns of independent unknowns."""
-        return _times(self._null, vectors)
+        return times(self._null, vectors)
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Make vectors M-orthogonal to the rigid motion to the last digits."""
@@ -226,31 +226,4 @@ class ModalProblem:
 
 def _petsc_sum(terms: Mapping, values: Mapping[str, float], comm: MPI.Comm) -> PETSc.Mat:
     total = weighted_sum(terms, values)
-    return _petsc_matrix(total, comm, total.shape[0])
-
-
-def _petsc_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
-    """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
-    from petsc4py import PETSc
-
-    local.sort_indices()
-    matrix = PETSc.Mat().createAIJ(
-        size=((local.shape[0], None), (n_local_columns, local.shape[1])),
-        csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
-        comm=comm,
-    )
-    matrix.assemble()
-    return matrix
-
-
-def _times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
-    """Return matrix times local columns (n_local, k)."""
-    x, y = matrix.createVecs()
-    product = np.empty((y.getLocalSize(), columns.shape[1]))
-    for i in range(columns.shape[1]):
-        x.setArray(columns[:, i])
-        matrix.mult(x, y)
-        product[:, i] = y.getArray(readonly=True)
-    x.destroy()
-    y.destroy()
-    return product
+    return aij_matrix(total, comm, total.shape[0])

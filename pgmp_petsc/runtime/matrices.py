@@ -1,0 +1,39 @@
+"""PETSc matrices from the rows that each rank holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+
+def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
+    """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
+    from petsc4py import PETSc
+
+    local.sort_indices()
+    matrix = PETSc.Mat().createAIJ(
+        size=((local.shape[0], None), (n_local_columns, local.shape[1])),
+        csr=(local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data),
+        comm=comm,
+    )
+    matrix.assemble()
+    return matrix
+
+
+def times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """Return matrix times local columns (n_local, k)."""
+    x, y = matrix.createVecs()
+    product = np.empty((y.getLocalSize(), columns.shape[1]))
+    for i in range(columns.shape[1]):
+        x.setArray(columns[:, i])
+        matrix.mult(x, y)
+        product[:, i] = y.getArray(readonly=True)
+    x.destroy()
+    y.destroy()
+    return product

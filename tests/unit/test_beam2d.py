@@ -1,0 +1,151 @@
+"""The planar beam element: force and tangent against the energy, frame invariance, mass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.bodies import beam2d
+
+LENGTH, ALPHA = 0.7, 0.4
+SECTION = np.array([3.0, 2.0, 0.5])  # of one order, so that every term is seen
+START = np.array([0.1, -0.2, 0.3, 0.85, 0.15, -0.4])
+
+
+def energy(u: np.ndarray, alpha: float = ALPHA) -> complex:
+    """Return the strain energy of one element, as the docstring of `beam2d` states it; u may be complex."""
+    dx, dy = u[3] - u[0], u[4] - u[1]
+    psi = (u[2] + u[5]) / 2 + alpha
+    eps = (np.cos(psi) * dx + np.sin(psi) * dy) / LENGTH - 1
+    gamma = (-np.sin(psi) * dx + np.cos(psi) * dy) / LENGTH
+    kappa = (u[5] - u[2]) / LENGTH
+    return LENGTH / 2 * (SECTION[0] * eps**2 + SECTION[1] * gamma**2 + SECTION[2] * kappa**2)
+
+
+def kernel(u: np.ndarray, alpha: float = ALPHA, section: np.ndarray = SECTION) -> tuple[np.ndarray, np.ndarray]:
+    """Return force (6, n) and full tangents (6, 6, n) of states u of shape (6, n)."""
+    n = u.shape[1]
+    force, packed = np.empty((6, n)), np.empty((beam2d.N_PACKED, n))
+    sections = np.repeat(section[:, None], n, axis=1)
+    beam2d.force_and_tangent(np.ascontiguousarray(u), LENGTH, alpha, sections, force, packed)
+    tangent = np.empty((6, 6, n))
+    tangent[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = packed
+    tangent[beam2d.PACKED_COLUMNS, beam2d.PACKED_ROWS] = packed
+    return force, tangent
+
+
+def moved(u: np.ndarray, angle: float, shift: tuple[float, float]) -> np.ndarray:
+    """Return the unknowns after a rigid motion."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    return np.concatenate([[*(turn @ u[i : i + 2] + shift), u[i + 2] + angle] for i in (0, 3)])
+
+
+def at_rest(alpha: float) -> np.ndarray:
+    """Return the unknowns at rest in the mesh."""
+    return np.array([0.2, 0.1, 0.0, 0.2 + LENGTH * np.cos(alpha), 0.1 + LENGTH * np.sin(alpha), 0.0])
+
+
+def states(n: int) -> np.ndarray:
+    """Return n strongly deformed states, shape (6, n)."""
+    return START[:, None] + np.random.default_rng(1).normal(0.0, 0.5, (6, n))
+
+
+def test_the_force_is_the_gradient_of_the_energy() -> None:
+    u = states(20)
+    force, _ = kernel(u)
+    for k in range(u.shape[1]):
+        gradient = [energy(u[:, k] + 1e-30j * unit).imag / 1e-30 for unit in np.eye(6)]
+        # complex step: no cancellation, so round-off only
+        np.testing.assert_allclose(force[:, k], gradient, rtol=0, atol=1e-13 * np.abs(force).max())
+
+
+def test_the_tangent_is_the_derivative_of_the_force() -> None:
+    u, step = states(20), 1e-3
+    _, tangent = kernel(u)
+    for i, unit in enumerate(np.eye(6)):
+        ahead, behind = (kernel(u + s * step * unit[:, None])[0] for s in (1, -1))
+        far_ahead, far_behind = (kernel(u + 2 * s * step * unit[:, None])[0] for s in (1, -1))
+        # fourth order: the error is step^4 times the fifth derivative, about 1e-12
+        slope = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
+        np.testing.assert_allclose(tangent[:, i], slope, rtol=0, atol=1e-10 * np.abs(tangent).max())
+
+
+def test_many_states_at_once_are_those_one_by_one() -> None:
+    u = states(9)
+    force, tangent = kernel(u)
+    for k in range(9):
+        one_force, one_tangent = kernel(u[:, k : k + 1])
+        # the compiler may contract sums differently in the vectorised loop: a few units in the last place
+        np.testing.assert_allclose(force[:, k], one_force[:, 0], rtol=0, atol=1e-14 * np.abs(force).max())
+        np.testing.assert_allclose(tangent[..., k], one_tangent[..., 0], rtol=0, atol=1e-14 * np.abs(tangent).max())
+
+
+@pytest.mark.parametrize(("angle", "shift"), [(0.0, (3.0, -2.0)), (2.5, (0.0, 0.0)), (-7.0, (1.0, 4.0))])
+def test_rigid_motion_changes_no_energy_and_turns_the_force(angle: float, shift: tuple[float, float]) -> None:
+    after = moved(START, angle, shift)
+    assert energy(after) == pytest.approx(energy(START), rel=1e-13)
+    force, tangent = (array[..., 0] for array in kernel(START[:, None]))
+    turned_force, turned_tangent = (array[..., 0] for array in kernel(after[:, None]))
+    cos, sin = np.cos(angle), np.sin(angle)
+    node = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    both = np.kron(np.eye(2), node)
+    np.testing.assert_allclose(turned_force, both @ force, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(turned_tangent, both @ tangent @ both.T, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2, -2.8])
+@pytest.mark.parametrize("angle", [0.0, 1.0, 20.0])
+def test_a_rigid_motion_of_the_element_at_rest_gives_no_force(alpha: float, angle: float) -> None:
+    force, _ = kernel(moved(at_rest(alpha), angle, (0.3, -5.0))[:, None], alpha)
+    np.testing.assert_allclose(force, 0.0, rtol=0, atol=1e-14)
+
+
+def test_forces_and_couples_are_in_equilibrium() -> None:
+    u = states(20)
+    force, _ = kernel(u)
+    np.testing.assert_allclose(force[:2] + force[3:5], 0.0, rtol=0, atol=1e-14)
+    moment = force[2] + force[5] + sum(u[i] * force[i + 1] - u[i + 1] * force[i] for i in (0, 3))
+    np.testing.assert_allclose(moment, 0.0, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.4, np.pi / 2, np.pi, -2.8])
+def test_the_stiffness_at_rest_is_the_kernels_tangent(alpha: float) -> None:
+    stiffness = beam2d.undeformed_stiffness(np.array([LENGTH]), np.array([alpha]), SECTION)[0]
+    _, tangent = kernel(at_rest(alpha)[:, None], alpha)
+    np.testing.assert_allclose(stiffness, tangent[..., 0], rtol=0, atol=1e-13)
+
+
+def test_the_stiffness_at_rest_has_the_three_rigid_motions_as_its_kernel() -> None:
+    stiffness = beam2d.undeformed_stiffness(np.array([LENGTH]), np.array([ALPHA]), SECTION)[0]
+    x1, y1, _, x2, y2, _ = at_rest(ALPHA)
+    rigid = np.array([[1, 0, 0, 1, 0, 0], [0, 1, 0, 0, 1, 0], [-y1, x1, 1, -y2, x2, 1]], dtype=float)
+    np.testing.assert_allclose(stiffness @ rigid.T, 0.0, rtol=0, atol=1e-14)
+    assert np.linalg.matrix_rank(stiffness) == 3
+
+
+def test_a_state_of_pure_strain_has_the_energy_of_a_rod() -> None:
+    stretched = at_rest(0.0) + [0.0, 0.0, 0.0, 0.01 * LENGTH, 0.0, 0.0]
+    force, _ = kernel(stretched[:, None], 0.0)
+    np.testing.assert_allclose(force[:, 0], [-0.03, 0, 0, 0.03, 0, 0], rtol=0, atol=1e-15)
+
+
+def test_the_mass_matrix_holds_total_mass_and_rotary_inertia() -> None:
+    lengths = np.array([0.5, 2.0])
+    mass = beam2d.consistent_mass(lengths, 3.0, 0.25)
+    for direction, density in ((0, 3.0), (1, 3.0), (2, 0.25)):
+        field = np.tile(np.eye(3)[direction], 2)
+        np.testing.assert_allclose(field @ mass @ field, density * lengths, rtol=1e-14)
+    np.testing.assert_array_equal(mass, np.swapaxes(mass, 1, 2))
+    assert np.linalg.eigvalsh(mass).min() > 0.0
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1.1])
+def test_the_kinetic_energy_of_a_turning_rod_is_exact(alpha: float) -> None:
+    # shape functions are linear and so is the velocity of a rigid motion: T = 1/2 (rho A L^3 / 3 + rho I L) omega^2
+    rho_area, rho_inertia, omega = 3.0, 0.25, 2.0
+    mass = beam2d.consistent_mass(np.array([LENGTH]), rho_area, rho_inertia)[0]
+    tip = LENGTH * np.array([np.cos(alpha), np.sin(alpha)])
+    velocity = omega * np.array([0.0, 0.0, 1.0, -tip[1], tip[0], 1.0])
+    expected = 0.5 * omega**2 * (rho_area * LENGTH**3 / 3 + rho_inertia * LENGTH)
+    assert 0.5 * velocity @ mass @ velocity == pytest.approx(expected, rel=1e-14)

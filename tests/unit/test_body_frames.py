@@ -1,0 +1,91 @@
+"""Body frames: there and back, rigid velocities, constraint Jacobians, constant matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
+
+from pgmp_petsc.bodies import beam2d
+from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
+from pgmp_petsc.mechanism.body_frames import rigid_velocities, rotation, to_body, to_inertial
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+
+
+@pytest.fixture(params=[slider_crank, four_bar, trammel])
+def kinematics(request: pytest.FixtureRequest) -> RigidKinematics:
+    return kinematics_of(request.param())
+
+
+def test_a_rotation_turns_positions_and_leaves_angles() -> None:
+    np.testing.assert_allclose(rotation(np.pi / 2) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15)
+    np.testing.assert_allclose(rotation(0.3) @ rotation(-0.3), np.eye(3), atol=1e-15)
+
+
+@pytest.mark.parametrize("trailing", [(), (1,), (2, 3)])
+def test_there_and_back(kinematics: RigidKinematics, trailing: tuple[int, ...]) -> None:
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([1.2]))[..., 0]
+    vectors = np.random.default_rng(0).normal(size=(mechanism.n_dofs, *trailing))
+    turned = to_body(mechanism, poses, vectors)
+    assert turned.shape == vectors.shape
+    np.testing.assert_allclose(to_inertial(mechanism, poses, turned), vectors, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.sum(turned**2, axis=0), np.sum(vectors**2, axis=0), rtol=1e-13)
+
+
+def test_rigid_velocities_are_the_derivative_of_the_placed_nodes(kinematics: RigidKinematics) -> None:
+    mechanism, theta, step = kinematics.mechanism, 0.9, 1e-3
+    place = {k: mechanism.place(kinematics.poses(np.array([theta + k * step])))[:, 0] for k in (-2, -1, 1, 2)}
+    slope = (8 * (place[1] - place[-1]) - (place[2] - place[-2])) / (12 * step)
+    poses = kinematics.poses(np.array([theta]))
+    rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])
+    # fourth order, 1e-12, and poses solved to 1e-12 over the step
+    np.testing.assert_allclose(to_inertial(mechanism, poses[..., 0], rigid)[:, 0], slope, rtol=0, atol=1e-8)
+
+
+def test_rigid_velocities_satisfy_the_constraints_and_strain_nothing(kinematics: RigidKinematics) -> None:
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([2.3]))
+    rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])
+    constraints = constraint_jacobian(mechanism, poses[..., 0])
+    np.testing.assert_allclose(constraints @ rigid, 0.0, rtol=0, atol=1e-11)
+    terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness
+    stiffness = weighted_sum(terms, {"r1": RADIUS})
+    np.testing.assert_allclose(stiffness @ rigid, 0.0, rtol=0, atol=1e-13 * np.abs(stiffness.data).max())
+
+
+def test_the_constraint_jacobian_is_that_of_the_nodes(kinematics: RigidKinematics) -> None:
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([2.3]))[..., 0]
+    q = mechanism.place(poses).astype(complex)
+    for k in range(mechanism.n_dofs):
+        body_unit = np.zeros(mechanism.n_dofs)
+        body_unit[k] = 1.0
+        moved = q + 1e-30j * to_inertial(mechanism, poses, body_unit)
+        residual = [c.joint.residual(c.a.frame_of_node(moved), c.b.frame_of_node(moved)) for c in mechanism.connections]
+        column = constraint_jacobian(mechanism, poses)[:, k].toarray()[:, 0]
+        np.testing.assert_allclose(column, np.concatenate(residual).imag / 1e-30, rtol=0, atol=1e-13)
+
+
+def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_frames(
+    kinematics: RigidKinematics,
+) -> None:
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([2.3]))[..., 0]
+    q = mechanism.place(poses)
+    tangent = np.zeros((mechanism.n_dofs,) * 2)
+    for body in mechanism.bodies:
+        terms = body.section.stiffness_terms()
+        section = sum(np.array(c) * m.evaluate({"r1": RADIUS}) for m, c in terms.items())[:, None]
+        cells = zip(element_dofs(body.elements), body.mesh.lengths, body.directions)
+        for dofs, length, direction in cells:
+            force, packed = np.empty((6, 1)), np.empty((beam2d.N_PACKED, 1))
+            beam2d.force_and_tangent(q[dofs][:, None].copy(), length, direction, section, force, packed)
+            element = np.zeros((6, 6))
+            element[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = packed[:, 0]
+            tangent[np.ix_(dofs, dofs)] += element + np.tril(element, -1).T
+    in_body = to_body(mechanism, poses, to_body(mechanism, poses, tangent).T)
+    stiffness = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness, {"r1": RADIUS})
+    # at rest up to round-off: strains of 1e-13 times EA
+    np.testing.assert_allclose(in_body, stiffness.toarray(), rtol=0, atol=1e-11 * np.abs(tangent).max())

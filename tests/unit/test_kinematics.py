@@ -1,0 +1,301 @@
+"""Rigid kinematics: closed forms, derivatives, revolutions, redundant constraints, and every refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import CRANK, ROD, four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.runtime.errors import InputError
+
+# several revolutions, negative angles, and the ends of the range
+THETA = np.concatenate([np.linspace(-20.0, 20.0, 41), [0.0, np.pi / 2, np.pi, 2 * np.pi, -2 * np.pi]])
+NOT_PERIODIC = "coordinates.theta.periodic=false"
+
+
+def slider_crank_poses(theta: np.ndarray) -> np.ndarray:
+    """Return the closed form of the poses, shape (2, 3, n); the rod's mesh begins at x = CRANK."""
+    zero, rod = 0.0 * theta, -np.arcsin(CRANK / ROD * np.sin(theta))
+    origin = CRANK * np.array([np.cos(theta) - np.cos(rod), np.sin(theta) - np.sin(rod)])
+    return np.array([[zero, zero, theta], [*origin, rod]])
+
+
+def slider_crank_rod(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rod's angle and its first and second derivatives."""
+    rod = -np.arcsin(CRANK / ROD * np.sin(theta))
+    first = -CRANK * np.cos(theta) / (ROD * np.cos(rod))
+    second = (CRANK * np.sin(theta) + ROD * np.sin(rod) * first**2) / (ROD * np.cos(rod))
+    return rod, first, second
+
+
+def four_bar_poses(theta: np.ndarray) -> np.ndarray:
+    """Return the closed form of the crank-rocker in its upper branch: two circles meet at the knee."""
+    coupler, rocker = 0.9, 0.7
+    elbow = CRANK * np.array([np.cos(theta), np.sin(theta)])
+    pivot = np.array([1.0, 0.0])[:, None]
+    along = pivot - elbow
+    distance = np.hypot(*along)
+    along = along / distance
+    foot = (distance**2 + coupler**2 - rocker**2) / (2 * distance)
+    knee = elbow + foot * along + np.sqrt(coupler**2 - foot**2) * np.array([-along[1], along[0]])
+    zero = 0.0 * theta
+    return np.array(
+        [
+            [zero, zero, theta],
+            [*elbow, np.arctan2(*(knee - elbow)[::-1])],
+            [zero + 1.0, zero, np.arctan2(*(knee - pivot)[::-1])],
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def crank_slider() -> RigidKinematics:
+    return kinematics_of(slider_crank())
+
+
+@pytest.fixture(scope="module")
+def crank_rocker() -> RigidKinematics:
+    return kinematics_of(four_bar())
+
+
+def test_slider_crank_poses(crank_slider: RigidKinematics) -> None:
+    poses = crank_slider.poses(THETA)
+    # the closure is solved to 1e-12 of the largest body, 0.7 m
+    np.testing.assert_allclose(poses, slider_crank_poses(THETA), rtol=0, atol=1e-11)
+    slider = crank_slider.positions(crank_slider.mechanism.node("rod:tip", "test"), THETA)
+    expected = CRANK * np.cos(THETA) + np.sqrt(ROD**2 - (CRANK * np.sin(THETA)) ** 2)
+    np.testing.assert_allclose(slider[0], expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(slider[1], 0.0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(slider[2], poses[1, 2], rtol=0, atol=0)
+
+
+def test_slider_crank_derivatives(crank_slider: RigidKinematics) -> None:
+    poses = crank_slider.poses(THETA)
+    rates = crank_slider.rates(poses)
+    curvatures = crank_slider.curvatures(poses, rates)
+    assert rates.shape == (2, 3, 1, THETA.size) and curvatures.shape == (2, 3, 1, 1, THETA.size)
+    rod, first, second = slider_crank_rod(THETA)
+    cos, sin = np.cos, np.sin
+    zero = 0.0 * THETA
+    np.testing.assert_allclose(rates[0, :, 0], [zero, zero, zero + 1], rtol=0, atol=1e-11)
+    x_rate = -CRANK * sin(THETA) + CRANK * sin(rod) * first
+    y_rate = CRANK * cos(THETA) - CRANK * cos(rod) * first
+    np.testing.assert_allclose(rates[1, :, 0], [x_rate, y_rate, first], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(curvatures[0, :, 0, 0], 0.0, rtol=0, atol=1e-11)
+    x_curve = -CRANK * cos(THETA) + CRANK * (cos(rod) * first**2 + sin(rod) * second)
+    y_curve = -CRANK * sin(THETA) + CRANK * (sin(rod) * first**2 - cos(rod) * second)
+    np.testing.assert_allclose(curvatures[1, :, 0, 0], [x_curve, y_curve, second], rtol=0, atol=1e-10)
+
+
+def test_four_bar_poses(crank_rocker: RigidKinematics) -> None:
+    np.testing.assert_allclose(crank_rocker.poses(THETA), four_bar_poses(THETA), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "turning_line", "trammel"])
+def test_derivatives_are_those_of_the_poses(name: str) -> None:
+    kinematics = {
+        "four_bar": lambda: kinematics_of(four_bar()),
+        "turning_line": lambda: kinematics_of(quick_return()),
+        "trammel": lambda: kinematics_of(trammel()),
+    }[name]()
+    theta, step = np.linspace(-3.0, 9.0, 13), 1e-3
+    at = {k: kinematics.poses(theta + k * step) for k in range(-2, 3)}
+    rates = kinematics.rates(at[0])
+    slope = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
+    # fourth order, 1e-12, and poses solved to 1e-12 over the step
+    np.testing.assert_allclose(rates[:, :, 0], slope, rtol=0, atol=1e-8)
+    ahead, behind = (kinematics.rates(at[k]) for k in (1, -1))
+    second = kinematics.curvatures(at[0], rates)
+    # second order: 1e-6 times the third derivative of the rates over 6
+    np.testing.assert_allclose(second[:, :, :, 0], (ahead - behind) / (2 * step), rtol=0, atol=1e-5)
+
+
+def quick_return() -> object:
+    """Return a slotted lever: a pin of the crank runs in a line that turns with the lever."""
+    return slider_crank(
+        "ground.points.pivot=[-1.0,0.0]",
+        'bodies.rod.mesh="0.0:1.5:5"',
+        "bodies.rod.placement={origin=[-1.0,0.0],angle=0.0}",
+        'joints.elbow={type="revolute",connect=["ground:pivot","rod:hinge"]}',
+        'joints.slider={type="point_on_line",connect=["rod:hinge","crank:tip"],direction=[1.0,0.0]}',
+    )
+
+
+def test_a_slotted_lever_follows_its_closed_form() -> None:
+    poses = kinematics_of(quick_return()).poses(THETA)
+    lever = np.arctan2(CRANK * np.sin(THETA), 1.0 + CRANK * np.cos(THETA))
+    zero = 0.0 * THETA
+    np.testing.assert_allclose(poses, [[zero, zero, THETA], [zero - 1.0, zero, lever]], rtol=0, atol=1e-11)
+
+
+def test_the_residual_vanishes_at_the_poses(crank_rocker: RigidKinematics) -> None:
+    theta = np.linspace(0.0, 2 * np.pi, 50)
+    residual = crank_rocker.residual(crank_rocker.poses(theta), theta)
+    assert residual.shape == (9, 50)
+    np.testing.assert_allclose(residual, 0.0, rtol=0, atol=1e-12)
+
+
+def test_a_range_that_is_not_periodic() -> None:
+    kinematics = kinematics_of(slider_crank(NOT_PERIODIC, "coordinates.theta.range=[-1.0,2.0]"))
+    theta = np.linspace(-1.0, 2.0, 31)
+    np.testing.assert_allclose(kinematics.poses(theta), slider_crank_poses(theta), rtol=0, atol=1e-11)
+
+
+def test_a_range_that_begins_elsewhere_has_the_same_poses() -> None:
+    kinematics = kinematics_of(slider_crank("coordinates.theta.range=[-3.141592653589793,3.141592653589793]"))
+    np.testing.assert_allclose(kinematics.poses(THETA), slider_crank_poses(THETA), rtol=0, atol=1e-11)
+
+
+def test_bodies_are_placed_wherever_their_meshes_begin() -> None:
+    kinematics = kinematics_of(slider_crank('bodies.rod.mesh="0.0:0.7:5"'))
+    slider = kinematics.positions(kinematics.mechanism.node("rod:tip", "test"), THETA)
+    expected = CRANK * np.cos(THETA) + np.sqrt(ROD**2 - (CRANK * np.sin(THETA)) ** 2)
+    np.testing.assert_allclose(slider[0], expected, rtol=0, atol=1e-11)
+
+
+def test_the_placement_chooses_the_assembly_branch() -> None:
+    mirrored = kinematics_of(
+        four_bar(
+            "bodies.coupler.placement={origin=[0.3,0.0],angle=-0.8}",
+            "bodies.rocker.placement={origin=[1.0,0.0],angle=-1.5}",
+        )
+    )
+    expected = four_bar_poses(-THETA) * np.array([1.0, -1.0, -1.0])[:, None]
+    np.testing.assert_allclose(mirrored.poses(THETA), expected, rtol=0, atol=1e-11)
+
+
+def test_a_body_that_turns_backwards_keeps_counting() -> None:
+    kinematics = kinematics_of(trammel())
+    # rod: ends on the axes, so its angle is pi - theta; poses at the rod's end on the x axis
+    theta = THETA
+    zero = 0.0 * theta
+    expected = [[np.cos(theta), zero, np.pi - theta], [zero, zero, theta]]
+    np.testing.assert_allclose(kinematics.poses(theta), expected, rtol=0, atol=1e-11)
+
+
+def test_constraints_that_follow_from_others_are_counted() -> None:
+    assert kinematics_of(slider_crank()).n_redundant == 0
+    assert kinematics_of(trammel()).n_redundant == 1
+
+
+def test_the_same_slider_twice_changes_nothing(crank_slider: RigidKinematics) -> None:
+    again = 'joints.again={type="point_on_line",connect=["ground:origin","rod:tip"],direction=[-3.0,0.0]}'
+    kinematics = kinematics_of(slider_crank(again))
+    assert kinematics.n_redundant == 1
+    poses = kinematics.poses(THETA)
+    np.testing.assert_allclose(poses, crank_slider.poses(THETA), rtol=0, atol=1e-11)
+    rates = kinematics.rates(poses)
+    np.testing.assert_allclose(rates, crank_slider.rates(poses), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        kinematics.curvatures(poses, rates), crank_slider.curvatures(poses, rates), rtol=0, atol=1e-10
+    )
+
+
+def test_the_unit_of_length_does_not_matter() -> None:
+    scale = 1e-4  # a mechanism of micrometres
+    kinematics = kinematics_of(
+        slider_crank('bodies.crank.mesh="0.0:3e-5:5"', 'bodies.rod.mesh="3e-5:1e-4:5"')
+    )
+    expected = slider_crank_poses(THETA) * np.array([scale, scale, 1.0])[:, None]
+    np.testing.assert_allclose(kinematics.poses(THETA), expected, rtol=0, atol=1e-11)
+
+
+def refusal(scene: object) -> str:
+    """Return the message with which the kinematics of a scene are refused."""
+    with pytest.raises(InputError) as error:
+        kinematics_of(scene)
+    return str(error.value)
+
+
+def test_a_rod_too_short_cannot_close() -> None:
+    message = refusal(slider_crank('bodies.rod.mesh="0.3:0.5:5"'))
+    assert message.startswith("joints.slider: the mechanism cannot close at theta = 0.7")
+    # the rod reaches as far as sin(theta) = 2/3, 0.7297 rad; one step of 0.02 rad later it does not
+    assert 0.7297 < float(message.split("theta = ")[1].split(" rad")[0]) < 0.7297 + 0.02
+    for part in ("a gap of ", "lengths and placements", "coordinates.theta.range"):
+        assert part in message
+
+
+def test_bodies_too_short_to_meet_anywhere_cannot_close() -> None:
+    message = refusal(four_bar('bodies.coupler.mesh="0.0:0.05:2"', 'bodies.rocker.mesh="0.0:0.05:2"'))
+    assert message.startswith("joints.") and "the mechanism cannot close at theta = 0 rad" in message
+
+
+def test_too_many_degrees_of_freedom() -> None:
+    scene = slider_crank()
+    joints = {name: joint for name, joint in scene.joints.items() if name != "slider"}
+    message = refusal(scene.model_copy(update={"joints": joints}))
+    assert message == (
+        "joints: they leave the rigid mechanism 2 degrees of freedom (6 of its 2 bodies less 4 independent "
+        "constraints), but 1 coordinate was named: theta. Both numbers must be equal"
+    )
+
+
+def test_no_degree_of_freedom() -> None:
+    # both ends on the ground: a triangle, assembled at the only angle that it can have
+    angle = np.arccos((1.0 + CRANK**2 - 0.8**2) / (2 * CRANK))
+    message = refusal(
+        slider_crank(
+            'bodies.rod.mesh="0.0:0.8:5"',
+            "ground.points.wall=[1.0,0.0]",
+            'joints.pin={type="revolute",connect=["ground:wall","rod:tip"]}',
+            NOT_PERIODIC,
+            f"coordinates.theta.range=[{angle},2.0]",
+            f"simulation.initial.theta.position={angle}",
+        )
+    )
+    assert "leave the rigid mechanism 0 degrees of freedom" in message
+    assert "6 of its 2 bodies less 6 independent constraints" in message
+
+
+def test_several_coordinates() -> None:
+    message = refusal(slider_crank('coordinates.psi={joint="elbow",range=[0.0,1.0]}'))
+    assert message == (
+        "coordinates: theta, psi: 2 independent coordinates were given; this version takes exactly one"
+    )
+
+
+@pytest.mark.parametrize("end", ["upper", "lower"])
+def test_a_dead_centre_at_an_end_of_the_range(end: str) -> None:
+    dead = np.arcsin(2 / 3)  # the rod of 0.2 m stands upright under a crank of 0.3 m
+    limits = [0.0, dead] if end == "upper" else [dead, 1.0]
+    message = refusal(
+        slider_crank(
+            'bodies.rod.mesh="0.3:0.5:5"',
+            NOT_PERIODIC,
+            f"coordinates.theta.range={limits}",
+            f"simulation.initial.theta.position={dead}",
+        )
+    )
+    assert "coordinates.theta: it does not control the mechanism at 0.729" in message
+    assert "smallest singular value" in message and "choose another joint" in message
+
+
+@pytest.mark.parametrize("upper", [np.pi, 2.0, 3.0, 2 * np.pi])
+def test_a_bifurcation_within_the_range(upper: float) -> None:
+    # crank and rod of one length: upright, the rod can stay with the crank or go on; n steps may fall beside it
+    message = refusal(slider_crank('bodies.rod.mesh="0.3:0.6:5"', NOT_PERIODIC, f"coordinates.theta.range=[0.0,{upper}]"))
+    assert "coordinates.theta: it does not control the mechanism at 1.57" in message
+
+
+def test_a_turn_that_does_not_come_back() -> None:
+    overrides = ('coordinates.theta.joint="middle"', "coordinates.theta.range=[-3.141592653589793,3.141592653589793]")
+    message = refusal(trammel(*overrides))
+    assert message == (
+        "coordinates.theta.periodic = true: after one turn the mechanism does not come back to where it began "
+        "(it moved to another assembly branch); give a range that is not periodic"
+    )
+    kinematics = kinematics_of(trammel(*overrides, NOT_PERIODIC))
+    theta = np.linspace(-np.pi, np.pi, 9)
+    crank = kinematics.poses(theta)[1, 2]
+    np.testing.assert_allclose(np.diff(crank), np.full(8, np.pi / 8), rtol=0, atol=1e-11)
+
+
+def test_a_single_body_needs_no_loop() -> None:
+    poses = kinematics_of(pendulum()).poses(THETA)
+    np.testing.assert_allclose(poses[0], [0 * THETA, 0 * THETA, THETA], rtol=0, atol=1e-14)
+
+
+def test_one_coordinate_is_counted() -> None:
+    assert RigidKinematics(mechanism_of(slider_crank())).n_coordinates == 1

@@ -1,0 +1,171 @@
+"""The mechanism: numbering, attachments, first guess of the assembly, placing of bodies; and what effects load."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider_crank, trammel
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.matrices import assemble, owned_rows
+from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.joints import PointOnLine, Revolute
+from pgmp_petsc.mechanism.mechanism import Mechanism, place_points, rotate
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+ONE, R2, R4 = Monomial(), Monomial((("r1", 2),)), Monomial((("r1", 4),))
+GRAVITY = 'effects.weight={type="gravity",direction=[0.0,-2.0],acceleration=9.81}'
+
+
+def all_loads(scene: Scene) -> tuple:
+    mechanism = mechanism_of(scene)
+    return loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, range(mechanism.n_dofs)))
+
+
+def test_unknowns_are_numbered_body_after_body() -> None:
+    mechanism = mechanism_of(slider_crank())
+    assert [body.nodes for body in mechanism.bodies] == [slice(0, 6), slice(6, 12)]
+    assert (mechanism.n_nodes, mechanism.n_dofs, mechanism.n_constraints) == (12, 36, 5)
+    assert [connection.rows for connection in mechanism.connections] == [slice(0, 2), slice(2, 4), slice(4, 5)]
+    np.testing.assert_array_equal(mechanism.bodies[1].elements, np.column_stack([range(6, 11), range(7, 12)]))
+    np.testing.assert_allclose(mechanism.bodies[1].directions, 0.0, atol=0)
+
+
+def test_nodes_have_addresses() -> None:
+    mechanism = mechanism_of(slider_crank())
+    assert mechanism.node("rod:hinge", "outputs.a.point") == 6
+    assert mechanism.node("rod:tip", "outputs.a.point") == 11
+    assert mechanism.node("rod:2", "outputs.a.point") == 8
+    with pytest.raises(InputError, match=r'outputs\.a\.point = "tipp".*did you mean \'tip\''):
+        mechanism.node("rod:tipp", "outputs.a.point")
+
+
+def test_a_joint_at_a_point_that_the_mesh_does_not_have_is_refused() -> None:
+    scene = slider_crank('joints.elbow.connect=["crank:top","rod:hinge"]')
+    with pytest.raises(InputError, match=r'joints\.elbow\.connect = "top".*no point of this name'):
+        mechanism_of(scene)
+
+
+def test_constraint_dofs_leave_out_the_ground() -> None:
+    mechanism = mechanism_of(slider_crank())
+    dofs, columns = mechanism.constraint_dofs(mechanism.connection("slider"))
+    np.testing.assert_array_equal(dofs, [33, 34, 35])
+    np.testing.assert_array_equal(columns, [3, 4, 5])
+    dofs, columns = mechanism.constraint_dofs(mechanism.connection("elbow"))
+    np.testing.assert_array_equal(dofs, [15, 16, 17, 18, 19, 20])
+    np.testing.assert_array_equal(columns, range(6))
+
+
+def test_a_line_turns_with_a_body_and_not_on_the_ground() -> None:
+    mechanism = mechanism_of(slider_crank('joints.guide={type="point_on_line",connect=["crank:1","rod:1"],direction=[1.0,0.0]}'))
+    assert isinstance(mechanism.connection("elbow").joint, Revolute)
+    for name, turning in (("slider", False), ("guide", True)):
+        joint = mechanism.connection(name).joint
+        assert isinstance(joint, PointOnLine) and joint.linear is not turning
+
+
+def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
+    mechanism = mechanism_of(four_bar())
+    poses = np.random.default_rng(0).normal(size=(3, 3, 4))
+    q = mechanism.place(poses)
+    assert q.shape == (mechanism.n_dofs, 4)
+    for connection in mechanism.connections:
+        for side in (connection.a, connection.b):
+            np.testing.assert_allclose(side.frame_of_node(q), side.frame_of_pose(poses), rtol=0, atol=1e-15)
+            assert side.frame_of_node(q).shape == (3, 4)
+    pivot = mechanism.connection("rocker_hinge").b
+    assert pivot.on_ground
+    np.testing.assert_array_equal(pivot.frame_of_pose(poses[..., 0]), [1.0, 0.0, 0.0])
+
+
+def test_placing_turns_then_moves() -> None:
+    pose = np.array([1.0, 2.0, np.pi / 2])
+    np.testing.assert_allclose(
+        place_points(pose, np.array([[0.5, 0.0], [0.0, 1.0]])), [[1, 2.5, np.pi / 2], [0, 2, np.pi / 2]], atol=1e-15
+    )
+    np.testing.assert_allclose(rotate(np.pi, np.array([1.0, 2.0])), [-1.0, -2.0], atol=1e-15)
+
+
+def test_weights_are_those_of_all_bodies_sorted() -> None:
+    mechanism = mechanism_of(slider_crank())
+    assert mechanism.mass_weights == mechanism.stiffness_weights == (ONE, R2, R4)
+
+
+def test_a_placement_is_the_first_guess() -> None:
+    mechanism = mechanism_of(trammel())
+    np.testing.assert_array_equal(mechanism.first_guess[0], [1.0, 0.0, np.pi])
+
+
+def test_bodies_without_a_placement_are_joined_to_those_placed() -> None:
+    mechanism = mechanism_of(slider_crank('bodies.rod.mesh="0.0:0.7:5"'))
+    np.testing.assert_allclose(mechanism.first_guess, [[0, 0, 0], [0.3, 0, 0]], rtol=0, atol=1e-15)
+
+
+def test_coordinates_measure_the_relative_rotation() -> None:
+    mechanism = mechanism_of(slider_crank('coordinates.theta.joint="elbow"'))
+    coordinate = mechanism.coordinates[0]
+    assert coordinate.measure(np.array([0, 0, 0.2]), np.array([0, 0, 0.5])) == pytest.approx(0.3, rel=1e-15)
+    assert (coordinate.lower, coordinate.upper, coordinate.periodic) == (0.0, 2 * np.pi, True)
+
+
+def test_a_torque_on_the_ground_hinge_loads_one_node() -> None:
+    (load,) = all_loads(slider_crank())
+    expected = np.zeros(36)
+    expected[2] = 1.0
+    np.testing.assert_array_equal(load.vector, expected)
+    assert (load.effect, load.weight) == ("motor", ONE)
+
+
+def test_a_torque_between_bodies_has_its_reaction() -> None:
+    scene = slider_crank(
+        'effects.motor.joint="elbow"', 'effects.motor.scale="gain"', "parameters.gain.nominal=1.0"
+    )
+    (load,) = all_loads(scene)
+    assert load.weight == Monomial((("gain", 1),))
+    assert (load.vector[17], load.vector[20]) == (-1.0, 1.0)
+    assert np.count_nonzero(load.vector) == 2
+
+
+def test_the_table_of_a_torque_is_linear_and_constant_beyond_its_ends() -> None:
+    scene = slider_crank("effects.motor.table=[[1.0,2.0],[2.0,6.0]]", "effects.motor.scale=3.0")
+    (effect,) = effects_of(scene, mechanism_of(scene))
+    assert [effect.amplitude(t) for t in (0.0, 1.0, 1.5, 2.0, 9.0)] == [2.0, 2.0, 4.0, 6.0, 6.0]
+    (load,) = all_loads(scene)
+    assert load.vector[2] == 3.0
+
+
+def test_gravity_is_the_weight_of_every_body() -> None:
+    loads = [load for load in all_loads(slider_crank(GRAVITY)) if load.effect == "weight"]
+    assert {load.weight for load in loads} == {ONE, R2}  # the rotary mass, r1^4, takes no part
+    for load in loads:
+        nodal = load.vector.reshape(-1, 3)
+        length, body = (ROD, slice(6, 12)) if load.weight == ONE else (0.3, slice(0, 6))
+        area = np.pi * (RADIUS**2 if load.weight == ONE else 1.0)
+        np.testing.assert_allclose(nodal[:, [0, 2]], 0.0, atol=0)
+        assert nodal[body, 1].sum() == pytest.approx(-9.81 * STEEL["rho"] * area * length, rel=1e-14)
+        assert np.count_nonzero(nodal[:, 1]) == 6
+
+
+def test_gravity_with_a_parameter_multiplies_the_weights() -> None:
+    scene = slider_crank(GRAVITY.replace("9.81", '"g"'), "parameters.g.nominal=9.81")
+    loads = [load for load in all_loads(scene) if load.effect == "weight"]
+    assert {str(load.weight) for load in loads} == {"g", "g r1^2"}
+    (effect,) = [effect for effect in effects_of(scene, mechanism_of(scene)) if effect.name == "weight"]
+    assert effect.amplitude(3.0) == 1.0
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_every_rank_has_its_rows_of_the_same_loads(size: int) -> None:
+    """A load that vanishes in one rank's rows is still a load, or the ranks disagree on their number."""
+    scene = slider_crank(GRAVITY)
+    mechanism = Mechanism.from_scene(scene, meshes_of(scene))
+    effects = effects_of(scene, mechanism)
+    whole = all_loads(scene)
+    shares = [
+        loads_of(effects, assemble(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size))) for rank in range(size)
+    ]
+    for share in shares:
+        assert [(load.effect, load.weight) for load in share] == [(load.effect, load.weight) for load in whole]
+    for index, load in enumerate(whole):
+        np.testing.assert_array_equal(np.concatenate([share[index].vector for share in shares]), load.vector)
