@@ -89,6 +89,6 @@ def evaluate_weights(monomials: Iterable[Monomial], values: Mapping[str, np.ndar
     monomials = list(monomials)
     shape = np.broadcast_shapes(*(np.shape(value) for value in values.values())) if values else ()
     weights = np.empty((len(monomials), *shape))
-    for row, monomial in zip(weights, monomials):
-        row[...] = monomial.evaluate(values)
+    for index, monomial in enumerate(monomials):
+        weights[index] = monomial.evaluate(values)
     return weights

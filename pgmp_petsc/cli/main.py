@@ -29,6 +29,11 @@ INTERRUPTED = 130
 GRACE_SECONDS = 20.0
 
 COMMANDS = {
+    "check": LazyCommand("pgmp_petsc.cli.check:check", "Validate a scene and say what is in it."),
+    "build": LazyCommand("pgmp_petsc.cli.build:build", "Build the reduced model of a scene (offline)."),
+    "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
+    "simulate": LazyCommand("pgmp_petsc.cli.simulate:simulate", "One run over time, reduced or full-order."),
+    "montecarlo": LazyCommand("pgmp_petsc.cli.montecarlo:montecarlo", "Many samples and their distributions."),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
     "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),

@@ -43,3 +43,15 @@ def output_option(command: Command) -> Command:
         type=click.Path(path_type=Path),
         help="File to write; it replaces an older one when it is complete.",
     )(command)
+
+
+def ranks_per_angle_option(command: Command) -> Command:
+    """Add ``--ranks-per-angle N``; the function receives ``ranks_per_angle`` (int)."""
+    return click.option(
+        "--ranks-per-angle",
+        default=1,
+        show_default=True,
+        metavar="N",
+        type=click.IntRange(min=1),
+        help="Ranks that share one eigenproblem; more than one where a rank's memory is too small.",
+    )(command)

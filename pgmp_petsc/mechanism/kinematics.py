@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.mechanism import Attachment, Mechanism, place_points
 from pgmp_petsc.runtime.errors import InputError
 
 CONTINUATION_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
+REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the range's end
 MAX_ITERATIONS = 25
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 SINGULAR_TOLERANCE = 1e-7  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
@@ -124,6 +125,12 @@ class RigidKinematics:
         )
         point = body.mesh.nodes[node - body.first_node]
         return place_points(self.poses(theta)[index], point[None])[0]
+
+    def within_reach(self, theta: np.ndarray) -> np.ndarray:
+        """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it."""
+        if self.coordinate.periodic:
+            return np.isfinite(theta)
+        return (theta >= self.coordinate.lower - REACH) & (theta <= self.coordinate.upper + REACH)
 
     def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return closure and driving residuals, shape (n_constraints + n_theta, n)."""

@@ -105,7 +105,7 @@ def _initial_states(scene: Scene) -> Iterator[str]:
 
 
 def _parameter_uses(scene: Scene) -> Iterator[str]:
-    for entry, used, positive in _numbers(scene):
+    for entry, used, positive in numbers_of(scene):
         if not isinstance(used, str):
             continue
         if used not in scene.parameters:
@@ -120,7 +120,7 @@ def _parameter_uses(scene: Scene) -> Iterator[str]:
                     )
 
 
-def _numbers(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
+def numbers_of(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
     """Yield every entry that may name a parameter, what it holds, and whether it must be positive."""
     for name, material in scene.materials.items():
         yield f"materials.{name}.E", material.E, True

@@ -16,7 +16,7 @@ from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import Ensemble, InitialState, Reduction, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
-from pgmp_petsc.scene.references import reference_problems
+from pgmp_petsc.scene.references import numbers_of, reference_problems
 
 
 class Header(Table):
@@ -67,6 +67,11 @@ class Scene(Table):
     def nominal(self) -> dict[str, float]:
         """Nominal value of each parameter, where the reduced basis is built."""
         return {name: parameter.nominal for name, parameter in self.parameters.items()}
+
+    @property
+    def positive_parameters(self) -> frozenset[str]:
+        """Parameters that only make sense where they are positive: those of materials and sections."""
+        return frozenset(used for _, used, positive in numbers_of(self) if positive and isinstance(used, str))
 
     def path_of(self, mesh: str) -> Path:
         """Return the path of a body's mesh file, which a scene gives relative to its own directory."""

@@ -1,0 +1,65 @@
+"""``pgmp build``: the offline build of a reduced model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.report import say
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.studies.inputs import read_scene
+
+POOR_COSINE = 0.5
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@output_option
+@ranks_per_angle_option
+@scene_options
+@click.pass_context
+def build(
+    context: click.Context,
+    scene: Path,
+    output: Path,
+    ranks_per_angle: int,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5)."""
+    comm = context.obj.comm
+    on_root(comm, check_writable, output)
+    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    rom = build_rom(loaded, meshes, RankGroup.split(comm, ranks_per_angle))
+    on_root(comm, lambda: rom.write(output))
+    if rom is not None:
+        say(context, report(rom, output))
+
+
+def report(rom: ReducedOrderModel, path: Path) -> str:
+    """Say what was built, and warn where neighbouring samples have lost each other."""
+    tables = rom.tables
+    lines = [
+        f"{path}: {len(rom.frequencies_hz)} angles, {tables.n_modes} modes from "
+        f"{rom.frequencies_hz[:, 0].min():.4g} to {rom.frequencies_hz[:, -1].max():.4g} Hz",
+        f"  tables: {tables.mass.shape[1]} mass, {tables.stiffness.shape[1]} stiffness and "
+        f"{tables.load.shape[1]} load terms",
+        f"  neighbouring spaces of modes agree to a cosine of {rom.cosines.min():.6f}",
+    ]
+    if rom.n_redundant:
+        lines.append(f"  {rom.n_redundant} redundant constraints were dropped")
+    if tables.grid.n > len(rom.frequencies_hz):
+        lines.append("  one mode changes its sign after a turn: the tables cover two turns")
+    if rom.cosines.min() < POOR_COSINE:
+        lines.append(
+            "  warning: the space of modes turns away between neighbouring angles; take more reduction.angles, or "
+            "another number of reduction.modes if the last mode crosses the next one"
+        )
+    lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
+    return "\n".join(lines)

@@ -1,0 +1,61 @@
+"""``pgmp modes``: eigenfrequencies over the configurations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.report import say
+from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.modes_table import tabulate_modes
+
+SHOWN = 6
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@output_option
+@click.option("--rom", metavar="ROM.h5", type=click.Path(path_type=Path), help="Add this model's frequencies.")
+@click.option("--angles", metavar="N", type=click.IntRange(min=2), help="Configurations; reduction.angles if not given.")
+@ranks_per_angle_option
+@scene_options
+@click.pass_context
+def modes(
+    context: click.Context,
+    scene: Path,
+    output: Path,
+    rom: Path | None,
+    angles: int | None,
+    ranks_per_angle: int,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
+    comm = context.obj.comm
+    on_root(comm, check_writable, output)
+    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
+    group = RankGroup.split(comm, ranks_per_angle)
+    table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
+    on_root(comm, lambda: table.write(output))
+    if table is not None:
+        say(context, report(table, output))
+
+
+def report(table: ModesTable, path: Path) -> str:
+    """Return the range of every frequency, and how far the reduced ones are from it."""
+    lines = [f"{path}: {len(table.theta)} angles", "  mode     lowest Hz    highest Hz   reduced, largest difference"]
+    for mode in range(min(SHOWN, table.full_hz.shape[1])):
+        full = table.full_hz[:, mode]
+        line = f"  {mode + 1:4d} {full.min():13.6g} {full.max():13.6g}"
+        if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
+            line += f" {np.max(np.abs(table.reduced_hz[:, mode] / full - 1)):14.2e}"
+        lines.append(line)
+    return "\n".join(lines)

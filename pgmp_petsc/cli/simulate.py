@@ -1,0 +1,57 @@
+"""``pgmp simulate``: one run over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.report import say
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+
+@click.command()
+@click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
+@output_option
+@click.option("--full", is_flag=True, help="Run the full-order model of a SCENE instead of a ROM.h5.")
+@scene_options
+@click.pass_context
+def simulate(
+    context: click.Context,
+    source: Path,
+    output: Path,
+    full: bool,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE."""
+    comm = context.obj.comm
+    on_root(comm, check_writable, output)
+    if full:
+        loaded, meshes = read_scene(source, overrides, settings, comm)
+        with agreed(comm, "preparing the full-order model"):
+            model = FullModel(loaded, meshes)
+        trajectory = simulate_full(model, comm)
+    else:
+        loaded, rom = read_rom(source, overrides, settings, comm)
+        with agreed(comm, "preparing the reduced model"):
+            reduced = ReducedModel(loaded, rom)
+        trajectory = simulate_reduced(reduced, comm)
+    on_root(comm, lambda: trajectory.write(output))
+    if trajectory is not None:
+        say(context, report(trajectory, output))
+
+
+def report(trajectory: Trajectory, path: Path) -> str:
+    """Return the outputs at the end."""
+    lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
+    for name, values in trajectory.outputs.items():
+        lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
+    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Ensembles: sampling of the parameters, integration over ranks, statistics."""

@@ -1,0 +1,58 @@
+"""Random parameter values, keyed by the number of the sample.
+
+Sample k has a random stream of its own, spawned from the seed with key k; the rank that integrates it, the batch it is
+in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+
+def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:
+    """Draw samples first to last - 1.
+
+    Parameters with a distribution are drawn, the others keep the value of the run.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (last - first,)
+
+    Raises
+    ------
+    InputError
+        If no parameter has a distribution.
+    """
+    uncertain = sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
+    if not uncertain:
+        raise InputError(
+            "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
+            "[parameters.r1] distribution = { name = \"norm\", loc = 5.6e-3, scale = 0.56e-3 }"
+        )
+    uniform = np.array([_stream(seed, number).random(len(uncertain)) for number in range(first, last)])
+    uniform = uniform.reshape(last - first, len(uncertain))
+    values = {name: np.full(last - first, value) for name, value in scene.values.items()}
+    for column, name in zip(uniform.T, uncertain):
+        values[name] = scene.parameters[name].frozen().ppf(column)
+    return values
+
+
+def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return which samples lie inside all bounds, positive where sections and materials need it."""
+    fine = np.ones(len(next(iter(values.values()))), dtype=bool)
+    for name, parameter in scene.parameters.items():
+        fine &= np.isfinite(values[name])
+        if parameter.bounds is not None:
+            fine &= (values[name] >= parameter.bounds[0]) & (values[name] <= parameter.bounds[1])
+    for name in scene.positive_parameters:
+        fine &= values[name] > 0.0
+    return fine
+
+
+def _stream(seed: int, number: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))

@@ -1,0 +1,7 @@
+"""The full-order and the reduced model of a scene behind one interface; simulations and ensembles use no other."""
+
+from pgmp_petsc.models.full import FullModel
+from pgmp_petsc.models.model import Model
+from pgmp_petsc.models.reduced import ReducedModel
+
+__all__ = ["FullModel", "Model", "ReducedModel"]

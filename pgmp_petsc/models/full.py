@@ -1,0 +1,52 @@
+"""The full-order model of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.generalised_alpha import State
+from pgmp_petsc.effects import effects_of
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models.model import start_of
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.scene import Scene
+
+
+class FullModel:
+    """All nodal unknowns, index-3 equations with Lagrange multipliers; see `Model`."""
+
+    name = "full"
+
+    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
+        self.scene = scene
+        self.meshes = meshes
+        mechanism = Mechanism.from_scene(scene, meshes)
+        self.kinematics = RigidKinematics(mechanism)
+        self.outputs = OutputSet.of(scene, self.kinematics)
+        self._effects = effects_of(scene, mechanism)
+        self._start = start_of(scene, self.kinematics)
+
+    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch:
+        """Return a batch of samples on this rank."""
+        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples)
+
+    def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
+        """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
+        return FullDistributed(self.kinematics, self._effects, values, self._start, comm)
+
+    def output_frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+        """Return the frames of ``outputs.nodes``. Collective on the system's communicator."""
+        return self.frames(system, state)[list(self.outputs.nodes)]
+
+    def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, 3, n_samples)."""
+        q = system.unpack(state.q)
+        return q.reshape(-1, DOFS_PER_NODE, q.shape[1])

@@ -1,0 +1,67 @@
+"""The reduced model of a scene, from its ROM file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import State
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem, displacement_scale
+from pgmp_petsc.effects import effects_of
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models.model import start_of
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+
+class ReducedModel:
+    """Rigid coordinate and flexible modes over interpolated tables; see `Model`.
+
+    Raises
+    ------
+    InputError
+        If the start lies outside the sampled range.
+    """
+
+    name = "reduced"
+
+    def __init__(self, scene: Scene, rom: ReducedOrderModel) -> None:
+        self.scene = scene
+        self.meshes = rom.meshes
+        mechanism = Mechanism.from_scene(scene, rom.meshes)
+        self.kinematics = RigidKinematics(mechanism)
+        self.outputs = OutputSet.of(scene, self.kinematics)
+        self._tables = rom.tables
+        self._effects = effects_of(scene, mechanism)
+        self._start = start_of(scene, self.kinematics)
+        self._scale = displacement_scale(rom.projection, self.kinematics.size)
+        grid = rom.tables.grid
+        if not grid.periodic and not grid.lower <= self._start[0] <= grid.upper:
+            name = self.kinematics.coordinate.name
+            raise InputError(
+                f"simulation.initial.{name}.position = {self._start[0]:g}: outside the sampled range "
+                f"[{grid.lower:g}, {grid.upper:g}] rad"
+            )
+        self._of_outputs = Reconstruction(self.kinematics, grid, rom.projection, self.outputs.nodes)
+        self._of_all = Reconstruction(self.kinematics, grid, rom.projection, range(mechanism.n_nodes))
+
+    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
+        """Return a batch of samples on this rank."""
+        return ReducedSystem(self._tables, self._effects, values, self._start, self._scale, n_samples)
+
+    def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
+        """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
+        return self._of_outputs.frames(state.q)
+
+    def frames_of(self, eta: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
+        return self._of_all.frames(eta)
+
+    def output_frames_of(self, eta: np.ndarray) -> np.ndarray:
+        """Return the frames of ``outputs.nodes`` for reduced coordinates of shape (n, n_eta)."""
+        return self._of_outputs.frames(eta)

@@ -1,0 +1,1 @@
+"""Named outputs of a scene, from the motion of a few nodes."""

@@ -1,0 +1,119 @@
+"""Outputs: what a user sees of a motion.
+
+All outputs are functions of the frames ``(x, y, phi)`` of some nodes, whichever model moved them. A deformation is the
+position less that of the rigid mechanism at the same measured coordinate, e.g. the same rotation of the hinge node,
+which in a free-free basis is not theta itself. It is not a number (NaN) where the measured coordinate is far outside a
+limited range, because the rigid mechanism may not exist there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Attachment
+from pgmp_petsc.scene import Scene
+
+AXES = {"x": 0, "y": 1}
+Frames = dict[int, np.ndarray]  # node -> frame, shape (3, n)
+
+
+@dataclass(frozen=True)
+class OutputSet:
+    """The outputs of a scene.
+
+    Attributes
+    ----------
+    nodes
+        Global node numbers whose frames are needed, increasing.
+    units
+        Unit of every output.
+    functions
+        From frames to the values of an output, each of shape (n,).
+    """
+
+    nodes: tuple[int, ...]
+    units: dict[str, str]
+    functions: dict[str, Callable[[Frames], np.ndarray]]
+
+    def evaluate(self, frames: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the outputs, each of shape (n,), for frames of `nodes`, shape (n_nodes, 3, n)."""
+        by_node = dict(zip(self.nodes, frames))
+        return {name: function(by_node) for name, function in self.functions.items()}
+
+    @classmethod
+    def of(cls, scene: Scene, kinematics: RigidKinematics) -> OutputSet:
+        """Prepare the outputs of a scene.
+
+        Raises
+        ------
+        InputError
+            If an output names a point that the mesh does not have.
+        """
+        makers = {
+            "angle": _angle,
+            "rotation": _rotation,
+            "position": _position,
+            "displacement": _displacement,
+            "deformation": _deformation,
+        }
+        nodes: set[int] = set()
+        functions, units = {}, {}
+        for name, entry in scene.outputs.items():
+            function, needed, unit = makers[entry.type](f"outputs.{name}", entry, scene, kinematics)
+            functions[name], units[name] = function, unit
+            nodes |= needed
+        return cls(tuple(sorted(nodes)), units, functions)
+
+
+def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:
+    return np.zeros((3, n)) if side.on_ground else frames[side.node]
+
+
+def _joint_angle(connection) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the relative rotation b - a of a joint."""
+    nodes = {side.node for side in (connection.a, connection.b) if not side.on_ground}
+
+    def angle(frames: Frames) -> np.ndarray:
+        n = next(iter(frames.values())).shape[1]
+        return _frame(connection.b, frames, n)[2] - _frame(connection.a, frames, n)[2]
+
+    return angle, nodes
+
+
+def _angle(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+    return *_joint_angle(kinematics.mechanism.connection(entry.joint)), "rad"
+
+
+def _rotation(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+    node = kinematics.mechanism.node(entry.point, f"{name}.point")
+    return lambda frames: frames[node][2], {node}, "rad"
+
+
+def _position(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
+    return lambda frames: frames[node][axis], {node}, "m"
+
+
+def _displacement(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
+    start = scene.initial_state(kinematics.coordinate.name).position
+    origin = kinematics.positions(node, np.array([start]))[axis, 0]
+    return lambda frames: frames[node][axis] - origin, {node}, "m"
+
+
+def _deformation(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
+    angle, needed = _joint_angle(kinematics.coordinate.connection)
+
+    def deformation(frames: Frames) -> np.ndarray:
+        measured = angle(frames)
+        values = np.full(measured.shape, np.nan)
+        inside = kinematics.within_reach(measured)
+        values[inside] = frames[node][axis, inside] - kinematics.positions(node, measured[inside])[axis]
+        return values
+
+    return deformation, {node} | needed, "m"

@@ -1,0 +1,1 @@
+"""Orchestration of whole computations: one run, a table of modes, the paper's figures."""

@@ -1,0 +1,117 @@
+"""What a scene is, in words: bodies, unknowns, effects, memory. Solves no eigenproblem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+BYTES = 8
+
+
+def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
+    """Return the report of ``pgmp check``.
+
+    Raises
+    ------
+    InputError
+        If the mechanism cannot be closed or controlled, or points are missing.
+    """
+    mechanism = Mechanism.from_scene(scene, meshes)
+    kinematics = RigidKinematics(mechanism)
+    outputs = OutputSet.of(scene, kinematics)
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    loads = loads_of(effects_of(scene, mechanism), matrices)
+    pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
+    null = null_space(constraint_jacobian(mechanism, pose))
+    n_flexible = null.independent.size - kinematics.n_coordinates
+    if scene.reduction.modes > n_flexible:
+        raise InputError(
+            f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
+            "take fewer modes or a finer mesh"
+        )
+    lines = [f"scene {scene.name}", *_bodies(mechanism), *_joints(mechanism, null.n_redundant)]
+    lower, upper = kinematics.coordinate.lower, kinematics.coordinate.upper
+    kind = "periodic" if kinematics.coordinate.periodic else "limited"
+    lines.append(f"  coordinate    {kinematics.coordinate.name}: {lower:.6g} to {upper:.6g} rad, {kind}")
+    lines.append(
+        f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, "
+        f"1 rigid + {scene.reduction.modes} flexible reduced"
+    )
+    lines += _parameters(scene, mechanism)
+    lines += _effects(scene, loads)
+    lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
+    lines += _memory(scene, mechanism, matrices, len(loads))
+    return "\n".join(lines)
+
+
+def _bodies(mechanism: Mechanism) -> list[str]:
+    lines = []
+    for body in mechanism.bodies:
+        stiffness = ", ".join(map(str, body.section.stiffness_terms()))
+        lines.append(
+            f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
+            f"{body.mesh.lengths.sum():.6g} m, weights {stiffness}"
+        )
+    return lines
+
+
+def _joints(mechanism: Mechanism, n_redundant: int) -> list[str]:
+    redundant = f", {n_redundant} of them redundant" if n_redundant else ""
+    names = ", ".join(connection.name for connection in mechanism.connections)
+    return [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
+
+
+def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
+    lines = []
+    for name, parameter in scene.parameters.items():
+        law = parameter.distribution
+        drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
+        lines.append(f"  parameter     {name} = {parameter.current:g} {parameter.unit}{drawn}")
+    lines.append(
+        f"  affine terms  {len(mechanism.mass_weights)} of mass ({', '.join(map(str, mechanism.mass_weights))}), "
+        f"{len(mechanism.stiffness_weights)} of stiffness ({', '.join(map(str, mechanism.stiffness_weights))})"
+    )
+    return lines
+
+
+def _effects(scene: Scene, loads) -> list[str]:
+    if not scene.effects:
+        return ["  effects       none"]
+    terms = {name: sum(load.effect == name for load in loads) for name in scene.effects}
+    return [
+        f"  effect        {name}: {effect.type}, {terms[name]} load term{'s' if terms[name] != 1 else ''}"
+        for name, effect in scene.effects.items()
+    ]
+
+
+def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int) -> list[str]:
+    """Estimate what a build holds and writes."""
+    n_modes, n_angles = scene.reduction.modes, scene.reduction.angles
+    n_eta = n_modes + 1
+    terms = [*matrices.mass.values(), *matrices.stiffness.values()]
+    sparse = sum(term.data.nbytes + term.indices.nbytes + term.indptr.nbytes for term in terms)
+    n_mass, n_stiffness = len(mechanism.mass_weights), len(mechanism.stiffness_weights)
+    tables = n_angles * (n_mass * (n_eta**2 + n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
+    projection = n_angles * mechanism.n_dofs * n_modes * BYTES
+    return [
+        f"  memory        sparse matrices {_size(sparse)}, reduced tables {_size(tables)}, "
+        f"modes at {n_angles} angles {_size(projection)}"
+    ]
+
+
+def _size(n_bytes: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if n_bytes < 1000:
+            return f"{n_bytes:.3g} {unit}"
+        n_bytes /= 1000
+    return f"{n_bytes:.3g} GB"

@@ -1,0 +1,79 @@
+"""Reading what a computation starts from, on one rank for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mpi4py import MPI
+
+from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+
+# what a ROM's tables depend on; all else may be changed when it is used
+BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
+OF_TORQUE = ("table",)
+
+
+def read_scene(
+    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+) -> tuple[Scene, dict[str, LineMesh]]:
+    """Read a scene and its meshes. Collective on `comm`."""
+
+    def read() -> tuple[Scene, dict[str, LineMesh]]:
+        scene = load_scene(path, overrides, settings)
+        meshes = {
+            name: read_line_mesh(scene.path_of(body.mesh), f"bodies.{name}.mesh") for name, body in scene.bodies.items()
+        }
+        return scene, meshes
+
+    return on_root(comm, read)
+
+
+def read_rom(
+    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+) -> tuple[Scene, ReducedOrderModel]:
+    """Read a ROM and its scene, changed where a change leaves the tables valid. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the file is not a whole ROM, or an entry is overridden that the tables were built from.
+    """
+
+    def read() -> tuple[Scene, ReducedOrderModel]:
+        rom = ReducedOrderModel.read(path)
+        built = scene_from_toml(rom.record.scene_toml, path.parent)
+        scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
+        _check_tables_hold(built, scene, path)
+        return scene, rom
+
+    return on_root(comm, read)
+
+
+def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
+    for table in BUILT:
+        if getattr(built, table) != getattr(scene, table):
+            _refuse(table, path)
+    if built.effects.keys() != scene.effects.keys():
+        _refuse("effects", path)
+    for name, effect in scene.effects.items():
+        free = {key: getattr(effect, key) for key in OF_TORQUE if hasattr(effect, key)}
+        if built.effects[name].model_copy(update=free) != effect:
+            _refuse(f"effects.{name}", path)
+    if built.parameters.keys() != scene.parameters.keys():
+        _refuse("parameters", path)
+    for name, parameter in scene.parameters.items():
+        if built.parameters[name].nominal != parameter.nominal:
+            _refuse(f"parameters.{name}.nominal", path)
+
+
+def _refuse(entry: str, path: Path) -> None:
+    raise InputError(
+        f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
+        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the tables of "
+        "torques may be changed"
+    )

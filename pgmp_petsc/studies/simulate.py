@@ -1,0 +1,144 @@
+"""One run of a model over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import Run, State, count_steps, integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.results.trajectory import Frames, Trajectory
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import scene_to_toml
+
+
+def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
+    """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
+
+    Returns
+    -------
+    Trajectory or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    RunError
+        If the integration fails or leaves the sampled range.
+    """
+    trajectory = None
+    with agreed(comm, "simulation"):
+        if comm.rank == 0:
+            trajectory = _reduced_on_one_rank(model, comm)
+    return trajectory
+
+
+def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
+    """Run the full-order model, distributed over all ranks. Collective on `comm`; see `simulate_reduced`."""
+    timings = Timings()
+    simulation, values = model.scene.simulation, model.scene.values
+    wanted = frame_steps(simulation)
+    times, histories, frames = [], [], []
+    with timings.phase("assembly"):
+        system = model.distributed(values, comm)
+    with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
+
+        def record(step: int, time: float, state: State) -> None:
+            every = model.frames(system, state)
+            times.append(time)
+            histories.append(np.concatenate([every[list(model.outputs.nodes)], _driving(model, every)]))
+            if step in wanted:
+                frames.append(every[..., 0])
+            bar.update(step > 0)
+
+        run = integrate(system, simulation, observer=record)
+    _check(run, model)
+    timings = timings.maximum(comm)
+    if comm.rank > 0:
+        return None
+    history = np.concatenate(histories, axis=-1)
+    n_outputs = len(model.outputs.nodes)
+    measured = history[n_outputs + 1, 2] - history[n_outputs, 2]
+    return _trajectory(
+        model, np.array(times), history[:n_outputs], measured[:, None], None,
+        np.array(frames), np.array(times)[sorted(wanted)], comm, timings,
+    )
+
+
+def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
+    timings = Timings()
+    simulation = model.scene.simulation
+    times, etas = [], []
+    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
+
+        def record(step: int, time: float, state: State) -> None:
+            times.append(time)
+            etas.append(state.q[0].copy())
+            bar.update(step > 0)
+
+        run = integrate(system, simulation, observer=record)
+    _check(run, model)
+    time, eta = np.array(times), np.array(etas)
+    wanted = sorted(frame_steps(simulation))
+    with timings.phase("projection"):
+        frames = np.moveaxis(model.frames_of(eta[wanted]), 2, 0)
+        outputs = model.output_frames_of(eta)
+    n_theta = model.kinematics.n_coordinates
+    return _trajectory(
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm, timings
+    )
+
+
+def frame_steps(simulation) -> set[int]:
+    """Return the steps at which the whole mechanism is stored: evenly spread, first and last among them."""
+    n_steps = count_steps(*_span(simulation))
+    return set(np.unique(np.linspace(0, n_steps, min(simulation.frames, n_steps + 1)).round().astype(int)).tolist())
+
+
+def _span(simulation) -> tuple[float, float]:
+    return simulation.duration, simulation.step
+
+
+def _driving(model: FullModel, every: np.ndarray) -> np.ndarray:
+    """Return the two frames of the coordinate's joint, shape (2, 3, n)."""
+    connection = model.kinematics.coordinate.connection
+    sides = (connection.a, connection.b)
+    return np.array([np.zeros(every.shape[1:]) if side.on_ground else every[side.node] for side in sides])
+
+
+def _check(run: Run, model: FullModel | ReducedModel) -> None:
+    status = Status(run.status[0])
+    if status != Status.FINE:
+        raise RunError(
+            f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
+            f"{model.scene.simulation.duration:g} s: {status.meaning}"
+        )
+
+
+def _trajectory(
+    model, time, output_frames, coordinates, modal, frames, frame_times, comm, timings
+) -> Trajectory:
+    bodies = model.kinematics.mechanism.bodies
+    stored = Frames(
+        time=frame_times,
+        positions={body.name: frames[:, body.nodes, :2] for body in bodies},
+        rotations={body.name: frames[:, body.nodes, 2] for body in bodies},
+        nodes={body.name: body.mesh.nodes for body in bodies},
+        cells={body.name: body.mesh.cells for body in bodies},
+    )
+    return Trajectory(
+        model=model.name,
+        record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, comm.size, timings.as_dict()),
+        time=time,
+        outputs=model.outputs.evaluate(output_frames),
+        units=model.outputs.units,
+        coordinates=coordinates,
+        coordinate_units={model.kinematics.coordinate.name: "rad"},
+        modal=modal,
+        frames=stored if len(frame_times) else None,
+    )
