@@ -1,25 +1,34 @@
 """A basis that is continuous over the configurations.
 
 An eigensolver returns, at every configuration, signs, an order and rotations inside clusters that mean nothing. What
-does mean something is the subspace. Each basis is therefore turned, by an orthogonal matrix, to lie as close as possible
-in the mass norm to its neighbour: the M-weighted orthogonal Procrustes problem
+means something is the invariant subspace of a group of modes that stays apart from all others over the whole range.
+Modes that come close to each other anywhere (crossing, veering, equal eigenvalues) form one group; inside a group, each
+basis is turned by an orthogonal matrix to lie as close as possible in the mass norm to its neighbour's, which is the
+M-weighted orthogonal Procrustes problem
 
     min || B_k - V_k Q ||_M,   Q^T Q = I,    solved by the polar factor of  V_k^T M B_{k-1}.
 
-Crossing and veering modes need no special care, because modes are not followed one by one. After a whole revolution
-the basis returns turned by an orthogonal matrix H (its holonomy); the turn is taken back evenly over the revolution.
-Should H contain a reflection, no continuous basis exists over one revolution, but one exists over two, in which a
-single coordinate changes its sign from the first turn to the second.
+So no mode is ever followed by itself through a crossing, while modes that stay apart are not mixed: a table entry of a
+low mode is not spoiled by the large entries of a high one when it is interpolated. A group of one mode is only given
+the neighbour's sign.
+
+After a whole revolution a group returns turned by an orthogonal matrix H (its holonomy); the turn is taken back evenly
+over the revolution. Should H contain a reflection, no continuous basis exists over one revolution, but one exists over
+two, in which a coordinate has the opposite sign on the second turn.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import schur
+from scipy.linalg import block_diag, schur
+from scipy.sparse.csgraph import connected_components
 
-CLUSTER_TOLERANCE = 1e-6  # relative gap below which eigenvalues share one cluster
+EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
+CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
+MIXING_TOLERANCE = 0.2  # overlap of different modes from one sample to the next that makes one group of them
 
 
 def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
@@ -42,7 +51,7 @@ def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
-    """Fix signs and rotations inside clusters by a probe, so that the basis does not depend on the solver's run.
+    """Fix signs and rotations among equal eigenvalues by a probe, so that the basis does not depend on the solver's run.
 
     Parameters
     ----------
@@ -54,19 +63,114 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
     Returns
     -------
     ndarray, shape (m, m)
-        Block-diagonal orthogonal matrix, one block a cluster.
+        Block-diagonal orthogonal matrix, one block for equal eigenvalues.
     """
-    rotation = np.zeros((eigenvalues.size, eigenvalues.size))
-    splits = np.flatnonzero(np.diff(eigenvalues) > CLUSTER_TOLERANCE * eigenvalues[1:]) + 1
-    for cluster in np.split(np.arange(eigenvalues.size), splits):
-        block = np.ix_(cluster, cluster)
-        rotation[block], _ = procrustes(probe[block])
-    return rotation
+    splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
+    clusters = np.split(np.arange(eigenvalues.size), splits)
+    return block_diag(*(procrustes(probe[np.ix_(cluster, cluster)])[0] for cluster in clusters))
+
+
+def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarray]:
+    """Find groups of modes that stay apart from all others over the whole range.
+
+    Parameters
+    ----------
+    eigenvalues
+        Ascending at every sample, shape (n, m).
+    overlaps
+        ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m).
+
+    Returns
+    -------
+    list of ndarray
+        Mode numbers of every group, increasing.
+    """
+    m = eigenvalues.shape[1]
+    linked = np.max(np.abs(overlaps), axis=0, initial=0.0) > MIXING_TOLERANCE
+    close = np.min(np.diff(eigenvalues, axis=1) / eigenvalues[:, 1:], axis=0, initial=np.inf) < CLOSE_TOLERANCE
+    linked[np.arange(m - 1), np.arange(1, m)] |= close
+    n_groups, label = connected_components(linked, directed=False)
+    return [np.flatnonzero(label == group) for group in range(n_groups)]
+
+
+def transport(
+    overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Carry a basis from each sample to the next.
+
+    Parameters
+    ----------
+    overlaps
+        ``V_k^T M V_{k-1}`` for samples 1 to n - 1, shape (n - 1, m, m).
+    groups
+        As from `group_modes`.
+    start
+        Rotation of the first sample, block-diagonal in the groups, shape (m, m).
+
+    Returns
+    -------
+    rotations
+        Q of every sample, shape (n, m, m).
+    cosines
+        Cosine of the largest angle of any group to the sample before, shape (n,); the first is 1.
+    """
+    rotations, cosines = [start], [1.0]
+    for overlap in overlaps:
+        rotation, cosine = _by_groups(overlap @ rotations[-1], groups)
+        rotations.append(rotation)
+        cosines.append(cosine)
+    return np.array(rotations), np.array(cosines)
+
+
+def _by_groups(overlap: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+    rotation, smallest = np.zeros_like(overlap), 1.0
+    for group in groups:
+        block = np.ix_(group, group)
+        rotation[block], cosine = procrustes(overlap[block])
+        smallest = min(smallest, cosine)
+    return rotation, smallest
+
+
+def close_revolution(
+    rotations: np.ndarray, last_overlap: np.ndarray, groups: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Take the holonomy back over the revolution.
+
+    Parameters
+    ----------
+    rotations
+        As from `transport`, shape (n, m, m).
+    last_overlap
+        ``V_0^T M V_{n-1}``, shape (m, m).
+    groups
+        As from `group_modes`.
+
+    Returns
+    -------
+    rotations
+        Such that the basis is continuous from the last sample to the first, but for the flipped coordinates.
+    flipped
+        Coordinates with the opposite sign after a revolution, shape (n_flipped,).
+    cosine
+        Cosine of the largest angle of any group between the last and the first sample.
+    """
+    back, cosine = _by_groups(last_overlap @ rotations[-1], groups)
+    holonomy = rotations[0].T @ back
+    closed, flipped = rotations.copy(), []
+    for group in groups:
+        block = np.ix_(group, group)
+        closure = Closure.of(holonomy[block])
+        for k in range(len(rotations)):
+            turn = closure.rotation(k / len(rotations))
+            closed[k][:, group] = rotations[k][:, group] @ turn
+        if closure.flipped >= 0:
+            flipped.append(group[closure.flipped])
+    return closed, np.array(flipped, dtype=int), cosine
 
 
 @dataclass(frozen=True)
 class Closure:
-    """How a transported basis is closed over a revolution.
+    """How the transported basis of one group is closed over a revolution.
 
     Attributes
     ----------
@@ -104,9 +208,8 @@ class Closure:
         while len(reflected) > 1:
             planes.append((reflected.pop(), reflected.pop()))
             angles.append(np.pi)
-        return cls(
-            frame, np.array(planes, dtype=int).reshape(-1, 2), np.array(angles), reflected[0] if reflected else -1
-        )
+        flipped = reflected[0] if reflected else -1
+        return cls(frame, np.array(planes, dtype=int).reshape(-1, 2), np.array(angles), flipped)
 
     def rotation(self, fraction: float) -> np.ndarray:
         """Return the matrix that the transported basis is multiplied with, a fraction of the way round.

@@ -1,8 +1,8 @@
 """The offline build: modes at the sampled configurations, joined into one continuous basis, and the reduced tables.
 
-The configurations are dealt to groups of ranks in contiguous arcs. Each group transports its basis along its own arc;
-then neighbouring groups compare their bases where the arcs meet, and every arc is turned as a whole. Because
-transport commutes with a constant rotation of the start, the result is the one that a single group would have found.
+The configurations are dealt to groups of ranks in contiguous arcs. Each group solves its own eigenproblems and compares
+neighbouring modes, also over the borders of the arcs; the rotations that make the basis continuous follow from these
+comparisons on the first rank, so that the number of groups has no part in them.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def build_rom(
         load=joined.samples.load,
     ).turned(joined.rotations)
     projection = joined.samples.shapes @ joined.rotations
-    if joined.flipped >= 0:
+    if joined.flipped.size:
         tables = tables.over_two_turns(joined.flipped)
         signs = np.ones(tables.n_modes)
         signs[joined.flipped] = -1.0
@@ -102,8 +102,8 @@ def build_rom(
     return ReducedOrderModel(
         tables=tables,
         projection=projection,
-        frequencies_hz=joined.samples.frequencies_hz,
-        cosines=joined.samples.cosines,
+        frequencies_hz=np.sqrt(joined.samples.eigenvalues) / (2 * np.pi),
+        cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),

@@ -1,12 +1,16 @@
-"""Joining the arcs of all groups of ranks, and closing the revolution."""
+"""Joining the samples of all groups of ranks into one continuous basis.
+
+What decides about continuity are small matrices, eigenvalues and overlaps of neighbouring modes; once the overlaps over the
+borders of the arcs are known, the first rank works out every sample's rotation, whoever computed it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.modes.continuity import Closure, procrustes
+from pgmp_petsc.modes.continuity import close_revolution, group_modes, transport
 from pgmp_petsc.reduction.sampler import TABLES, ArcSamples
 from pgmp_petsc.reduction.tables import Grid
 from pgmp_petsc.runtime.groups import RankGroup
@@ -19,16 +23,22 @@ class JoinedSamples:
     Attributes
     ----------
     samples
-        Samples of the whole grid, all rows, each arc in its own basis.
+        Samples of the whole grid, all rows, in the eigensolver's own bases.
     rotations
         ``Psi_continuous = Psi Q``, shape (n, n_modes, n_modes).
+    cosines
+        Cosine of the largest angle of a group of modes to the sample before, shape (n,).
     flipped
-        Coordinate that changes its sign after a revolution, or -1.
+        Coordinates that change their sign after a revolution.
+    groups
+        Mode numbers of the groups.
     """
 
     samples: ArcSamples
     rotations: np.ndarray
-    flipped: int
+    cosines: np.ndarray
+    flipped: np.ndarray
+    groups: list[np.ndarray]
 
 
 def join_arcs(group: RankGroup, grid: Grid, samples: ArcSamples | None) -> JoinedSamples | None:
@@ -44,68 +54,52 @@ def join_arcs(group: RankGroup, grid: Grid, samples: ArcSamples | None) -> Joine
     JoinedSamples or None
         On the first rank, None elsewhere.
     """
-    turn, cosine = _turn_to_previous(group, grid, samples)
-    whole = _gather_rows(group, samples)
+    border = _overlap_with_previous_arc(group, grid, samples)
+    shapes = None if samples is None else group.comm.gather(samples.shapes)
     if group.roots is None:
         return None
-    arcs = group.roots.gather((whole, turn, cosine))
+    arcs = group.roots.gather((samples, shapes, border))
     if group.world.rank > 0:
         return None
     arcs = [arc for arc in arcs if arc[0] is not None]
-    rotations, start = [], np.eye(arcs[0][0].shapes.shape[2])
-    cosines = []
-    for index, (arc, turn, cosine) in enumerate(arcs):
-        if index > 0:
-            start = turn @ start
-            arc.cosines[0] = cosine
-        rotations += [start] * len(arc.shapes)
-        cosines.append(arc.cosines)
-    flipped = -1
+    whole = ArcSamples(
+        **{name: np.concatenate([getattr(arc, name) for arc, _, _ in arcs]) for name in TABLES},
+        shapes=np.concatenate([np.concatenate(parts, axis=1) for _, parts, _ in arcs]),
+        mass_first=arcs[0][0].mass_first,
+    )
+    # overlaps from each sample to the next, those over the borders of the arcs among them
+    overlaps = [item for arc, _, border in arcs for item in (border, *arc.overlaps)]
+    return _continuous(grid, whole, np.array(overlaps))
+
+
+def _continuous(grid: Grid, samples: ArcSamples, overlaps: np.ndarray) -> JoinedSamples:
+    """Work out the rotations; ``overlaps[0]`` closes the revolution."""
+    inner = overlaps[1:]
+    groups = group_modes(samples.eigenvalues, overlaps if grid.periodic else inner)
+    rotations, cosines = transport(inner, groups, samples.canonical[0])
+    flipped = np.zeros(0, dtype=int)
     if grid.periodic:
-        _, turn, cosines[0][0] = arcs[0]
-        closure = Closure.of(turn @ start)
-        flipped = closure.flipped
-        rotations = [q @ closure.rotation(k / grid.n) for k, q in enumerate(rotations)]
-    tables = {
-        name: np.concatenate([getattr(arc, name) for arc, _, _ in arcs]) for name in (*TABLES, "shapes")
-    }
-    joined = ArcSamples(**{**tables, "cosines": np.concatenate(cosines)}, mass_first=arcs[0][0].mass_first)
-    return JoinedSamples(joined, np.array(rotations), flipped)
+        rotations, flipped, cosines[0] = close_revolution(rotations, overlaps[0], groups)
+    return JoinedSamples(samples, rotations, cosines, flipped, groups)
 
 
-def _turn_to_previous(
+def _overlap_with_previous_arc(
     group: RankGroup, grid: Grid, samples: ArcSamples | None
-) -> tuple[np.ndarray | None, float]:
-    """Return the rotation of this arc's first basis to the last one of the arc before (cyclically)."""
+) -> np.ndarray | None:
+    """Return ``V_first^T M V_last`` with the last modes of the arc before (cyclically)."""
     from mpi4py import MPI
 
-    n_arcs = min(group.count, grid.n)
     if samples is None:
-        return None, 1.0
-    last = _rows_on_root(group.comm, samples.shapes[-1])
+        return None
+    n_arcs = min(group.count, grid.n)
+    parts = group.comm.gather(samples.shapes[-1])
+    last = np.concatenate(parts) if parts is not None else None
     if group.comm.rank == 0 and n_arcs > 1:
         last = group.roots.sendrecv(
             last, dest=(group.index + 1) % n_arcs, source=(group.index - 1) % n_arcs
         )
-    n_local = samples.mass_first.shape[0]
-    first_row = group.comm.exscan(n_local) if group.comm.size > 1 else 0
     last = group.comm.bcast(last, root=0)
-    first_row = first_row or 0
+    n_local = samples.mass_first.shape[0]
+    first_row = sum(group.comm.allgather(n_local)[: group.comm.rank])
     previous = last[first_row : first_row + n_local]
-    overlap = group.comm.allreduce(samples.mass_first.T @ previous, op=MPI.SUM)
-    return procrustes(overlap)
-
-
-def _gather_rows(group: RankGroup, samples: ArcSamples | None) -> ArcSamples | None:
-    """Return the group's samples with all rows, on its first rank."""
-    if samples is None:
-        return None
-    shapes = group.comm.gather(samples.shapes)
-    if group.comm.rank > 0:
-        return None
-    return replace(samples, shapes=np.concatenate(shapes, axis=1))
-
-
-def _rows_on_root(comm, columns: np.ndarray) -> np.ndarray | None:
-    parts = comm.gather(columns)
-    return np.concatenate(parts) if comm.rank == 0 else None
+    return group.comm.allreduce(samples.mass_first.T @ previous, op=MPI.SUM)

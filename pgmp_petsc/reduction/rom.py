@@ -31,7 +31,7 @@ class ReducedOrderModel:
     frequencies_hz
         Full-order frequencies at the nominal parameters, shape (n_sampled, n_modes).
     cosines
-        Cosine of the largest angle between each sample's space of modes and the previous one's, shape (n_sampled,).
+        Cosine of the largest angle of any group of modes to the sample before, shape (n_sampled,).
     meshes
         The mesh of every body.
     n_redundant

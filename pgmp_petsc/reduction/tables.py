@@ -116,8 +116,8 @@ class ReducedTables:
             load=np.einsum("nij,nti->ntj", whole, self.load),
         )
 
-    def over_two_turns(self, flipped: int) -> ReducedTables:
-        """Append a second revolution in which one flexible coordinate has the opposite sign."""
+    def over_two_turns(self, flipped: np.ndarray) -> ReducedTables:
+        """Append a second revolution in which some flexible coordinates have the opposite sign."""
         signs = np.eye(self.n_modes)
         signs[flipped, flipped] = -1.0
         second = self.turned(np.broadcast_to(signs, (self.grid.n, *signs.shape)))

@@ -8,7 +8,7 @@ from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_velocities, rotation, to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, rotation, to_body, to_inertial
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
@@ -89,3 +89,24 @@ def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_fram
     stiffness = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness, {"r1": RADIUS})
     # at rest up to round-off: strains of 1e-13 times EA
     np.testing.assert_allclose(in_body, stiffness.toarray(), rtol=0, atol=1e-11 * np.abs(tangent).max())
+
+
+def test_rigid_curvatures_are_the_second_derivative_of_the_placed_nodes(kinematics: RigidKinematics) -> None:
+    mechanism, theta, step = kinematics.mechanism, 0.9, 1e-3
+    places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
+    second = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
+    poses = kinematics.poses(np.array([theta]))
+    rates = kinematics.rates(poses)
+    curvatures = kinematics.curvatures(poses, rates)[..., 0]
+    result = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures)
+    assert result.shape == (mechanism.n_dofs, 1, 1)
+    # second order, 1e-6 times the fourth derivative over 12, and poses solved to 1e-12 over the square of the step
+    np.testing.assert_allclose(to_inertial(mechanism, poses[..., 0], result)[:, 0, 0], second, rtol=0, atol=1e-5)
+
+
+def test_rigid_velocities_are_those_of_the_mechanism_in_other_frames(kinematics: RigidKinematics) -> None:
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([2.3]))
+    pose, rates = poses[..., 0], kinematics.rates(poses)[..., 0]
+    in_body = to_body(mechanism, pose, mechanism.place_rates(pose, rates))
+    np.testing.assert_allclose(rigid_velocities(mechanism, pose, rates), in_body, rtol=0, atol=1e-14)

@@ -1,0 +1,83 @@
+"""Build reduced-order models on several ranks and write them. Used by test_build.py.
+
+Arguments: the directory of the results, then cases ``name:ranks_per_group:scramble_seed`` (0: no scrambling), each with its
+scene from `CASES`. An error is printed by every rank in place of a file.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import petsc4py
+from scenes import four_bar, meshes_of, slider_crank, trammel
+
+petsc4py.init([])
+
+from mpi4py import MPI  # noqa: E402
+
+from pgmp_petsc.modes.problem import ModeSet  # noqa: E402
+from pgmp_petsc.reduction.build import build_rom  # noqa: E402
+from pgmp_petsc.runtime.errors import PgmpError, RunError  # noqa: E402
+from pgmp_petsc.runtime.groups import RankGroup  # noqa: E402
+
+GRAVITY = 'effects.weight={type="gravity"}'
+PART = (
+    "coordinates.theta.range=[0.2,1.4]",
+    "coordinates.theta.periodic=false",
+    "simulation.initial.theta.position=0.2",
+)
+CASES = {
+    "plain": lambda: slider_crank(),
+    "weight": lambda: slider_crank(GRAVITY, "reduction.angles=8", "reduction.modes=3"),
+    "few": lambda: slider_crank("reduction.angles=4", "reduction.modes=3"),
+    "reflected": lambda: four_bar(GRAVITY),
+    "part": lambda: trammel(*PART),
+    "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
+    "refused": lambda: slider_crank("reduction.modes=31"),
+}
+
+
+def scrambled(seed: int, modes: ModeSet) -> ModeSet:
+    """Return the modes in random order with random signs, the same on all ranks of a group."""
+    random = np.random.default_rng([seed, int(1e6 * modes.theta)])
+    order = random.permutation(modes.eigenvalues.size)
+    signs = random.choice([-1.0, 1.0], order.size)
+    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
+
+
+def fail_in_the_middle(modes: ModeSet) -> ModeSet:
+    """Fail at one configuration, which belongs to one group only."""
+    if modes.theta > 4.5:
+        raise RunError(f"eigenproblem at theta = {modes.theta:.6g} rad: spoilt by the test")
+    return modes
+
+
+def run(directory: Path, case: str) -> None:
+    """Build one case."""
+    name, ranks_per_group, seed = case.split(":")
+    world = MPI.COMM_WORLD
+    scene = CASES[name]()
+    options = {}
+    if name == "fails":
+        options["scramble"] = fail_in_the_middle
+    elif int(seed):
+        options["scramble"] = lambda modes: scrambled(int(seed), modes)
+    outcome = f"{case} built"
+    try:
+        rom = build_rom(scene, meshes_of(scene), RankGroup.split(world, int(ranks_per_group)), **options)
+        if (rom is None) != (world.rank > 0):
+            outcome = f"{case} is on the wrong ranks"
+        if rom is not None:
+            rom.write(directory / f"{name}_{world.size}_{ranks_per_group}_{seed}.h5")
+    except PgmpError as error:
+        outcome = f"{case} {type(error).__name__}: {error}"
+    for line in world.gather(outcome) or ():
+        print(line)
+
+
+if __name__ == "__main__":
+    for argument in sys.argv[2:]:
+        run(Path(sys.argv[1]), argument)

@@ -1,0 +1,116 @@
+"""The offline build is the same for any number of ranks and groups, and whatever signs and order the solver returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+# all cases of one number of ranks in one run: "name:ranks_per_group:seed of the scrambling"
+RUNS = {
+    1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0"),
+    2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0"),
+    3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0"),
+    5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0"),
+}
+CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]
+TABLES = ("mass", "inertia", "stiffness", "load")
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("roms")
+
+
+@pytest.fixture(scope="module")
+def model(mpirun: Callable, parallel_scripts: Path, directory: Path) -> Callable[[int, str], ReducedOrderModel]:
+    """Return a function that gives the model of a case; the first one asked for builds all those of its ranks."""
+
+    def read(n: int, case: str) -> ReducedOrderModel:
+        name, ranks_per_group, seed = case.split(":")
+        path = directory / f"{name}_{n}_{ranks_per_group}_{seed}.h5"
+        if not (directory / str(n)).exists():
+            (directory / str(n)).touch()
+            printed.update({n: mpirun(n, parallel_scripts / "build.py", directory, *RUNS[n]).stdout})
+        assert path.exists(), printed[n]
+        return ReducedOrderModel.read(path)
+
+    printed: dict[int, str] = {}
+    return read
+
+
+@pytest.mark.parametrize(("n", "case"), CASES)
+def test_frequencies_do_not_depend_on_ranks_and_signs(model: Callable, n: int, case: str) -> None:
+    expected, rom = model(1, f"{case.split(':')[0]}:1:0"), model(n, case)
+    # the solver's own tolerance is 1e-13 of the largest of the shifted and inverted values
+    np.testing.assert_allclose(rom.frequencies_hz, expected.frequencies_hz, rtol=1e-9)
+    np.testing.assert_allclose(rom.cosines, expected.cosines, rtol=0, atol=1e-8)
+    assert (rom.tables.grid, rom.n_redundant) == (expected.tables.grid, expected.n_redundant)
+    assert rom.record.ranks == n
+
+
+@pytest.mark.parametrize(("n", "case"), CASES)
+def test_tables_are_the_same_but_for_one_constant_rotation(model: Callable, n: int, case: str) -> None:
+    expected, rom = model(1, f"{case.split(':')[0]}:1:0"), model(n, case)
+    for name in ("mass_weights", "stiffness_weights", "load_weights", "load_effects"):
+        assert getattr(rom.tables, name) == getattr(expected.tables, name)
+    rotation = np.linalg.lstsq(rom.projection[0], expected.projection[0], rcond=None)[0]
+    m = rom.tables.n_modes
+    np.testing.assert_allclose(rotation.T @ rotation, np.eye(m), rtol=0, atol=1e-8)
+    tables = rom.tables.turned(np.broadcast_to(rotation, (rom.tables.grid.n, m, m)))
+    for name in TABLES:
+        one = getattr(expected.tables, name)
+        np.testing.assert_allclose(getattr(tables, name), one, rtol=0, atol=1e-8 * np.abs(one).max(), err_msg=name)
+    np.testing.assert_allclose(
+        rom.projection @ rotation, expected.projection, rtol=0, atol=1e-7 * np.abs(expected.projection).max()
+    )
+
+
+@pytest.mark.parametrize(("n", "case"), [(n, case) for n, case in CASES if case.startswith("plain")])
+def test_even_the_constant_rotation_is_the_identity_without_a_reflection(model: Callable, n: int, case: str) -> None:
+    expected, rom = model(1, "plain:1:0"), model(n, case)
+    for name in TABLES:
+        one = getattr(expected.tables, name)
+        np.testing.assert_allclose(getattr(rom.tables, name), one, rtol=0, atol=1e-8 * np.abs(one).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("case", ["plain:1:0", "reflected:1:0"])
+def test_the_tables_are_continuous_over_the_whole_period(model: Callable, case: str) -> None:
+    tables = model(1, case).tables
+    assert tables.grid.n == (24 if case.startswith("plain") else 48)
+    for name in ("mass", "stiffness", "load"):
+        table = getattr(tables, name)
+        steps = np.diff(np.concatenate([table, table[:2]]), axis=0)
+        changes = np.max(np.abs(np.diff(steps, axis=0)), axis=tuple(range(1, table.ndim)))
+        # no second difference stands out where the turn closes
+        assert max(changes[-1], changes[-2]) <= 2 * np.median(changes) + np.sort(changes)[-4]
+
+
+def test_a_scene_with_a_reflection_has_two_turns(model: Callable) -> None:
+    rom = model(1, "reflected:1:0")
+    half = len(rom.projection) // 2
+    assert (rom.tables.grid.n, rom.frequencies_hz.shape[0]) == (48, 24)
+    signs = np.sum(rom.projection[:half] * rom.projection[half:], axis=(0, 1))
+    assert np.sum(signs < 0) == 1
+    np.testing.assert_array_equal(np.abs(rom.projection[:half]), np.abs(rom.projection[half:]))
+
+
+@pytest.mark.parametrize(("n", "ranks_per_group"), [(1, 1), (3, 1), (3, 2), (4, 2)])
+def test_a_failure_of_one_group_is_that_of_all_ranks(
+    mpirun: Callable, parallel_scripts: Path, directory: Path, n: int, ranks_per_group: int
+) -> None:
+    case = f"fails:{ranks_per_group}:0"
+    lines = mpirun(n, parallel_scripts / "build.py", directory, case).stdout.splitlines()
+    assert lines == [f"{case} RunError: eigenproblem at theta = 4.71239 rad: spoilt by the test"] * n
+
+
+def test_bad_input_is_refused_on_all_ranks(mpirun: Callable, parallel_scripts: Path, directory: Path) -> None:
+    cases = ("refused:1:0", "refused:3:0", "plain:4:0")
+    lines = mpirun(3, parallel_scripts / "build.py", directory, *cases).stdout.splitlines()
+    for case in cases[:2]:
+        assert sum(line.startswith(f"{case} InputError: reduction.modes = 31") for line in lines) == 3
+    assert sum(line.startswith("plain:4:0 InputError: --ranks-per-angle = 4") for line in lines) == 3

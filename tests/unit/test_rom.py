@@ -1,0 +1,237 @@
+"""The reduced-order model: its tables are projections, its file comes back, and every damaged file is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scenes import kinematics_of, mechanism_of, meshes_of, slider_crank, trammel
+
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_body
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord, write_file
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+GRAVITY = 'effects.weight={type="gravity"}'
+SCENE = slider_crank("reduction.modes=3", "reduction.angles=8", GRAVITY)
+BUILD_AGAIN = "build it again with pgmp build"
+
+
+def built(scene: Scene) -> ReducedOrderModel:
+    """Build on this process."""
+    from mpi4py import MPI
+
+    return build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+
+
+@pytest.fixture(scope="module")
+def rom() -> ReducedOrderModel:
+    return built(SCENE)
+
+
+@pytest.fixture
+def path(rom: ReducedOrderModel, tmp_path: Path) -> Path:
+    """Return the path of a good file."""
+    rom.write(tmp_path / "rom.h5")
+    return tmp_path / "rom.h5"
+
+
+def test_every_table_is_the_projection_of_its_term(rom: ReducedOrderModel) -> None:
+    kinematics = kinematics_of(SCENE)
+    mechanism, tables = kinematics.mechanism, rom.tables
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    loads = loads_of(effects_of(SCENE, mechanism), matrices)
+    assert tables.load_weights == tuple(load.weight for load in loads)
+    assert tables.load_effects == tuple(load.effect for load in loads) == ("motor", "weight", "weight")
+    assert tables.mass_weights == mechanism.mass_weights
+    for k, theta in enumerate(tables.grid.theta):
+        poses = kinematics.poses(np.array([theta]))
+        rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])
+        flexible = rom.projection[k]
+        basis = np.hstack([rigid, flexible])
+        for i, weight in enumerate(tables.mass_weights):
+            expected = basis.T @ matrices.mass[weight] @ basis
+            np.testing.assert_allclose(tables.mass[k, i], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+        for i, weight in enumerate(tables.stiffness_weights):
+            size = np.abs(matrices.stiffness[weight].data).max() * np.abs(flexible).max() ** 2
+            expected = flexible.T @ matrices.stiffness[weight] @ flexible
+            np.testing.assert_allclose(tables.stiffness[k, i], expected, rtol=0, atol=1e-12 * size)
+        for j, load in enumerate(loads):
+            expected = to_body(mechanism, poses[..., 0], load.vector) @ basis
+            np.testing.assert_allclose(tables.load[k, j], expected, rtol=0, atol=1e-13 * np.abs(load.vector).max() * 10)
+
+
+def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: ReducedOrderModel) -> None:
+    kinematics = kinematics_of(SCENE)
+    mechanism, tables, step = kinematics.mechanism, rom.tables, 1e-3
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    for k, theta in enumerate(tables.grid.theta):
+        places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
+        acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
+        local = to_body(mechanism, kinematics.poses(np.array([theta]))[..., 0], acceleration)
+        for i, weight in enumerate(tables.mass_weights):
+            expected = local @ matrices.mass[weight] @ rom.projection[k]
+            size = np.abs(matrices.mass[weight].data).max() * np.abs(rom.projection[k]).max()
+            # second order, 1e-7, and poses solved to 1e-12 over the square of the step
+            np.testing.assert_allclose(tables.inertia[k, i, 0, 0], expected, rtol=0, atol=1e-5 * size)
+
+
+def test_the_basis_obeys_the_constraints_and_is_orthonormal(rom: ReducedOrderModel) -> None:
+    kinematics = kinematics_of(SCENE)
+    values = {"r1": 5.6e-3}
+    for k, theta in enumerate(rom.tables.grid.theta):
+        constraints = constraint_jacobian(kinematics.mechanism, kinematics.poses(np.array([theta]))[..., 0])
+        np.testing.assert_allclose(constraints @ rom.projection[k], 0.0, rtol=0, atol=1e-12)
+        mass = sum(m.evaluate(values) * table for m, table in zip(rom.tables.mass_weights, rom.tables.mass[k]))
+        stiffness = sum(
+            m.evaluate(values) * table for m, table in zip(rom.tables.stiffness_weights, rom.tables.stiffness[k])
+        )
+        np.testing.assert_allclose(mass[1:, 1:], np.eye(3), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(mass[0, 1:], 0.0, rtol=0, atol=1e-9)
+        frequencies = np.sqrt(np.linalg.eigvalsh(stiffness)) / (2 * np.pi)
+        np.testing.assert_allclose(frequencies, rom.frequencies_hz[k], rtol=1e-8)
+
+
+def test_the_basis_turns_no_faster_where_it_closes(rom: ReducedOrderModel) -> None:
+    jumps = np.linalg.norm(np.diff(np.concatenate([rom.projection, rom.projection[:1]]), axis=0), axis=(1, 2))
+    assert rom.tables.grid.n == 8, "one turn only: this scene's basis closes without a reflection"
+    assert jumps[-1] < 1.5 * jumps[:-1].max()
+    assert np.all((rom.cosines > 0.5) & (rom.cosines <= 1 + 1e-12))
+
+
+@pytest.mark.parametrize("with_projection", [True, False])
+def test_a_file_comes_back(rom: ReducedOrderModel, path: Path, with_projection: bool) -> None:
+    back = ReducedOrderModel.read(path, with_projection)
+    for field in fields(rom.tables):
+        expected, value = getattr(rom.tables, field.name), getattr(back.tables, field.name)
+        if isinstance(expected, np.ndarray):
+            np.testing.assert_array_equal(value, expected)
+        else:
+            assert value == expected
+    expected = rom.projection if with_projection else np.empty((rom.tables.grid.n, 0, 3))
+    np.testing.assert_array_equal(back.projection, expected)
+    np.testing.assert_array_equal(back.frequencies_hz, rom.frequencies_hz)
+    np.testing.assert_array_equal(back.cosines, rom.cosines)
+    assert (back.n_redundant, back.record) == (rom.n_redundant, rom.record)
+    assert list(back.meshes) == list(rom.meshes) == ["crank", "rod"]
+    for name, mesh in rom.meshes.items():
+        np.testing.assert_array_equal(back.meshes[name].nodes, mesh.nodes)
+        np.testing.assert_array_equal(back.meshes[name].cells, mesh.cells)
+        assert back.meshes[name].points == mesh.points
+    scene = scene_from_toml(back.record.scene_toml, ".")
+    assert scene == SCENE
+
+
+def test_a_model_without_effects_and_with_bodies_in_another_order_comes_back(tmp_path: Path) -> None:
+    rom = built(trammel("reduction.angles=4", "reduction.modes=2"))
+    # what is redundant between rigid bodies is not between flexible ones: the crank holds the rod's middle
+    assert rom.n_redundant == 0
+    rom.write(tmp_path / "rom.h5")
+    back = ReducedOrderModel.read(tmp_path / "rom.h5")
+    assert list(back.meshes) == ["rod", "crank"]
+    assert back.tables.load.shape == (back.tables.grid.n, 0, 3)
+    assert back.tables.load_effects == back.tables.load_weights == ()
+
+
+def test_every_dataset_has_its_unit(path: Path) -> None:
+    with h5py.File(path) as file:
+        lacking: list[str] = []
+        file.visititems(
+            lambda name, item: lacking.append(name)
+            if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
+            else None
+        )
+    assert lacking == []
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no_rom\.h5' does not exist; needed: a reduced model"):
+        ReducedOrderModel.read(tmp_path / "no_rom.h5")
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.9, 0.999])
+def test_a_file_that_was_cut_off_is_refused(path: Path, share: float) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match="damaged or cut off"):
+        ReducedOrderModel.read(path)
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    with write_file(tmp_path / "run.h5", "trajectory") as file:
+        RunRecord("", {}, None, 1).write(file)
+    with pytest.raises(InputError, match="holds a trajectory; needed: a reduced model"):
+        ReducedOrderModel.read(tmp_path / "run.h5")
+
+
+def remove(name: str) -> Callable[[h5py.File], None]:
+    """Return a change that removes an entry."""
+
+    def change(file: h5py.File) -> None:
+        del file[name]
+
+    return change
+
+
+def shorten(name: str) -> Callable[[h5py.File], None]:
+    """Return a change that drops the last configuration of a table."""
+
+    def change(file: h5py.File) -> None:
+        data, attributes = file[name][:-1], dict(file[name].attrs)
+        del file[name]
+        file.create_dataset(name, data=data).attrs.update(attributes)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(f"tables/{name}" for name in ("mass", "stiffness", "load", "inertia")),
+        *("tables", "grid", "grid/theta", "projection", "frequencies_hz", "cosines", "mesh", "mesh/rod/nodes"),
+    ],
+)
+def test_a_file_without_one_of_its_entries_is_refused(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        remove(name)(file)
+    with pytest.raises(InputError) as error:
+        ReducedOrderModel.read(path)
+    assert str(path) in str(error.value)
+    assert "missing" in str(error.value) or BUILD_AGAIN in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness", "load", "inertia"])
+def test_tables_of_different_lengths_are_refused(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as file:
+        shorten(f"tables/{name}")(file)
+    with pytest.raises(InputError, match="different numbers of configurations"):
+        ReducedOrderModel.read(path)
+
+
+@pytest.mark.parametrize("attribute", ["lower", "step", "periodic"])
+def test_a_grid_without_an_attribute_is_refused(path: Path, attribute: str) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["grid"].attrs[attribute]
+    with pytest.raises(InputError, match=BUILD_AGAIN):
+        ReducedOrderModel.read(path)
+
+
+def test_a_table_with_another_number_of_terms_than_weights_is_refused(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["tables/mass"].attrs["weights"] = ["1", "r1^2"]
+    with pytest.raises(InputError):
+        ReducedOrderModel.read(path)
+
+
+def test_the_weights_are_those_of_the_mechanism(rom: ReducedOrderModel) -> None:
+    assert rom.tables.stiffness_weights == mechanism_of(SCENE).stiffness_weights

@@ -1,0 +1,305 @@
+"""Constrained modes: published numbers, the dense pencil, completeness by inertia, and every failure of the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import scipy.linalg
+from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
+
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.modes import eigensolver, problem as problem_module
+from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+VALUES = {"r1": RADIUS}
+# Independent full-order reference of the paper's slider-crank, 5 elements a body, r1 = 5.6 mm (slider_crank_5el.json of
+# the project's reference data: explicit Runge-Kutta code on the constraint-eliminated equations, checked against a second
+# code); Hz
+REFERENCE_HZ = {
+    0.0: [64.0669736526, 238.871521006, 356.890061625, 750.444260939, 1299.71476299, 1373.69562087],
+    np.pi / 2: [52.4629361603, 229.164262909, 278.2741278, 699.848741912, 1247.10614961, 2109.54195867],
+}
+
+
+def modal_problem(kinematics: RigidKinematics, n_modes: int) -> ModalProblem:
+    """Return the problem of one process at the nominal radius."""
+    from mpi4py import MPI
+
+    return ModalProblem(kinematics, VALUES, n_modes, MPI.COMM_SELF)
+
+
+def dense_pencil(kinematics: RigidKinematics, theta: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return stiffness and mass on an orthonormal null space of the constraints."""
+    mechanism = kinematics.mechanism
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
+    null = scipy.linalg.null_space(constraints)
+    return tuple(
+        null.T @ weighted_sum(terms, VALUES).toarray() @ null for terms in (matrices.stiffness, matrices.mass)
+    )
+
+
+def petsc_matrix(dense: np.ndarray) -> object:
+    """Return a sequential sparse matrix that stores every entry."""
+    from petsc4py import PETSc
+
+    n = len(dense)
+    csr = (np.arange(0, n * n + 1, n, dtype=PETSc.IntType), np.tile(np.arange(n, dtype=PETSc.IntType), n), dense.ravel())
+    matrix = PETSc.Mat().createAIJ((n, n), csr=csr, comm=PETSc.COMM_SELF)
+    matrix.assemble()
+    return matrix
+
+
+@pytest.fixture
+def options() -> Iterator[object]:
+    """Return PETSc's options, and take the test's own away again."""
+    from petsc4py import PETSc
+
+    before = PETSc.Options().getAll()
+    yield PETSc.Options()
+    for name in set(PETSc.Options().getAll()) - set(before):
+        PETSc.Options().delValue(name)
+
+
+@pytest.fixture
+def pencil() -> tuple[object, object, np.ndarray]:
+    """Return a random pencil of 40 unknowns with one zero eigenvalue, and its eigenvalues."""
+    random = np.random.default_rng(0)
+    mass = random.normal(size=(40, 40))
+    mass = mass @ mass.T + 40 * np.eye(40)
+    half = random.normal(size=(40, 39))
+    stiffness = half @ half.T
+    return petsc_matrix(stiffness), petsc_matrix(mass), scipy.linalg.eigvalsh(stiffness, mass)
+
+
+@pytest.fixture
+def solver() -> Iterator[ShiftInvertSolver]:
+    from petsc4py import PETSc
+
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    yield solver
+    solver.close()
+
+
+@pytest.mark.parametrize("theta", REFERENCE_HZ)
+def test_the_frequencies_of_the_independent_reference(theta: float) -> None:
+    with modal_problem(kinematics_of(slider_crank()), 6) as problem:
+        # the reference has 8 digits or more
+        np.testing.assert_allclose(problem.solve(theta).frequencies_hz, REFERENCE_HZ[theta], rtol=1e-6)
+
+
+def test_the_bands_of_the_paper_over_a_revolution() -> None:
+    # f2 to f5 over a revolution, as an independent full-order code gives them to the digits shown
+    bands = [(49.0, 64.1), (229.2, 238.9), (277.0, 357.0), (694.4, 750.4)]
+    with modal_problem(kinematics_of(slider_crank()), 4) as problem:
+        frequencies = np.array([problem.solve(theta).frequencies_hz for theta in np.linspace(0.0, 2 * np.pi, 73)])
+    for mode, (low, high) in enumerate(bands):
+        assert frequencies[:, mode].min() == pytest.approx(low, abs=0.6)
+        assert frequencies[:, mode].max() == pytest.approx(high, abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("scene", "n_modes"), [(slider_crank(), 1), (slider_crank(), 15), (four_bar(), 8), (trammel(), 6), (pendulum(), 5)]
+)
+def test_modes_are_those_of_the_dense_pencil(scene: object, n_modes: int) -> None:
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    stiffness, mass = (weighted_sum(terms, VALUES) for terms in (matrices.stiffness, matrices.mass))
+    with modal_problem(kinematics, n_modes) as problem:
+        for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0):
+            modes = problem.solve(theta)
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))
+            # the dense solver errs by round-off of the largest eigenvalue
+            np.testing.assert_allclose(modes.eigenvalues, exact[1 : n_modes + 1], rtol=1e-9, atol=1e-14 * exact[-1])
+            flexible, rigid = modes.flexible, modes.rigid
+            np.testing.assert_allclose(flexible.T @ mass @ flexible, np.eye(n_modes), rtol=0, atol=1e-9)
+            size = np.sqrt((rigid.T @ mass @ rigid).item())
+            np.testing.assert_allclose(rigid.T @ mass @ flexible, 0.0, rtol=0, atol=1e-12 * size)
+            constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0])
+            np.testing.assert_allclose(constraints @ flexible, 0.0, rtol=0, atol=1e-11)
+            projected = flexible.T @ stiffness @ flexible
+            np.testing.assert_allclose(
+                projected, np.diag(modes.eigenvalues), rtol=1e-8, atol=1e-8 * modes.eigenvalues[-1]
+            )
+
+
+def test_a_rigid_rotation_of_everything_changes_no_frequency() -> None:
+    with modal_problem(kinematics_of(pendulum()), 3) as problem:
+        first = problem.solve(0.0).frequencies_hz
+        for theta in (0.4, np.pi / 2, 3.0, -50.0):
+            np.testing.assert_allclose(problem.solve(theta).frequencies_hz, first, rtol=1e-9)
+
+
+def test_redundant_constraints_are_dropped() -> None:
+    again = 'joints.again={type="point_on_line",connect=["ground:origin","rod:tip"],direction=[-3.0,0.0]}'
+    with modal_problem(kinematics_of(slider_crank(again)), 6) as problem:
+        assert problem.n_redundant == 1
+        np.testing.assert_allclose(problem.solve(0.0).frequencies_hz, REFERENCE_HZ[0.0], rtol=1e-6)
+
+
+def test_the_zeros_of_the_pencil_are_the_rigid_motion() -> None:
+    kinematics = kinematics_of(slider_crank())
+    with modal_problem(kinematics, 2) as problem:
+        modes = problem.solve(1.0)
+    crank_hinge = modes.rigid[2, 0]
+    assert crank_hinge == pytest.approx(1.0, rel=1e-12)  # d theta / d theta
+
+
+def test_counting_by_inertia_agrees_with_the_dense_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
+    a, b, values = pencil
+    for k in range(1, 40):
+        assert solver.count_below(a, b, 0.5 * (values[k - 1] + values[k])) == k
+    assert solver.count_below(a, b, -1.0) == 0
+    assert solver.count_below(a, b, 2 * values[-1]) == 40
+
+
+def test_counting_by_inertia_agrees_at_all_configurations() -> None:
+    """The pattern of N changes with the configuration, and what is kept from one to the next must not count."""
+    kinematics = kinematics_of(slider_crank())
+    with modal_problem(kinematics, 5) as problem:
+        for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0, 0.0):
+            problem._project(kinematics.poses(np.array([theta]))[..., 0])
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))
+            for k in range(2, 16):
+                tau = 0.5 * (exact[k - 1] + exact[k])
+                assert problem._solver.count_below(*problem._reduced, tau) == k
+
+
+@pytest.mark.parametrize("n_modes", range(1, 16))
+def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int) -> None:
+    with modal_problem(kinematics_of(slider_crank()), n_modes) as problem:
+        for theta in np.arange(12) * np.pi / 6:
+            assert problem.solve(theta).frequencies_hz.shape == (n_modes,)
+
+
+def test_the_solver_is_exact_on_a_random_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
+    a, b, values = pencil
+    pairs = solver.solve(a, b, 1, 7, "x")
+    np.testing.assert_allclose(pairs.values[1:], values[1:8], rtol=1e-11)
+    np.testing.assert_allclose(pairs.spare, values[8 : 8 + pairs.spare.size], rtol=1e-8)
+    assert pairs.vectors.shape == (40, 8)
+
+
+def test_all_pairs_of_a_small_pencil(solver: ShiftInvertSolver) -> None:
+    a, b = petsc_matrix(np.diag([0.0, 1.0, 2.0, 5.0])), petsc_matrix(np.eye(4))
+    pairs = solver.solve(a, b, 1, 3, "x")
+    np.testing.assert_allclose(pairs.values, [0.0, 1.0, 2.0, 5.0], rtol=0, atol=1e-12)
+    assert pairs.spare.size == 0
+
+
+def rotor(n_blades: int, n_cells: int) -> RigidKinematics:
+    """Return a hub with equal blades: every mode in which their root moments cancel is (n_blades - 1)-fold."""
+    angles = 0.1 + 2 * np.pi / n_blades * np.arange(n_blades)
+    radii = np.arange(1, n_cells + 1) / n_cells
+    blades = [radii[:, None] * [np.cos(angle), np.sin(angle)] for angle in angles]
+    cells = [
+        [0 if i == 0 else k * n_cells + i, k * n_cells + i + 1] for k in range(n_blades) for i in range(n_cells)
+    ]
+    mesh = LineMesh(np.vstack([np.zeros((1, 2)), *blades]), np.array(cells), {"hinge": 0, "tip": n_cells})
+    return RigidKinematics(Mechanism.from_scene(pendulum("bodies.arm.section.radius=5e-3"), {"arm": mesh}))
+
+
+@pytest.mark.parametrize(("n_blades", "n_cells"), [(3, 4), (3, 8), (4, 4), (5, 8)])
+def test_the_equal_frequencies_of_equal_blades_are_all_found(n_blades: int, n_cells: int) -> None:
+    kinematics = rotor(n_blades, n_cells)
+    exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, 0.3))[1:]
+    for n_modes in range(1, 13):
+        with modal_problem(kinematics, n_modes) as problem:
+            np.testing.assert_allclose(problem.solve(0.3).eigenvalues, exact[:n_modes], rtol=1e-7)
+
+
+def test_matrices_of_another_size_may_follow(solver: ShiftInvertSolver) -> None:
+    for n in (20, 30, 20):
+        a, b = petsc_matrix(np.diag(np.arange(float(n)))), petsc_matrix(np.eye(n))
+        np.testing.assert_allclose(solver.solve(a, b, 1, 3, "x").values, [0, 1, 2, 3], rtol=0, atol=1e-11)
+
+
+def test_more_modes_than_the_mesh_has_are_refused() -> None:
+    kinematics = kinematics_of(slider_crank())
+    # 12 nodes of 3 unknowns, less 5 constraints and the rigid motion
+    with pytest.raises(InputError) as error:
+        modal_problem(kinematics, 31)
+    assert str(error.value) == (
+        "reduction.modes = 31: the mesh has only 30 flexible modes; take fewer modes or a finer mesh"
+    )
+    with modal_problem(kinematics, 30) as problem:
+        assert problem.solve(1.0).frequencies_hz.shape == (30,)
+
+
+def test_a_missing_eigenvalue_is_noticed(
+    pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b, _ = pencil
+    fetch = ShiftInvertSolver._fetch
+
+    def without_the_fourth(self: ShiftInvertSolver, *arguments: object) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = fetch(self, *arguments)
+        return np.delete(values, 3), np.delete(vectors, 3, axis=1)
+
+    monkeypatch.setattr(ShiftInvertSolver, "_fetch", without_the_fourth)
+    with pytest.raises(RunError) as error:
+        solver.solve(a, b, 1, 5, "theta = 0.3 rad")
+    assert str(error.value).startswith("eigenproblem at theta = 0.3 rad: ")
+    below, found = (int(word) for word in str(error.value).split() if word.isdigit())
+    assert below == found + 1
+    assert "eps_ncv may help" in str(error.value)
+
+
+def test_a_large_residual_is_noticed(
+    pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b, _ = pencil
+    fetch = ShiftInvertSolver._fetch
+
+    def spoilt(self: ShiftInvertSolver, *arguments: object) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = fetch(self, *arguments)
+        vectors[:, 2] += 1e-3 * vectors[:, 3]
+        return values, vectors
+
+    monkeypatch.setattr(ShiftInvertSolver, "_fetch", spoilt)
+    with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
+        solver.solve(a, b, 1, 5, "here")
+
+
+def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    options["pgmp_modes_eps_tol"], options["pgmp_modes_eps_max_it"] = 1e-40, 2
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    with pytest.raises(RunError, match=r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)"):
+        solver.solve(*pencil[:2], 1, 5, "here")
+    solver.close()
+
+
+def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    options[f"{eigensolver.PREFIX}eps_ncv"] = 37
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    solver.solve(*pencil[:2], 1, 5, "here")
+    assert solver._eps.getDimensions()[1] == 37
+    solver.close()
+
+
+def test_a_rigid_motion_that_is_none_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+        true = problem_module.rigid_velocities
+        monkeypatch.setattr(problem_module, "rigid_velocities", lambda *a: true(*a) + 0.01)
+        with pytest.raises(RunError, match="the modes of frequency zero are not the mechanism's rigid motion"):
+            problem.solve(1.0)
+
+
+def test_a_mechanism_that_does_not_move_freely_is_noticed() -> None:
+    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+        problem.stiffness.shift(1.0)  # springs to the ground
+        with pytest.raises(RunError, match=r"at theta = 1 rad: 1 eigenvalues should vanish, but the largest is"):
+            problem.solve(1.0)
