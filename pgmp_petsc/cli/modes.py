@@ -23,7 +23,9 @@ SHOWN = 6
 @click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
 @output_option
 @click.option("--rom", metavar="ROM.h5", type=click.Path(path_type=Path), help="Add this model's frequencies.")
-@click.option("--angles", metavar="N", type=click.IntRange(min=2), help="Configurations; reduction.angles if not given.")
+@click.option(
+    "--angles", metavar="N", type=click.IntRange(min=2), help="Configurations; reduction.angles if not given."
+)
 @ranks_per_angle_option
 @scene_options
 @click.pass_context

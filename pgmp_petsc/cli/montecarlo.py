@@ -70,7 +70,8 @@ def montecarlo(
 def report(ensemble: Ensemble, path: Path) -> str:
     """Return mean and standard deviation with their standard errors, and the failures by reason."""
     n = len(ensemble.status)
-    lines = [f"{path}: {ensemble.model} model, {n} samples", f"  {'':24s}{'mean':>14s}  +- {'error':9s}{'std':>13s}  +- error"]
+    heading = f"  {'':24s}{'mean':>14s}  +- {'error':9s}{'std':>13s}  +- error"
+    lines = [f"{path}: {ensemble.model} model, {n} samples", heading]
     for name, s in ensemble.statistics.items():
         lines.append(
             f"  {name:24s}{s.mean:14.7g}  +- {s.mean_standard_error:<9.2g}{s.std:13.6g}  +- {s.std_standard_error:.2g} "

@@ -30,7 +30,7 @@ class Symbolic:
     order
         ``order[k]`` is the unknown eliminated k-th, shape (n,).
     starts, rows
-        Columns of L below the diagonal in elimination order, in CSC form: column k holds ``rows[starts[k]:starts[k+1]]``.
+        Columns of L below the diagonal in elimination order: column k holds ``rows[starts[k]:starts[k+1]]``.
     targets
         Where each product of a column's entries goes, in the order in which `factorise` meets them: an entry of L, or
         ``-1 - row`` for a diagonal one.

@@ -6,8 +6,8 @@ Residual (Naets et al. 2015, eqs. (11)-(12)), eta = [theta, delta], for one rigi
         + (2 b.delta theta'' + 2 b.delta' theta' + (db/dtheta).delta theta'^2) e_theta - b theta'^2 e_delta
         - (dQ_delta/dtheta).delta e_theta
 
-The second and third lines are missing in the paper. The second belongs to the kinetic energy ``theta'^2 b(theta).delta``
-of first order in delta, with ``b = (d rho/d theta)^T M (d Psi/d theta)``: the inertia forces of the rigid motion, which
+The second and third lines are missing in the paper. The second belongs to the kinetic energy
+``theta'^2 b(theta).delta`` of first order in delta, with ``b = (d rho/d theta)^T M (d Psi/d theta)``: the inertia forces of the rigid motion, which
 bend the bodies, and the change of the rigid inertia with their bending. Without it the modes are blind to inertia
 loads, because their mass coupling with theta vanishes identically. The third is the work that the loads do on the
 change of the modes with theta.

@@ -1,7 +1,8 @@
 """Random parameter values, keyed by the number of the sample.
 
 Sample k has a random stream of its own, spawned from the seed with key k; the rank that integrates it, the batch it is
-in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution function.
+in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution
+function.
 """
 
 from __future__ import annotations

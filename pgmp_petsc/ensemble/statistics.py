@@ -13,7 +13,8 @@ from pgmp_petsc.results.ensemble import Statistics
 def describe(values: np.ndarray, bins: int, probabilities: Sequence[float]) -> Statistics:
     """Describe a sample.
 
-    The standard error of the standard deviation takes the sample's own fourth moment: ``var(s) = (mu4 - s^4) / (4 s^2 N)``.
+    The standard error of the standard deviation s takes the sample's own fourth moment,
+    ``var(s) = (mu4 - s^4) / (4 s^2 N)``.
 
     Parameters
     ----------

@@ -46,7 +46,8 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
     constraints = sp.csr_matrix(constraints)
     n_dofs = constraints.shape[1]
     # the pattern, not the values: orthogonal rows that share unknowns belong together
-    pattern = sp.csr_matrix((np.ones_like(constraints.data), constraints.indices, constraints.indptr), constraints.shape)
+    ones = np.ones_like(constraints.data)
+    pattern = sp.csr_matrix((ones, constraints.indices, constraints.indptr), constraints.shape)
     n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)
     dependent = np.zeros(n_dofs, dtype=bool)
     rows, columns, values = [], [], []

@@ -51,7 +51,7 @@ def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
-    """Fix signs and rotations among equal eigenvalues by a probe, so that the basis does not depend on the solver's run.
+    """Fix signs and rotations among equal eigenvalues by a probe, whatever the solver made of them.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Joining the samples of all groups of ranks into one continuous basis.
 
-What decides about continuity are small matrices, eigenvalues and overlaps of neighbouring modes; once the overlaps over the
-borders of the arcs are known, the first rank works out every sample's rotation, whoever computed it.
+What decides about continuity are small matrices, eigenvalues and overlaps of neighbouring modes; once the overlaps over
+the borders of the arcs are known, the first rank works out every sample's rotation, whoever computed it.
 """
 
 from __future__ import annotations

@@ -62,7 +62,8 @@ class ReducedOrderModel:
             _put_terms(group, "stiffness", tables.stiffness, tables.stiffness_weights, "Psi^T K_i Psi, eq. (14)")
             _put_terms(group, "load", tables.load, tables.load_weights, "Psi^T f_j")
             group["load"].attrs["effects"] = list(tables.load_effects)
-            put(file, "projection", self.projection, NODE_UNITS, "flexible modes in body frames, (theta, unknown, mode)")
+            about = "flexible modes in body frames, (theta, unknown, mode)"
+            put(file, "projection", self.projection, NODE_UNITS, about)
             put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
             put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
             meshes = file.create_group("mesh", track_order=True)
@@ -91,10 +92,8 @@ class ReducedOrderModel:
     @classmethod
     def _read(cls, file, with_projection: bool) -> ReducedOrderModel:
         theta = take(file["grid"], "theta", 1)
-        grid_attributes = file["grid"].attrs
-        grid = Grid(
-            float(grid_attributes["lower"]), float(grid_attributes["step"]), theta.size, bool(grid_attributes["periodic"])
-        )
+        about = file["grid"].attrs
+        grid = Grid(float(about["lower"]), float(about["step"]), theta.size, bool(about["periodic"]))
         group = file["tables"]
         tables = ReducedTables(
             grid=grid,

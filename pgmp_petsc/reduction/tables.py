@@ -2,8 +2,8 @@
 
     M^r_i(theta) = Psi^T M_i Psi,   K^r_i(theta) = Psi^T K_i Psi,   Q_j(theta) = Psi^T f_j,
 
-with Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta]. Stiffness acts on delta alone: a rigid
-motion strains nothing. A further table projects the acceleration of the rigid motion at constant speed,
+with Psi = [d rho/d theta, Psi_flexible] and the coordinates eta = [theta, delta]. Stiffness acts on delta alone: a
+rigid motion strains nothing. A further table projects the acceleration of the rigid motion at constant speed,
 
     c_i(theta) = (d2 rho/d theta2)^T M_i Psi_flexible,
 

@@ -60,7 +60,9 @@ class Parameter(Table):
     unit: str = Field("", description="unit of the values, for labels only")
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
-    bounds: Interval | None = Field(None, description="smallest and largest value; a sample beyond them is recorded as failed and not integrated")
+    bounds: Interval | None = Field(
+        None, description="smallest and largest value; a sample beyond them is recorded as failed, not integrated"
+    )
     value: Number | None = Field(
         None, description="value of a single run (--set); nominal where it is not given"
     )

@@ -74,6 +74,6 @@ def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
 def _refuse(entry: str, path: Path) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
-        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the tables of "
-        "torques may be changed"
+        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the tables "
+        "of torques may be changed"
     )

@@ -96,7 +96,7 @@ def _check_same_mechanism(scene: Scene, rom: ReducedOrderModel | None) -> None:
     built = scene_from_toml(rom.record.scene_toml, scene.directory)
     for table in STRUCTURE:
         if getattr(built, table) != getattr(scene, table):
-            raise InputError(f"--rom: it was built from another scene; [{table}] differs. Build it again from this scene")
+            raise InputError(f"--rom: it was built from another scene: [{table}] differs; build it from this one")
     missing = scene.parameters.keys() ^ built.parameters.keys()
     if missing:
         raise InputError(f"--rom: it was built with other parameters: {', '.join(sorted(missing))}")
