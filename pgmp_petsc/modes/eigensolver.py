@@ -80,6 +80,14 @@ class ShiftInvertSolver:
         if self._shifted is not None:
             self._shifted.destroy()
 
+    def forget_pattern(self) -> None:
+        """Drop symbolic factorisations; to be called when the next matrices have another nonzero pattern."""
+        self._eps.reset()
+        self._count.reset()
+        if self._shifted is not None:
+            self._shifted.destroy()
+            self._shifted = None
+
     def solve(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check them.
 
@@ -175,13 +183,10 @@ class ShiftInvertSolver:
         """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``."""
         from petsc4py import PETSc
 
-        if self._shifted is not None and self._shifted.getSizes() != a.getSizes():
-            self._shifted.destroy()
-            self._shifted = None
         if self._shifted is None:
             self._shifted = a.duplicate(copy=True)
         else:
-            a.copy(self._shifted, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            a.copy(self._shifted, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._shifted.axpy(-tau, b, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._count.setOperators(self._shifted)
         self._count.setUp()

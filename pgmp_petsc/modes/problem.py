@@ -95,13 +95,14 @@ class ModalProblem:
         self._null: PETSc.Mat | None = None
         self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
         self._signature: bytes = b""
+        self._solver: ShiftInvertSolver | None = None
         self._check_size()
         self._solver = self._scaled_solver()
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
-        self._solver.close()
         self._drop_reduced()
+        self._solver.close()
         self.mass.destroy()
         self.stiffness.destroy()
 
@@ -195,6 +196,8 @@ class ModalProblem:
             for matrix in (self._null, *self._reduced):
                 matrix.destroy()
             self._null = self._reduced = None
+        if self._solver is not None:
+            self._solver.forget_pattern()
 
     def _expand(self, vectors: np.ndarray) -> np.ndarray:
         """Return ``N psi`` for local columns of independent unknowns."""
