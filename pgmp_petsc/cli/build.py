@@ -54,7 +54,7 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
     ]
     if rom.n_redundant:
         lines.append(f"  {rom.n_redundant} redundant constraints were dropped")
-    if tables.grid.n > len(rom.frequencies_hz):
+    if tables.samples.n > len(rom.frequencies_hz):
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
     if rom.cosines.min() < POOR_COSINE:
         lines.append(

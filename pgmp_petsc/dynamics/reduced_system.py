@@ -10,9 +10,10 @@ from mpi4py import MPI
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
 from pgmp_petsc.dynamics.reduced_kernel import correct
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect
-from pgmp_petsc.reduction.interpolation import interpolate_slope
-from pgmp_petsc.reduction.tables import ReducedTables
+
+LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
 class ReducedSystem:
@@ -20,43 +21,42 @@ class ReducedSystem:
 
     Parameters
     ----------
-    tables
-        Reduced tables (one rigid coordinate).
+    terms
+        Interpolated terms of the equations of motion.
     effects
         Effects of the scene; they give the loads' amplitudes over time.
     values
         Parameter values of the samples, each of shape (n_samples,).
     initial
         Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
-    scale
-        Displacement per unit of the flexible coordinates, shape (n_modes,); see `displacement_scale`.
+    n_samples
+        Number of samples.
     """
 
     comm = MPI.COMM_SELF
 
     def __init__(
         self,
-        tables: ReducedTables,
+        terms: ReducedTerms,
         effects: Sequence[Effect],
         values: Mapping[str, np.ndarray],
         initial: tuple[float, float],
-        scale: np.ndarray,
         n_samples: int,
     ) -> None:
-        grid = tables.grid
+        tables = terms.tables
         self.tables = tables
         self.n_samples = n_samples
         self._initial = initial
-        self._grid = (grid.lower, grid.step, grid.n, grid.periodic)
-        self._packed = (pack(tables.mass), coupling_of(tables), pack(tables.stiffness), tables.load)
+        self._grids = (terms.rigid.grid, terms.mass.grid)
+        self._rows = tuple(t.rows for t in (terms.rigid, terms.mass, terms.coupling, terms.stiffness, terms.load))
         self._weights = tuple(
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))))
             for w in (tables.mass_weights, tables.stiffness_weights, tables.load_weights)
         )
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
-        self._scale = np.concatenate([np.ones(tables.n_coordinates), scale])
-        self._factors = np.empty((n_samples, self._packed[0].shape[2]))
+        self._scale = terms.scale
+        self._factors = np.empty((n_samples, terms.mass.rows.shape[2]))
         self._size = np.empty(n_samples)
 
     @property
@@ -81,8 +81,8 @@ class ReducedSystem:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
         correct(
-            self._grid,
-            self._packed,
+            self._grids,
+            self._rows,
             self._weights,
             amplitudes,
             self._scale,
@@ -102,45 +102,5 @@ class ReducedSystem:
 
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinate left the sampled range."""
-        grid = self.tables.grid
-        if grid.periodic:
-            return np.zeros(self.n_samples, dtype=bool)
-        theta = state.q[:, 0]
-        return (theta < grid.lower) | (theta > grid.upper)
+        return np.broadcast_to(~self.tables.samples.contains(state.q[:, 0]), (self.n_samples,))
 
-
-LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
-
-
-def coupling_of(tables: ReducedTables) -> np.ndarray:
-    """Return ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` at the samples, shape (n, n_mass_terms, n_delta).
-
-    By the product rule it is the derivative of the mass table's coupling block, taken from the interpolant, less the
-    inertia table.
-    """
-    block = tables.mass[:, :, 0, 1:]
-    return interpolate_slope(tables.grid, block, tables.grid.theta) - tables.inertia[:, :, 0, 0]
-
-
-def pack(matrices: np.ndarray) -> np.ndarray:
-    """Pack symmetric matrices (..., n, n) as lower triangles row by row."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return np.ascontiguousarray(matrices[..., rows, columns])
-
-
-def displacement_scale(projection: np.ndarray, size: float) -> np.ndarray:
-    """Return the largest displacement per unit of each flexible coordinate.
-
-    Parameters
-    ----------
-    projection
-        Flexible modes, shape (n, n_dofs, n_modes).
-    size
-        Length that translations are measured in, m.
-
-    Returns
-    -------
-    ndarray, shape (n_modes,)
-    """
-    units = np.tile([1.0 / size, 1.0 / size, 1.0], projection.shape[1] // 3)
-    return np.max(np.abs(projection) * units[:, None], axis=(0, 1))

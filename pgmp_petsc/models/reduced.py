@@ -7,7 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import State
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem, displacement_scale
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -36,23 +37,22 @@ class ReducedModel:
         mechanism = Mechanism.from_scene(scene, rom.meshes)
         self.kinematics = RigidKinematics(mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics)
-        self._tables = rom.tables
+        self._terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
         self._effects = effects_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics)
-        self._scale = displacement_scale(rom.projection, self.kinematics.size)
-        grid = rom.tables.grid
-        if not grid.periodic and not grid.lower <= self._start[0] <= grid.upper:
+        samples, scheme = rom.tables.samples, scene.reduction.interpolation
+        if not samples.contains(self._start[0]):
             name = self.kinematics.coordinate.name
             raise InputError(
                 f"simulation.initial.{name}.position = {self._start[0]:g}: outside the sampled range "
-                f"[{grid.lower:g}, {grid.upper:g}] rad"
+                f"[{samples.lower:g}, {samples.upper:g}] rad"
             )
-        self._of_outputs = Reconstruction(self.kinematics, grid, rom.projection, self.outputs.nodes)
-        self._of_all = Reconstruction(self.kinematics, grid, rom.projection, range(mechanism.n_nodes))
+        self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
+        self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        return ReducedSystem(self._tables, self._effects, values, self._start, self._scale, n_samples)
+        return ReducedSystem(self._terms, self._effects, values, self._start, n_samples)
 
     def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""

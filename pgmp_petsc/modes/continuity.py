@@ -76,19 +76,20 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
     Parameters
     ----------
     eigenvalues
-        Ascending at every sample, shape (n, m).
+        Of the first n_modes vectors, ascending at every sample, shape (n, n_modes); further vectors (static modes) have
+        none.
     overlaps
         ``V_k^T M V_{k-1}`` from each sample to the next, shape (n', m, m).
 
     Returns
     -------
     list of ndarray
-        Mode numbers of every group, increasing.
+        Numbers of the vectors of every group, increasing.
     """
-    m = eigenvalues.shape[1]
+    n_modes = eigenvalues.shape[1]
     linked = np.max(np.abs(overlaps), axis=0, initial=0.0) > MIXING_TOLERANCE
     close = np.min(np.diff(eigenvalues, axis=1) / eigenvalues[:, 1:], axis=0, initial=np.inf) < CLOSE_TOLERANCE
-    linked[np.arange(m - 1), np.arange(1, m)] |= close
+    linked[np.arange(n_modes - 1), np.arange(1, n_modes)] |= close
     n_groups, label = connected_components(linked, directed=False)
     return [np.flatnonzero(label == group) for group in range(n_groups)]
 

@@ -127,6 +127,19 @@ class ShiftInvertSolver:
         self._check_complete(a, b, values, n_pairs, where)
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
+    def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the factor of the last solve."""
+        ksp = self._eps.getST().getKSP()
+        x, y = ksp.getOperators()[0].createVecs()
+        result = np.empty_like(columns)
+        for i in range(columns.shape[1]):
+            x.setArray(columns[:, i])
+            ksp.solve(x, y)
+            result[:, i] = y.getArray(readonly=True)
+        x.destroy()
+        y.destroy()
+        return result
+
     def _fetch(self, a: PETSc.Mat, n_pairs: int) -> tuple[np.ndarray, np.ndarray]:
         vector = a.createVecRight()
         values = np.empty(n_pairs)

@@ -21,12 +21,13 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.matrices import aij_matrix, times
+from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
 
 if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
 
+MAX_REFINEMENTS = 60
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
 
 
@@ -135,6 +136,61 @@ class ModalProblem:
         flexible = self._deflate(vectors[:, n_theta:], rigid)
         return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
 
+    def static_modes(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
+        """Return the static answers to loads that the modes miss.
+
+        ``x = K^-1 f`` with rigid motion and kept modes deflated from f and x; by iterative refinement with the
+        shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts by
+        ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
+
+        Parameters
+        ----------
+        modes
+            Modes at the configuration that was solved last.
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+
+        Returns
+        -------
+        ndarray, shape (n_local, n_static)
+            M-orthonormal, and M-orthogonal to `modes`; a load whose answer lies in the span of what is there already
+            gives none, and this is the same at every configuration.
+        """
+        kept = np.hstack([modes.rigid, modes.flexible])
+        answers = kept
+        for load in loads.T:
+            answer = self._static_answer(kept, load[:, None])
+            for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
+                answer = answer - self._onto(answers, answer)
+            norm = float(np.sqrt(self.inner(answer, self.times_mass(answer))[0, 0]))
+            answers = np.hstack([answers, answer / norm])
+        return answers[:, kept.shape[1] :]
+
+    def _static_answer(self, kept: np.ndarray, load: np.ndarray) -> np.ndarray:
+        m_kept = self.times_mass(kept)
+        balanced = load - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, load))
+        answer = np.zeros_like(load)
+        scale = np.sqrt(self.inner(balanced, balanced)[0, 0])
+        for _ in range(MAX_REFINEMENTS):
+            residual = balanced - times(self.stiffness, answer)
+            step = times(self._null, self._solver.apply_inverse(transposed_times(self._null, residual)))
+            step -= self._onto(kept, step)
+            answer += step
+            if self._norm(step) <= 1e-13 * self._norm(answer):
+                return answer
+        raise RunError(
+            f"static mode: {MAX_REFINEMENTS} refinements did not converge (load of size {scale:.3g}); "
+            "the shift is too far from the kept modes"
+        )
+
+    def _onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Return the M-orthogonal projection of vectors onto a basis."""
+        m_basis = self.times_mass(basis)
+        return basis @ np.linalg.solve(self.inner(basis, m_basis), self.inner(m_basis, vectors))
+
+    def _norm(self, vector: np.ndarray) -> float:
+        return float(np.sqrt(self.inner(vector, self.times_mass(vector))[0, 0]))
+
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times local columns (n_local, k)."""
         return times(self.mass, vectors)
@@ -205,8 +261,7 @@ class ModalProblem:
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Make vectors M-orthogonal to the rigid motion to the last digits."""
-        m_rigid = self.times_mass(rigid)
-        return vectors - rigid @ np.linalg.solve(self.inner(rigid, m_rigid), self.inner(m_rigid, vectors))
+        return vectors - self._onto(rigid, vectors)
 
     def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
         n_theta = zeros.shape[1]

@@ -12,15 +12,17 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
-from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.effects import Load, effects_of, loads_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.reduction.joining import join_arcs
+from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.joining import JoinedSamples, join_samples
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sampler import ArcSampler
-from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.reduction.sampler import Sampler
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
@@ -62,47 +64,33 @@ def build_rom(
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
         kinematics = RigidKinematics(mechanism)
-        grid = _grid(scene, kinematics)
-        loads = loads_of(
-            effects_of(scene, mechanism),
-            assemble(mechanism.bodies, owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)),
-        )
-    arc = group.arc(grid.n)
-    samples, n_redundant = None, 0
+        samples = _samples(scene, kinematics)
+        rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
+        loads = loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, rows))
+    arc = group.arc(samples.n)
+    own, n_redundant = {}, 0
     with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
         len(arc), "eigenproblems", group.world
     ) as bar:
         if arc:
             with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm) as problem:
                 n_redundant = problem.n_redundant
-                sampler = ArcSampler(problem, loads)
-                samples = sampler.run(grid.theta[arc.start : arc.stop], scramble, bar.update)
+                sampler = Sampler(problem, loads, scene.reduction.static_modes)
+                for k in arc:
+                    own[k] = sampler.sample(samples.theta[k], scramble)
+                    bar.update()
     with timings.phase("continuity"):
-        joined = join_arcs(group, grid, samples)
+        shares = [len(share) for share in group.arcs(samples.n)]
+        owners = np.repeat(np.arange(len(shares)), shares)
+        joined = join_samples(group, owners, own, samples.periodic)
     timings = timings.maximum(group.world)
     if joined is None:
         return None
-    tables = ReducedTables(
-        grid=grid,
-        mass_weights=mechanism.mass_weights,
-        stiffness_weights=mechanism.stiffness_weights,
-        load_weights=tuple(load.weight for load in loads),
-        load_effects=tuple(load.effect for load in loads),
-        mass=joined.samples.mass,
-        inertia=joined.samples.inertia,
-        stiffness=joined.samples.stiffness,
-        load=joined.samples.load,
-    ).turned(joined.rotations)
-    projection = joined.samples.shapes @ joined.rotations
-    if joined.flipped.size:
-        tables = tables.over_two_turns(joined.flipped)
-        signs = np.ones(tables.n_modes)
-        signs[joined.flipped] = -1.0
-        projection = np.concatenate([projection, projection * signs])
+    tables, projection = _continuous_tables(mechanism, samples, loads, joined)
     return ReducedOrderModel(
         tables=tables,
         projection=projection,
-        frequencies_hz=np.sqrt(joined.samples.eigenvalues) / (2 * np.pi),
+        frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
@@ -110,6 +98,28 @@ def build_rom(
     )
 
 
-def _grid(scene: Scene, kinematics: RigidKinematics) -> Grid:
-    coordinate = kinematics.coordinate
-    return Grid.over(coordinate.lower, coordinate.upper, scene.reduction.angles, coordinate.periodic)
+def _continuous_tables(
+    mechanism: Mechanism, samples: Samples, loads: tuple[Load, ...], joined: JoinedSamples
+) -> tuple[ReducedTables, np.ndarray]:
+    """Return tables and projection in the continuous basis."""
+    tables = ReducedTables(
+        samples=samples,
+        mass_weights=mechanism.mass_weights,
+        stiffness_weights=mechanism.stiffness_weights,
+        load_weights=tuple(load.weight for load in loads),
+        load_effects=tuple(load.effect for load in loads),
+        **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
+    ).turned(joined.rotations)
+    projection = joined.shapes @ joined.rotations
+    if not joined.flipped.size:
+        return tables, projection
+    signs = np.ones(tables.n_modes)
+    signs[joined.flipped] = -1.0
+    return tables.over_two_turns(joined.flipped), np.concatenate([projection, projection * signs])
+
+
+def _samples(scene: Scene, kinematics: RigidKinematics) -> Samples:
+    coordinate, reduction = kinematics.coordinate, scene.reduction
+    return samples_for(
+        reduction.interpolation, coordinate.lower, coordinate.upper, reduction.angles, coordinate.periodic
+    )

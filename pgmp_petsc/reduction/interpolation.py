@@ -1,116 +1,155 @@
-"""Overhauser interpolation of tables over a uniform grid (Naets et al. 2015, eqs. (18)-(20)).
+"""Interpolation of tables over the samples of a coordinate.
 
-Between samples i and i+1, with ``s = (theta - theta_i) / step``, a cubic Hermite polynomial in s is built on central
-difference tangents ``(A_{i+1} - A_{i-1}) / 2`` (the paper prints another denominator, with which the tangents would
-scale with the step). At the ends of a range that is not periodic, tangents are the one-sided ones of second order.
+============== =================================================================== ====================== =======
+scheme         what it is                                                          samples                order
+============== =================================================================== ====================== =======
+``overhauser`` cubic Hermite, central-difference tangents (the paper's)            uniform                3
+``spline``     periodic or not-a-knot cubic spline                                 any                    4
+``spectral``   trigonometric if periodic, else polynomial through Chebyshev points uniform, Chebyshev     any power
+============== =================================================================== ====================== =======
 
-Whatever the scheme, an interpolated value is a weighted sum of a few rows of the table; `stencil` gives the rows and
-the weights of the value and of its derivative, and everything that interpolates uses it.
+Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpolant`), so that the integrator's kernel
+knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
+evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count.
+
+The paper prints (20) with a denominator that would make the tangents scale with the step; the tangent with respect to
+s is ``(A_{i+1} - A_{i-1}) / 2``.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numba import njit
+from scipy.interpolate import BarycentricInterpolator, CubicSpline
+from scipy.linalg import solve_banded
+from scipy.signal import resample
 
-from pgmp_petsc.reduction.tables import Grid
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, stencil
 
-N_ROWS = 4
+FINE = 1024  # points over the range of interpolants that are not splines of their own samples
 
 
-@njit(cache=True, error_model="numpy")
-def stencil(theta, lower, step, n, periodic, rows, weights, slopes):
-    """Fill the rows, weights and derivative weights for one theta.
+@dataclass(frozen=True, eq=False)
+class Interpolant:
+    """A piecewise cubic on a uniform grid.
 
-    Parameters
+    Attributes
     ----------
-    theta
-        Coordinate, rad; inside the range if the grid is not periodic.
-    lower, step, n, periodic
-        The grid.
-    rows, weights, slopes
-        Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
+    lower, step, n, periodic, basis
+        As for `stencil`.
+    rows
+        Samples or spline coefficients, shape (n_rows, ...).
     """
-    position = (theta - lower) / step
-    cell = int(np.floor(position))
-    if not periodic:
-        cell = min(max(cell, 0), n - 2)
-    s = position - cell
-    s2, s3 = s * s, s * s * s
-    value_1 = 3.0 * s2 - 2.0 * s3
-    value_0 = 1.0 - value_1
-    tangent_0 = s - 2.0 * s2 + s3
-    tangent_1 = s3 - s2
-    slope_1 = (6.0 * s - 6.0 * s2) / step
-    slope_0 = -slope_1
-    tangent_slope_0 = (1.0 - 4.0 * s + 3.0 * s2) / step
-    tangent_slope_1 = (3.0 * s2 - 2.0 * s) / step
-    for k in range(4):
-        rows[k] = cell - 1 + k
-    if not periodic and cell == 0:
-        # tangent at the end: (-3 A0 + 4 A1 - A2) / 2
-        rows[0] = 3 if n > 3 else 0
-        weights[0] = 0.0
-        weights[1] = value_0 - 1.5 * tangent_0 - 0.5 * tangent_1
-        weights[2] = value_1 + 2.0 * tangent_0
-        weights[3] = -0.5 * tangent_0 + 0.5 * tangent_1
-        slopes[0] = 0.0
-        slopes[1] = slope_0 - 1.5 * tangent_slope_0 - 0.5 * tangent_slope_1
-        slopes[2] = slope_1 + 2.0 * tangent_slope_0
-        slopes[3] = -0.5 * tangent_slope_0 + 0.5 * tangent_slope_1
-    elif not periodic and cell == n - 2:
-        rows[3] = n - 4 if n > 3 else 0
-        weights[0] = 0.5 * tangent_1 - 0.5 * tangent_0
-        weights[1] = value_0 - 2.0 * tangent_1
-        weights[2] = value_1 + 0.5 * tangent_0 + 1.5 * tangent_1
-        weights[3] = 0.0
-        slopes[0] = 0.5 * tangent_slope_1 - 0.5 * tangent_slope_0
-        slopes[1] = slope_0 - 2.0 * tangent_slope_1
-        slopes[2] = slope_1 + 0.5 * tangent_slope_0 + 1.5 * tangent_slope_1
-        slopes[3] = 0.0
-    else:
-        weights[0] = -0.5 * tangent_0
-        weights[1] = value_0 - 0.5 * tangent_1
-        weights[2] = value_1 + 0.5 * tangent_0
-        weights[3] = 0.5 * tangent_1
-        slopes[0] = -0.5 * tangent_slope_0
-        slopes[1] = slope_0 - 0.5 * tangent_slope_1
-        slopes[2] = slope_1 + 0.5 * tangent_slope_0
-        slopes[3] = 0.5 * tangent_slope_1
-        if periodic:
-            for k in range(4):
-                rows[k] = rows[k] % n
+
+    lower: float
+    step: float
+    n: int
+    periodic: bool
+    basis: int
+    rows: np.ndarray
+
+    @property
+    def grid(self) -> tuple[float, float, int, bool, int]:
+        """The grid as the kernels take it."""
+        return self.lower, self.step, self.n, self.periodic, self.basis
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        """Return the values at theta of shape (k,), shape (k, ...)."""
+        return self._sum(theta, slope=False)
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        """Return the derivative with theta, shape (k, ...)."""
+        return self._sum(theta, slope=True)
+
+    def _sum(self, theta: np.ndarray, slope: bool) -> np.ndarray:
+        rows = np.empty(N_ROWS, dtype=np.int64)
+        weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
+        result = np.empty((len(theta), *self.rows.shape[1:]))
+        for k, value in enumerate(theta):
+            stencil(value, *self.grid, rows, weights, slopes)
+            result[k] = np.tensordot(slopes if slope else weights, self.rows[rows], axes=1)
+        return result
 
 
-def interpolate(grid: Grid, table: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Interpolate a table.
+def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant:
+    """Interpolate a table of shape (n, ...) given at the samples.
 
-    Parameters
-    ----------
-    grid
-        The grid, of n samples.
-    table
-        Shape (n, ...).
-    theta
-        Shape (n_theta,), rad.
-
-    Returns
-    -------
-    ndarray, shape (n_theta, ...)
+    Raises
+    ------
+    ValueError
+        If the scheme does not take such samples.
     """
-    return _weighted_rows(grid, table, theta, slope=False)
+    if scheme == "overhauser":
+        if not samples.is_uniform:
+            raise ValueError("Overhauser interpolation needs uniform samples")
+        step = (samples.upper - samples.lower) / (samples.n if samples.periodic else samples.n - 1)
+        return Interpolant(samples.lower, step, samples.n, samples.periodic, OVERHAUSER, np.asarray(table))
+    if scheme == "spline":
+        return _as_splines(samples, table if samples.is_uniform else _spline_on_fine_grid(samples, table))
+    if scheme == "spectral":
+        return _as_splines(samples, _spectral_on_fine_grid(samples, table))
+    raise ValueError(f"interpolation '{scheme}'; known: overhauser, spline, spectral")
 
 
-def interpolate_slope(grid: Grid, table: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Return the derivative of the interpolant with theta; arguments as for `interpolate`."""
-    return _weighted_rows(grid, table, theta, slope=True)
+def samples_for(scheme: str, lower: float, upper: float, n: int, periodic: bool) -> Samples:
+    """Return n samples of a range as the scheme wants them."""
+    if scheme == "spectral" and not periodic:
+        return Samples.chebyshev(lower, upper, n)
+    return Samples.uniform(lower, upper, n, periodic)
 
 
-def _weighted_rows(grid: Grid, table: np.ndarray, theta: np.ndarray, slope: bool) -> np.ndarray:
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-    result = np.empty((len(theta), *table.shape[1:]))
-    for k, value in enumerate(theta):
-        stencil(value, grid.lower, grid.step, grid.n, grid.periodic, rows, weights, slopes)
-        result[k] = np.tensordot(slopes if slope else weights, table[rows], axes=1)
-    return result
+def _as_splines(samples: Samples, uniform: np.ndarray) -> Interpolant:
+    """Return the cubic spline through values at uniform points over the samples' range."""
+    n = len(uniform)
+    step = (samples.upper - samples.lower) / (n if samples.periodic else n - 1)
+    coefficients = _periodic_coefficients(uniform) if samples.periodic else _coefficients(uniform)
+    return Interpolant(samples.lower, step, n, samples.periodic, B_SPLINE, coefficients)
+
+
+def _periodic_coefficients(values: np.ndarray) -> np.ndarray:
+    """Solve ``(c_{i-1} + 4 c_i + c_{i+1}) / 6 = values_i`` around the circle."""
+    n = len(values)
+    symbol = (4.0 + 2.0 * np.cos(2 * np.pi * np.arange(n // 2 + 1) / n)) / 6.0
+    shape = (-1, *(1,) * (values.ndim - 1))
+    return np.fft.irfft(np.fft.rfft(values, axis=0) / symbol.reshape(shape), n, axis=0)
+
+
+def _coefficients(values: np.ndarray) -> np.ndarray:
+    """Solve for n + 2 coefficients, not-a-knot at both ends (third derivative continuous at the second point)."""
+    n = len(values)
+    bands = np.zeros((9, n + 2))  # row 4 + i - j holds entry (i, j)
+    for column in range(n + 2):
+        for row, entry in ((column - 1, 1 / 6), (column, 4 / 6), (column + 1, 1 / 6)):
+            if 1 <= row <= n:
+                bands[4 + row - column, column] = entry
+    for k, entry in enumerate((1.0, -4.0, 6.0, -4.0, 1.0)):
+        bands[4 - k, k] = entry
+        bands[4 + k, n + 1 - k] = entry
+    right = np.zeros((n + 2, int(np.prod(values.shape[1:], dtype=int))))
+    right[1:-1] = values.reshape(n, -1)
+    return solve_banded((4, 4), bands, right).reshape(n + 2, *values.shape[1:])
+
+
+def _fine_count(samples: Samples) -> int:
+    cells = samples.n if samples.periodic else samples.n - 1
+    return cells * -(-FINE // cells)
+
+
+def _spline_on_fine_grid(samples: Samples, table: np.ndarray) -> np.ndarray:
+    fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples), samples.periodic)
+    if not samples.periodic:
+        return CubicSpline(samples.theta, table)(fine.theta)
+    theta = np.append(samples.theta, samples.theta[0] + samples.upper - samples.lower)
+    return CubicSpline(theta, np.concatenate([table, table[:1]]), bc_type="periodic")(fine.theta)
+
+
+def _spectral_on_fine_grid(samples: Samples, table: np.ndarray) -> np.ndarray:
+    count = _fine_count(samples)
+    if samples.periodic:
+        if not samples.is_uniform:
+            raise ValueError("trigonometric interpolation needs uniform samples")
+        return resample(table, count, axis=0)
+    fine = Samples.uniform(samples.lower, samples.upper, count, False)
+    return BarycentricInterpolator(samples.theta, table)(fine.theta)

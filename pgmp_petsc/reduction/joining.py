@@ -1,105 +1,127 @@
 """Joining the samples of all groups of ranks into one continuous basis.
 
-What decides about continuity are small matrices, eigenvalues and overlaps of neighbouring modes; once the overlaps over
-the borders of the arcs are known, the first rank works out every sample's rotation, whoever computed it.
+What decides about continuity are small matrices, eigenvalues and overlaps of neighbouring modes; once the overlaps of
+neighbours that different groups hold are known, the first rank works out every sample's rotation, whoever computed it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.modes.continuity import close_revolution, group_modes, transport
-from pgmp_petsc.reduction.sampler import TABLES, ArcSamples
-from pgmp_petsc.reduction.tables import Grid
+from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.runtime.groups import RankGroup
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JoinedSamples:
-    """The samples of all arcs and what makes them continuous.
+    """All samples in order, and what makes them continuous.
 
     Attributes
     ----------
-    samples
-        Samples of the whole grid, all rows, in the eigensolver's own bases.
+    tables
+        `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases.
+    shapes
+        Flexible vectors, all rows, shape (n, n_dofs, n_delta).
     rotations
-        ``Psi_continuous = Psi Q``, shape (n, n_modes, n_modes).
+        ``Psi_continuous = Psi Q``, shape (n, n_delta, n_delta).
     cosines
         Cosine of the largest angle of a group of modes to the sample before, shape (n,).
     flipped
         Coordinates that change their sign after a revolution.
     groups
-        Mode numbers of the groups.
+        Numbers of the vectors of each group.
     """
 
-    samples: ArcSamples
+    tables: dict[str, np.ndarray]
+    shapes: np.ndarray
     rotations: np.ndarray
     cosines: np.ndarray
     flipped: np.ndarray
     groups: list[np.ndarray]
 
 
-def join_arcs(group: RankGroup, grid: Grid, samples: ArcSamples | None) -> JoinedSamples | None:
-    """Join the arcs. Collective on ``group.world``.
+def join_samples(
+    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], periodic: bool
+) -> JoinedSamples | None:
+    """Join the samples. Collective on ``group.world``.
 
     Parameters
     ----------
-    samples
-        This group's samples; None if its arc is empty.
+    owners
+        Number of the group that holds each sample, shape (n,).
+    own
+        This group's samples by their number.
+    periodic
+        Whether the first sample follows the last.
 
     Returns
     -------
     JoinedSamples or None
         On the first rank, None elsewhere.
     """
-    border = _overlap_with_previous_arc(group, grid, samples)
-    shapes = None if samples is None else group.comm.gather(samples.shapes)
+    overlaps = _overlaps(group, owners, own)
+    rows = {k: group.comm.gather(sample.shape) for k, sample in sorted(own.items())}
     if group.roots is None:
         return None
-    arcs = group.roots.gather((samples, shapes, border))
+    found = {
+        k: ({name: getattr(sample, name) for name in TABLES}, np.concatenate(rows[k]), overlaps[k])
+        for k, sample in own.items()
+    }
+    everything = group.roots.gather(found)
     if group.world.rank > 0:
         return None
-    arcs = [arc for arc in arcs if arc[0] is not None]
-    whole = ArcSamples(
-        **{name: np.concatenate([getattr(arc, name) for arc, _, _ in arcs]) for name in TABLES},
-        shapes=np.concatenate([np.concatenate(parts, axis=1) for _, parts, _ in arcs]),
-        mass_first=arcs[0][0].mass_first,
-    )
-    # overlaps from each sample to the next, those over the borders of the arcs among them
-    overlaps = [item for arc, _, border in arcs for item in (border, *arc.overlaps)]
-    return _continuous(grid, whole, np.array(overlaps))
+    ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
+    tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
+    overlaps = np.array([overlap for _, _, overlap in ordered])
+    shapes = np.array([shape for _, shape, _ in ordered])
+    return _continuous(tables, shapes, overlaps, periodic)
 
 
-def _continuous(grid: Grid, samples: ArcSamples, overlaps: np.ndarray) -> JoinedSamples:
+def _continuous(
+    tables: dict[str, np.ndarray], shapes: np.ndarray, overlaps: np.ndarray, periodic: bool
+) -> JoinedSamples:
     """Work out the rotations; ``overlaps[0]`` closes the revolution."""
-    inner = overlaps[1:]
-    groups = group_modes(samples.eigenvalues, overlaps if grid.periodic else inner)
-    rotations, cosines = transport(inner, groups, samples.canonical[0])
+    groups = group_modes(tables["eigenvalues"], overlaps if periodic else overlaps[1:])
+    rotations, cosines = transport(overlaps[1:], groups, tables["canonical"][0])
     flipped = np.zeros(0, dtype=int)
-    if grid.periodic:
+    if periodic:
         rotations, flipped, cosines[0] = close_revolution(rotations, overlaps[0], groups)
-    return JoinedSamples(samples, rotations, cosines, flipped, groups)
+    return JoinedSamples(tables, shapes, rotations, cosines, flipped, groups)
 
 
-def _overlap_with_previous_arc(
-    group: RankGroup, grid: Grid, samples: ArcSamples | None
-) -> np.ndarray | None:
-    """Return ``V_first^T M V_last`` with the last modes of the arc before (cyclically)."""
+def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -> dict[int, np.ndarray]:
+    """Return ``V_k^T M V_{k-1}`` of this group's samples k, cyclically.
+
+    Neighbours are passed on in the order of the samples on all groups, so that nobody waits in a circle.
+    """
     from mpi4py import MPI
 
-    if samples is None:
-        return None
-    n_arcs = min(group.count, grid.n)
-    parts = group.comm.gather(samples.shapes[-1])
-    last = np.concatenate(parts) if parts is not None else None
-    if group.comm.rank == 0 and n_arcs > 1:
-        last = group.roots.sendrecv(
-            last, dest=(group.index + 1) % n_arcs, source=(group.index - 1) % n_arcs
-        )
-    last = group.comm.bcast(last, root=0)
-    n_local = samples.mass_first.shape[0]
-    first_row = sum(group.comm.allgather(n_local)[: group.comm.rank])
-    previous = last[first_row : first_row + n_local]
-    return group.comm.allreduce(samples.mass_first.T @ previous, op=MPI.SUM)
+    n = len(owners)
+    overlaps = {}
+    for k in range(n):
+        before, here = owners[k - 1], owners[k]
+        if group.index not in (before, here):
+            continue
+        whole = None
+        if group.index == before:
+            parts = group.comm.gather(own[(k - 1) % n].shape)
+            whole = np.concatenate(parts) if parts is not None else None
+        if before != here and group.comm.rank == 0:
+            if group.index == before:
+                group.roots.send(whole, dest=int(here), tag=k)
+            else:
+                whole = group.roots.recv(source=int(before), tag=k)
+        if group.index == here:
+            product = own[k].mass_shape.T @ _own_rows(group, own[k], group.comm.bcast(whole))
+            overlaps[k] = group.comm.allreduce(product, op=MPI.SUM)
+    return overlaps
+
+
+def _own_rows(group: RankGroup, sample: Sample, whole: np.ndarray) -> np.ndarray:
+    counts = group.comm.allgather(len(sample.shape))
+    first = sum(counts[: group.comm.rank])
+    return whole[first : first + len(sample.shape)]

@@ -14,8 +14,8 @@ import numpy as np
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import place_points
-from pgmp_petsc.reduction.interpolation import interpolate
-from pgmp_petsc.reduction.tables import Grid
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 
 class Reconstruction:
@@ -25,27 +25,27 @@ class Reconstruction:
     ----------
     kinematics
         Rigid kinematics of the mechanism.
-    grid
-        Sampled configurations.
-    projection
-        Flexible modes of all nodes in body frames, shape (n, n_dofs, n_modes).
+    rom
+        The reduced-order model, with the projection.
+    scheme
+        Interpolation over the samples.
     nodes
         Global numbers of the nodes wanted.
     """
 
     def __init__(
-        self, kinematics: RigidKinematics, grid: Grid, projection: np.ndarray, nodes: Sequence[int]
+        self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int]
     ) -> None:
-        self._kinematics, self._grid = kinematics, grid
+        self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         rows = (DOFS_PER_NODE * self._nodes[:, None] + np.arange(DOFS_PER_NODE)).ravel()
-        self._projection = np.ascontiguousarray(projection[:, rows])
+        self._projection = interpolant(rom.tables.samples, rom.projection[:, rows], scheme)
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta)."""
         n_theta = self._kinematics.n_coordinates
         theta, delta = eta[:, 0], eta[:, n_theta:]
-        psi = interpolate(self._grid, self._projection, theta)
+        psi = self._projection(theta)
         local = np.einsum("ndm,nm->dn", psi, delta).reshape(self._nodes.size, DOFS_PER_NODE, len(theta))
         poses = self._kinematics.poses(theta)
         frames = np.empty_like(local)

@@ -10,7 +10,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
 
@@ -24,7 +25,7 @@ class ReducedOrderModel:
     Attributes
     ----------
     tables
-        Reduced matrices and loads over the grid.
+        Reduced matrices and loads at the samples.
     projection
         Flexible modes in body frames at the samples, shape (n, n_dofs, n_modes); empty along the second axis where
         only the tables were read.
@@ -53,9 +54,9 @@ class ReducedOrderModel:
         tables = self.tables
         with write_file(path, "rom", {"n_redundant": self.n_redundant}) as file:
             self.record.write(file)
-            grid = file.create_group("grid")
-            put(grid, "theta", tables.grid.theta, "rad", "sampled configurations")
-            grid.attrs.update(lower=tables.grid.lower, step=tables.grid.step, periodic=tables.grid.periodic)
+            at = tables.samples
+            theta = put(file, "theta", at.theta, "rad", "sampled configurations")
+            theta.attrs.update(lower=at.lower, upper=at.upper, periodic=at.periodic)
             group = file.create_group("tables")
             _put_terms(group, "mass", tables.mass, tables.mass_weights, "Psi^T M_i Psi, eq. (13)")
             _put_terms(group, "inertia", tables.inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i Psi")
@@ -91,12 +92,13 @@ class ReducedOrderModel:
 
     @classmethod
     def _read(cls, file, with_projection: bool) -> ReducedOrderModel:
-        theta = take(file["grid"], "theta", 1)
-        about = file["grid"].attrs
-        grid = Grid(float(about["lower"]), float(about["step"]), theta.size, bool(about["periodic"]))
+        about = file["theta"].attrs
+        samples = Samples(
+            take(file, "theta", 1), float(about["lower"]), float(about["upper"]), bool(about["periodic"])
+        )
         group = file["tables"]
         tables = ReducedTables(
-            grid=grid,
+            samples=samples,
             mass_weights=_weights(group["mass"]),
             stiffness_weights=_weights(group["stiffness"]),
             load_weights=_weights(group["load"]),
@@ -106,7 +108,7 @@ class ReducedOrderModel:
             stiffness=take(group, "stiffness", 4),
             load=take(group, "load", 3),
         )
-        if any(len(t) != grid.n for t in (tables.mass, tables.inertia, tables.stiffness, tables.load)):
+        if any(len(t) != samples.n for t in (tables.mass, tables.inertia, tables.stiffness, tables.load)):
             raise InputError(f"file '{file.filename}': the tables have different numbers of configurations")
         meshes = {
             name: LineMesh(
@@ -116,7 +118,7 @@ class ReducedOrderModel:
             )
             for name, body in file["mesh"].items()
         }
-        projection = take(file, "projection", 3) if with_projection else np.empty((grid.n, 0, tables.n_modes))
+        projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, tables.n_modes))
         return cls(
             tables=tables,
             projection=projection,

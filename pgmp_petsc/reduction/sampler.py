@@ -1,4 +1,4 @@
-"""Modes and reduced matrices along one arc of configurations, and the overlaps of neighbouring modes."""
+"""Modes and reduced matrices at one configuration."""
 
 from __future__ import annotations
 
@@ -7,36 +7,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 
-TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "overlaps")
-
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
+TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical")
 
 
-@dataclass(frozen=True)
-class ArcSamples:
-    """What a group of ranks computed on its arc of n samples, in the eigensolver's own bases.
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What a group of ranks computed at one configuration, in the eigensolver's own basis.
+
+    Flexible vectors are the eigenmodes, ascending, and after them the static modes of the loads.
 
     Attributes
     ----------
     eigenvalues
-        Full-order eigenvalues at the nominal parameters, ascending, shape (n, n_modes), (rad/s)^2.
+        Full-order eigenvalues at the nominal parameters, shape (n_modes,), (rad/s)^2.
     mass, inertia, stiffness, load
-        As in `ReducedTables`, over the arc.
+        As in `ReducedTables`, at this configuration.
     canonical
-        Rotations that fix the signs of each sample by itself, shape (n, n_modes, n_modes).
-    overlaps
-        ``V_k^T M V_{k-1}`` inside the arc, shape (n - 1, n_modes, n_modes).
-    shapes
-        Flexible modes V in body frames, local rows, shape (n, n_local, n_modes).
-    mass_first
-        M times the first flexible modes, local rows, shape (n_local, n_modes): what the arc before is compared with.
+        Rotation that fixes the signs of the basis by itself, shape (n_delta, n_delta).
+    shape
+        Flexible vectors V in body frames, local rows, shape (n_local, n_delta).
+    mass_shape
+        M V, local rows, shape (n_local, n_delta).
     """
 
     eigenvalues: np.ndarray
@@ -45,51 +43,68 @@ class ArcSamples:
     stiffness: np.ndarray
     load: np.ndarray
     canonical: np.ndarray
-    overlaps: np.ndarray
-    shapes: np.ndarray
-    mass_first: np.ndarray
+    shape: np.ndarray
+    mass_shape: np.ndarray
 
 
-class ArcSampler:
-    """Computes `ArcSamples`. Collective on the problem's communicator."""
+class Sampler:
+    """Computes samples. Collective on the problem's communicator.
 
-    def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        Load terms of the scene, local rows, inertial frame.
+    static_modes
+        Whether the static answers to the loads extend the basis.
+    """
+
+    def __init__(self, problem: ModalProblem, loads: Sequence[Load], static_modes: bool) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = [problem.matrices.mass[w] for w in mechanism.mass_weights]
         self._stiffness = [problem.matrices.stiffness[w] for w in mechanism.stiffness_weights]
         self._loads = loads
+        self._static_modes = static_modes
 
-    def run(self, theta: np.ndarray, scramble: Scramble, tick: Callable[[], None]) -> ArcSamples:
-        """Sample the configurations theta, shape (n,), in order."""
+    def sample(self, theta: float, scramble: Scramble) -> Sample:
+        """Sample one configuration (rad).
+
+        Raises
+        ------
+        RunError
+            If the eigensolver fails; see `ModalProblem.solve`.
+        """
         problem = self.problem
-        samples: dict[str, list] = {name: [] for name in TABLES}
-        shapes: list[np.ndarray] = []
-        for angle in theta:
-            modes = _ascending(scramble(problem.solve(angle)))
-            if shapes:
-                samples["overlaps"].append(problem.inner(modes.flexible, problem.times_mass(shapes[-1])))
-            shapes.append(modes.flexible)
-            samples["eigenvalues"].append(modes.eigenvalues)
-            samples["canonical"].append(self._canonical(modes))
-            basis = np.hstack([modes.rigid, modes.flexible])
-            samples["mass"].append(self._project(self._mass, basis))
-            samples["inertia"].append(self._project_inertia(modes.rigid_curvature, modes.flexible))
-            samples["stiffness"].append(self._project(self._stiffness, modes.flexible))
-            samples["load"].append(self._project_loads(angle, basis))
-            tick()
-        m = shapes[0].shape[1]
-        arrays = {name: np.array(values) for name, values in samples.items()}
-        arrays["overlaps"] = arrays["overlaps"].reshape(-1, m, m)
-        return ArcSamples(shapes=np.array(shapes), mass_first=problem.times_mass(shapes[0]), **arrays)
+        modes = _ascending(scramble(problem.solve(theta)))
+        loads = self._turned_loads(theta)
+        statics = np.empty((len(modes.rigid), 0))
+        if self._static_modes:
+            statics = problem.static_modes(modes, loads)
+        shape = np.hstack([modes.flexible, statics])
+        basis = np.hstack([modes.rigid, shape])
+        return Sample(
+            eigenvalues=modes.eigenvalues,
+            mass=self._project(self._mass, basis),
+            inertia=self._project_inertia(modes.rigid_curvature, shape),
+            stiffness=self._project(self._stiffness, shape),
+            load=problem.inner(loads, basis),
+            canonical=self._canonical(modes, shape.shape[1]),
+            shape=shape,
+            mass_shape=problem.times_mass(shape),
+        )
 
-    def _canonical(self, modes: ModeSet) -> np.ndarray:
+    def _canonical(self, modes: ModeSet, n_delta: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
         n, n_modes = self.problem.mechanism.n_dofs, modes.flexible.shape[1]
         rows = np.arange(self.problem.rows.start, self.problem.rows.stop)
         # incommensurate waves: no mode shape of any mesh is orthogonal to its own one but by accident
         waves = np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, n_modes + 1)))
-        return canonical_rotation(modes.eigenvalues, self.problem.inner(modes.flexible, waves))
+        rotation = np.eye(n_delta)
+        probe = self.problem.inner(modes.flexible, waves)
+        rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
+        return rotation
 
     def _project(self, terms: Sequence, basis: np.ndarray) -> np.ndarray:
         everywhere = _all_rows(self.problem, basis)
@@ -103,14 +118,14 @@ class ArcSampler:
         products = [self.problem.inner(columns, term @ everywhere) for term in self._mass]
         return np.array(products).reshape(len(self._mass), n_theta, n_theta, -1)
 
-    def _project_loads(self, angle: float, basis: np.ndarray) -> np.ndarray:
-        if not self._loads:
-            return np.zeros((0, basis.shape[1]))
+    def _turned_loads(self, theta: float) -> np.ndarray:
+        """Return the load vectors in body frames, local rows, shape (n_local, n_loads)."""
         problem = self.problem
-        poses = problem.kinematics.poses(np.array([angle]))[..., 0]
+        if not self._loads:
+            return np.zeros((len(problem.rows), 0))
+        poses = problem.kinematics.poses(np.array([theta]))[..., 0]
         vectors = _all_rows(problem, np.array([load.vector for load in self._loads]).T)
-        turned = to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
-        return problem.inner(turned, basis)
+        return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
 
 
 def _ascending(modes: ModeSet) -> ModeSet:

@@ -17,50 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Uniformly sampled values of a coordinate.
-
-    Attributes
-    ----------
-    lower, step
-        First sample and spacing, rad.
-    n
-        Number of samples.
-    periodic
-        Whether the sample after the last one is the first again.
-    """
-
-    lower: float
-    step: float
-    n: int
-    periodic: bool
-
-    @classmethod
-    def over(cls, lower: float, upper: float, n: int, periodic: bool) -> Grid:
-        """Sample a range with n points; a periodic one leaves out its upper end."""
-        return cls(lower, (upper - lower) / (n if periodic else n - 1), n, periodic)
-
-    @property
-    def theta(self) -> np.ndarray:
-        """The samples, shape (n,), rad."""
-        return self.lower + self.step * np.arange(self.n)
-
-    @property
-    def upper(self) -> float:
-        """Upper end of the sampled range, rad."""
-        return self.lower + self.step * (self.n if self.periodic else self.n - 1)
+from pgmp_petsc.reduction.samples import Samples
 
 
 @dataclass(frozen=True)
 class ReducedTables:
-    """Reduced matrices and loads over the grid.
+    """Reduced matrices and loads at the samples.
 
     Attributes
     ----------
-    grid
+    samples
         Sampled configurations, n of them.
     mass_weights, stiffness_weights, load_weights
         Monomials of the affine terms.
@@ -76,7 +42,7 @@ class ReducedTables:
         Shape (n, n_load_terms, n_eta).
     """
 
-    grid: Grid
+    samples: Samples
     mass_weights: tuple[Monomial, ...]
     stiffness_weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
@@ -120,10 +86,10 @@ class ReducedTables:
         """Append a second revolution in which some flexible coordinates have the opposite sign."""
         signs = np.eye(self.n_modes)
         signs[flipped, flipped] = -1.0
-        second = self.turned(np.broadcast_to(signs, (self.grid.n, *signs.shape)))
+        second = self.turned(np.broadcast_to(signs, (self.samples.n, *signs.shape)))
         return replace(
             self,
-            grid=replace(self.grid, n=2 * self.grid.n),
+            samples=self.samples.over_two_turns(),
             mass=np.concatenate([self.mass, second.mass]),
             inertia=np.concatenate([self.inertia, second.inertia]),
             stiffness=np.concatenate([self.stiffness, second.stiffness]),

@@ -54,9 +54,12 @@ class RankGroup:
         roots = world.Split(color=0 if comm.rank == 0 else 1, key=index)
         return cls(world, comm, roots if comm.rank == 0 else None, index, count)
 
-    def arc(self, n: int) -> range:
-        """Return this group's contiguous share of n configurations; empty for groups beyond the n-th."""
+    def arcs(self, n: int) -> list[range]:
+        """Return the groups' contiguous shares of n configurations; groups beyond the n-th have none."""
         bounds = np.linspace(0, n, min(self.count, n) + 1).round().astype(int)
-        if self.index >= bounds.size - 1:
-            return range(0)
-        return range(bounds[self.index], bounds[self.index + 1])
+        return [range(first, last) for first, last in zip(bounds, bounds[1:])]
+
+    def arc(self, n: int) -> range:
+        """Return this group's share; empty where it has none."""
+        arcs = self.arcs(n)
+        return arcs[self.index] if self.index < len(arcs) else range(0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,11 +30,21 @@ def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PE
 def times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Return matrix times local columns (n_local, k)."""
     x, y = matrix.createVecs()
-    product = np.empty((y.getLocalSize(), columns.shape[1]))
+    return _apply(matrix.mult, x, y, columns)
+
+
+def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """Return the transposed matrix times local columns (n_local, k)."""
+    y, x = matrix.createVecs()
+    return _apply(matrix.multTranspose, x, y, columns)
+
+
+def _apply(product: Callable, x: PETSc.Vec, y: PETSc.Vec, columns: np.ndarray) -> np.ndarray:
+    result = np.empty((y.getLocalSize(), columns.shape[1]))
     for i in range(columns.shape[1]):
         x.setArray(columns[:, i])
-        matrix.mult(x, y)
-        product[:, i] = y.getArray(readonly=True)
+        product(x, y)
+        result[:, i] = y.getArray(readonly=True)
     x.destroy()
     y.destroy()
-    return product
+    return result

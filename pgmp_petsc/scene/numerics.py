@@ -16,9 +16,11 @@ class Reduction(Table):
 
     modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
     angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate")
-    interpolation: Literal["overhauser"] = Field(
+    static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
+    interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
-        description="interpolation between samples: cubic Hermite with central-difference tangents",
+        description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's), "
+        "cubic spline, or trigonometric (periodic) and Chebyshev (limited range)",
     )
 
 

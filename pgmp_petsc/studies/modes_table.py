@@ -12,9 +12,10 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.interpolation import interpolate
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -52,7 +53,7 @@ def tabulate_modes(
         _check_same_mechanism(scene, rom)
         kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
         coordinate = kinematics.coordinate
-        theta = Grid.over(coordinate.lower, coordinate.upper, n_angles, coordinate.periodic).theta
+        theta = Samples.uniform(coordinate.lower, coordinate.upper, n_angles, coordinate.periodic).theta
         arc = group.arc(n_angles)
         if arc:
             with ModalProblem(kinematics, scene.values, scene.reduction.modes, group.comm) as problem:
@@ -68,7 +69,10 @@ def tabulate_modes(
     if group.world.rank > 0:
         return None
     with timings.phase("reduced"):
-        reduced = None if rom is None else reduced_frequencies(rom.tables, scene.values, theta)
+        reduced = None
+        if rom is not None:
+            scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
+            reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta)
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict()),
         theta=theta,
@@ -78,12 +82,14 @@ def tabulate_modes(
     )
 
 
-def reduced_frequencies(tables: ReducedTables, values: Mapping[str, float], theta: np.ndarray) -> np.ndarray:
+def reduced_frequencies(
+    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray
+) -> np.ndarray:
     """Return the frequencies of the reduced model, shape (n_theta, n_modes), Hz, at any configurations."""
     at_theta = replace(
         tables,
-        mass=interpolate(tables.grid, tables.mass, theta),
-        stiffness=interpolate(tables.grid, tables.stiffness, theta),
+        mass=interpolant(tables.samples, tables.mass, scheme)(theta),
+        stiffness=interpolant(tables.samples, tables.stiffness, scheme)(theta),
     )
     return at_theta.frequencies_hz(
         evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values)

@@ -1,0 +1,101 @@
+"""Piecewise cubics on a uniform grid, as weighted sums of four rows of a table; compiled.
+
+Two bases: ``OVERHAUSER``, the cubic Hermite polynomial with central-difference tangents (Naets et al. 2015, eqs.
+(18)-(20)), whose rows are the samples themselves, and ``B_SPLINE``, whose rows are the coefficients of uniform cubic
+B-splines. Everything that interpolates uses `stencil`, in Python and in the integrator's kernel alike.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+N_ROWS = 4
+OVERHAUSER, B_SPLINE = 0, 1
+
+
+@njit(cache=True, error_model="numpy")
+def stencil(theta, lower, step, n, periodic, basis, rows, weights, slopes):
+    """Fill the rows, weights and derivative weights for one theta.
+
+    Parameters
+    ----------
+    theta
+        Coordinate, rad; inside the range if the grid is not periodic.
+    lower, step, n, periodic
+        The grid: n points, the first at `lower`.
+    basis
+        ``OVERHAUSER`` (the table has n rows) or ``B_SPLINE`` (n rows if periodic, else n + 2).
+    rows, weights, slopes
+        Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
+    """
+    position = (theta - lower) / step
+    cell = int(np.floor(position))
+    if not periodic:
+        cell = min(max(cell, 0), n - 2)
+    s = position - cell
+    if basis == B_SPLINE:
+        _b_spline(s, step, weights, slopes)
+        first = cell - 1 if periodic else cell
+    else:
+        _overhauser(s, step, weights, slopes)
+        first = cell - 1
+        if not periodic and cell == 0:
+            _extrapolate(0, 1, 2, 3, weights, slopes)
+        if not periodic and cell == n - 2:
+            _extrapolate(3, 2, 1, 0, weights, slopes)
+    for k in range(N_ROWS):
+        rows[k] = first + k
+    if periodic:
+        for k in range(N_ROWS):
+            rows[k] = rows[k] % n
+    elif basis == OVERHAUSER:
+        # a row beyond an end has the weight zero
+        for k in range(N_ROWS):
+            rows[k] = min(max(rows[k], 0), n - 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _overhauser(s, step, weights, slopes):
+    """Weights of A[i-1..i+2] at s of the cell i, tangents ``(A[i+1] - A[i-1]) / 2`` with respect to s."""
+    s2, s3 = s * s, s * s * s
+    value_1 = 3.0 * s2 - 2.0 * s3
+    tangent_0, tangent_1 = s - 2.0 * s2 + s3, s3 - s2
+    weights[0] = -0.5 * tangent_0
+    weights[1] = 1.0 - value_1 - 0.5 * tangent_1
+    weights[2] = value_1 + 0.5 * tangent_0
+    weights[3] = 0.5 * tangent_1
+    rate_1 = 6.0 * s - 6.0 * s2
+    rate_t0, rate_t1 = 1.0 - 4.0 * s + 3.0 * s2, 3.0 * s2 - 2.0 * s
+    slopes[0] = -0.5 * rate_t0 / step
+    slopes[1] = (-rate_1 - 0.5 * rate_t1) / step
+    slopes[2] = (rate_1 + 0.5 * rate_t0) / step
+    slopes[3] = 0.5 * rate_t1 / step
+
+
+@njit(cache=True, error_model="numpy")
+def _extrapolate(outside, end, second, third, weights, slopes):
+    """Replace the row outside a limited range by quadratic extrapolation, 3 A_0 - 3 A_1 + A_2.
+
+    The tangent at the end becomes the one-sided one of second order.
+    """
+    for table in (weights, slopes):
+        lost = table[outside]
+        table[outside] = 0.0
+        table[end] += 3.0 * lost
+        table[second] -= 3.0 * lost
+        table[third] += lost
+
+
+@njit(cache=True, error_model="numpy")
+def _b_spline(s, step, weights, slopes):
+    """Uniform cubic B-splines: weights of four consecutive coefficients at s of a cell."""
+    t = 1.0 - s
+    weights[0] = t * t * t / 6.0
+    weights[1] = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
+    weights[2] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
+    weights[3] = s * s * s / 6.0
+    slopes[0] = -0.5 * t * t / step
+    slopes[1] = (-2.0 * s + 1.5 * s * s) / step
+    slopes[2] = (2.0 * t - 1.5 * t * t) / step
+    slopes[3] = 0.5 * s * s / step
