@@ -4,13 +4,14 @@ Residual (Naets et al. 2015, eqs. (11)-(12)), eta = [theta, delta], for one rigi
 
     r = M eta'' + theta' (dM/dtheta) eta' - 1/2 (eta'^T (dM/dtheta) eta') e_theta + K delta - Q(t)
         + (2 b.delta theta'' + 2 b.delta' theta' + (db/dtheta).delta theta'^2) e_theta - b theta'^2 e_delta
-        - (dQ_delta/dtheta).delta e_theta
+        + (1/2 delta^T (dK/dtheta) delta - (dQ_delta/dtheta).delta) e_theta
 
 The second and third lines are missing in the paper. The second belongs to the kinetic energy
 ``theta'^2 b(theta).delta`` of first order in delta, with ``b = (d rho/d theta)^T M (d Psi/d theta)``: the inertia forces of the rigid motion, which
 bend the bodies, and the change of the rigid inertia with their bending. Without it the modes are blind to inertia
-loads, because their mass coupling with theta vanishes identically. The third is the work that the loads do on the
-change of the modes with theta.
+loads, because their mass coupling with theta vanishes identically. The third is the work of loads and elastic forces on
+the change of the modes with theta: of second order in the loads, both together or none. With all of them the system
+is Lagrangian in the interpolated tables and conserves energy.
 
 M, b, K and Q are interpolated at the sample's own theta and weighted with its own parameters. The iteration matrix
 ``gain_a M + K``, with the rigid inertia's own derivatives added, is symmetric positive definite; what it leaves out
@@ -129,10 +130,11 @@ def correct(grid, tables, weights, amplitudes, scale, state, gains, active, fres
     rows = np.empty(N_ROWS, dtype=np.int64)
     value, slope = np.empty(N_ROWS), np.empty(N_ROWS)
     mass, mass_slope = np.empty(tables[0].shape[2]), np.empty(tables[0].shape[2])
-    stiffness = np.empty(tables[2].shape[2])
+    stiffness, stiffness_slope = np.empty(tables[2].shape[2]), np.empty(tables[2].shape[2])
+    bent, turned = np.empty(n_eta - 1), np.empty(n_eta - 1)
     load, load_slope = np.empty(n_eta), np.empty(n_eta)
     coupling, coupling_slope = np.empty(n_eta - 1), np.empty(n_eta - 1)
-    r, moved, bent = np.empty(n_eta), np.empty(n_eta), np.empty(n_eta - 1)
+    r, moved = np.empty(n_eta), np.empty(n_eta)
     load_weights = np.empty(amplitudes.size)
     for b in range(n_samples):
         size[b] = 0.0
@@ -148,6 +150,7 @@ def correct(grid, tables, weights, amplitudes, scale, state, gains, active, fres
         combine(tables[1], rows, value, weights[0][b], coupling)
         combine(tables[1], rows, slope, weights[0][b], coupling_slope)
         combine(tables[2], rows, value, weights[1][b], stiffness)
+        combine(tables[2], rows, slope, weights[1][b], stiffness_slope)
         multiply(mass, a[b], r)
         multiply(mass_slope, v[b], moved)
         power = 0.0
@@ -156,11 +159,12 @@ def correct(grid, tables, weights, amplitudes, scale, state, gains, active, fres
             r[i] += v[b, 0] * moved[i]
         r[0] -= 0.5 * power
         multiply(stiffness, q[b, 1:], bent)
+        multiply(stiffness_slope, q[b, 1:], turned)
         speed = v[b, 0]
         for i in range(n_eta - 1):
             r[1 + i] += bent[i] - coupling[i] * speed * speed
             r[0] += 2.0 * coupling[i] * (q[b, 1 + i] * a[b, 0] + v[b, 1 + i] * speed)
-            r[0] += coupling_slope[i] * q[b, 1 + i] * speed * speed
+            r[0] += q[b, 1 + i] * (coupling_slope[i] * speed * speed + 0.5 * turned[i])
         if amplitudes.size > 0:
             for t in range(amplitudes.size):
                 load_weights[t] = amplitudes[t] * weights[2][b, t]
