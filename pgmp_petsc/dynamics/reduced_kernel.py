@@ -17,94 +17,192 @@ M, b, K and Q are interpolated at the sample's own theta and weighted with its o
 ``gain_a M + K``, with the rigid inertia's own derivatives added, is symmetric positive definite; what it leaves out
 contracts by the square of ``h theta'`` an iteration.
 
-Symmetric matrices are packed as lower triangles row by row; the sums run over packed entries, which vectorise.
+Samples are taken LANES at a time: each lane interpolates at its own theta, along the contiguous entries of the tables;
+all that follows runs over the lanes side by side, where it vectorises. Symmetric matrices are packed as lower triangles
+row by row. A lane never touches another's numbers.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from pgmp_petsc.reduction.stencil import N_ROWS, stencil
 
+LANES = 8  # samples side by side: one AVX-512 register, or two of AVX2
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-def combine(table, rows, factors, term_weights, result):
-    """Accumulate ``sum_row sum_term factors[row] w[term] table[rows[row], term]`` into result (n_entries,)."""
-    result[:] = 0.0
+
+class Layout(NamedTuple):
+    """Where the parts of a table row begin: packed mass, coupling b, packed stiffness; and their end."""
+
+    n_eta: int
+    coupling: int
+    stiffness: int
+    end: int
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def combine(table, rows, weights, slopes, term_weights, value, slope):
+    """Sum ``table[rows[r], t]`` with factors ``weights[r] w[t]`` into value, and with ``slopes[r] w[t]`` into slope."""
+    value[:] = 0.0
+    slope[:] = 0.0
     for r in range(N_ROWS):
         for t in range(term_weights.size):
-            factor = factors[r] * term_weights[t]
+            f, g = weights[r] * term_weights[t], slopes[r] * term_weights[t]
             source = table[rows[r], t]
-            for e in range(result.size):
-                result[e] += factor * source[e]
+            for e in range(value.size):
+                value[e] += f * source[e]
+                slope[e] += g * source[e]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-def multiply(packed, x, result):
-    """Multiply a packed symmetric matrix with a vector."""
-    n = x.size
-    result[:] = 0.0
-    at = 0
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def multiply(packed, first, n, x, skip, result):
+    """Multiply packed symmetric matrices, from row `first` on, with ``x[skip:]``: (n, LANES) each."""
     for i in range(n):
-        total = 0.0
-        xi = x[i]
+        for lane in range(LANES):
+            result[i, lane] = 0.0
+    at = first
+    for i in range(n):
         for j in range(i):
-            entry = packed[at + j]
-            total += entry * x[j]
-            result[j] += entry * xi
-        result[i] += total + packed[at + i] * xi
-        at += i + 1
+            for lane in range(LANES):
+                result[i, lane] += packed[at, lane] * x[skip + j, lane]
+                result[j, lane] += packed[at, lane] * x[skip + i, lane]
+            at += 1
+        for lane in range(LANES):
+            result[i, lane] += packed[at, lane] * x[skip + i, lane]
+        at += 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
 def factorise(packed, n):
-    """Replace a packed positive definite matrix by its Cholesky factor; False if it is not positive definite."""
+    """Replace packed positive definite matrices by their Cholesky factors, diagonals inverted; NaN where not."""
     for i in range(n):
         row_i = i * (i + 1) // 2
         for j in range(i + 1):
             row_j = j * (j + 1) // 2
-            total = packed[row_i + j]
             for k in range(j):
-                total -= packed[row_i + k] * packed[row_j + k]
+                for lane in range(LANES):
+                    packed[row_i + j, lane] -= packed[row_i + k, lane] * packed[row_j + k, lane]
             if i == j:
-                if not total > 0.0:
-                    return False
-                packed[row_i + i] = np.sqrt(total)
+                for lane in range(LANES):
+                    packed[row_i + i, lane] = 1.0 / np.sqrt(packed[row_i + i, lane])
             else:
-                packed[row_i + j] = total / packed[row_j + j]
-    return True
+                for lane in range(LANES):
+                    packed[row_i + j, lane] *= packed[row_j + j, lane]
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-def substitute(packed, x):
-    """Solve ``L L^T y = x`` in place."""
-    n = x.size
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def substitute(packed, n, x):
+    """Solve ``L L^T y = x`` in place, x of shape (n, LANES)."""
     for i in range(n):
         row = i * (i + 1) // 2
-        total = x[i]
         for j in range(i):
-            total -= packed[row + j] * x[j]
-        x[i] = total / packed[row + i]
+            for lane in range(LANES):
+                x[i, lane] -= packed[row + j, lane] * x[j, lane]
+        for lane in range(LANES):
+            x[i, lane] *= packed[row + i, lane]
     for i in range(n - 1, -1, -1):
         row = i * (i + 1) // 2
-        x[i] /= packed[row + i]
+        for lane in range(LANES):
+            x[i, lane] *= packed[row + i, lane]
         for j in range(i):
-            x[j] -= packed[row + j] * x[i]
+            for lane in range(LANES):
+                x[j, lane] -= packed[row + j, lane] * x[i, lane]
 
 
 @njit(cache=True, error_model="numpy")
-def correct(grids, tables, weights, amplitudes, scale, state, gains, active, fresh, factors, size):
+def interpolate_lanes(first, count, q, layout, grids, tables, weights, amplitudes, terms, slopes, load, load_slope):
+    """Fill all terms and their derivatives at the thetas of samples first to first + count - 1, lane by lane."""
+    rows = np.empty(N_ROWS, dtype=np.int64)
+    value, slope = np.empty(N_ROWS), np.empty(N_ROWS)
+    entries, entry_slopes = np.empty(layout.end), np.empty(layout.end)
+    rigid, rigid_slope = np.empty(1), np.empty(1)
+    forces, force_slopes = np.empty(layout.n_eta), np.empty(layout.n_eta)
+    load_weights = np.empty(amplitudes.size)
+    for lane in range(LANES):
+        b = first + min(lane, count - 1)
+        theta = q[b, 0]
+        if not abs(theta) < 1e9:
+            theta = grids[0][0]
+        stencil(theta, *grids[1], rows, value, slope)
+        combine(tables[1], rows, value, slope, weights[0][b], entries, entry_slopes)
+        if amplitudes.size > 0:
+            for t in range(amplitudes.size):
+                load_weights[t] = amplitudes[t] * weights[1][b, t]
+            combine(tables[2], rows, value, slope, load_weights, forces, force_slopes)
+            for i in range(layout.n_eta):
+                load[i, lane], load_slope[i, lane] = forces[i], force_slopes[i]
+        stencil(theta, *grids[0], rows, value, slope)
+        combine(tables[0], rows, value, slope, weights[0][b], rigid, rigid_slope)
+        entries[0], entry_slopes[0] = rigid[0], rigid_slope[0]
+        for e in range(layout.end):
+            terms[e, lane], slopes[e, lane] = entries[e], entry_slopes[e]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, work, r):
+    """Evaluate the equations of motion into r (n_eta, LANES); see the module."""
+    n, m = layout.n_eta, layout.n_eta - 1
+    multiply(slopes, 0, n, v, 0, work)
+    multiply(terms, 0, n, a, 0, r)
+    for i in range(n):
+        for lane in range(LANES):
+            r[i, lane] += v[0, lane] * work[i, lane]
+            r[0, lane] -= 0.5 * v[i, lane] * work[i, lane]
+    multiply(terms, layout.stiffness, m, q, 1, work)
+    for i in range(m):
+        b = layout.coupling + i
+        for lane in range(LANES):
+            speed, delta = v[0, lane], q[1 + i, lane]
+            r[1 + i, lane] += work[i, lane] - terms[b, lane] * speed * speed
+            r[0, lane] += 2.0 * terms[b, lane] * (delta * a[0, lane] + v[1 + i, lane] * speed)
+            r[0, lane] += slopes[b, lane] * delta * speed * speed
+    multiply(slopes, layout.stiffness, m, q, 1, work)
+    for i in range(m):
+        for lane in range(LANES):
+            r[0, lane] += 0.5 * q[1 + i, lane] * work[i, lane]
+    if loaded:
+        for i in range(n):
+            for lane in range(LANES):
+                r[i, lane] -= load[i, lane]
+        for i in range(1, n):
+            for lane in range(LANES):
+                r[0, lane] -= load_slope[i, lane] * q[i, lane]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def iteration_matrix(layout, v, a, terms, slopes, gain_v, gain_a, factor):
+    """Fill packed ``gain_a M + K`` with the derivatives of the rigid inertia forces (n_packed, LANES)."""
+    for e in range(layout.coupling):
+        for lane in range(LANES):
+            factor[e, lane] = gain_a * terms[e, lane]
+    for lane in range(LANES):
+        factor[0, lane] += slopes[0, lane] * (gain_v * v[0, lane] + a[0, lane])
+    at, of = 1, layout.stiffness
+    for i in range(1, layout.n_eta):
+        for j in range(i):
+            for lane in range(LANES):
+                factor[at + 1 + j, lane] += terms[of + j, lane]
+        at += i + 1
+        of += i
+
+
+@njit(cache=True, error_model="numpy")
+def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, active, fresh, factors, size):
     """Do one Newton correction of every active sample in place.
 
     Parameters
     ----------
+    layout
+        Parts of a table row.
     grids
         Of the rigid inertia and of all other terms; see `Interpolant.grid`.
     tables
-        Rows of ``(rigid, mass, coupling, stiffness, load)``; see `ReducedTerms`.
+        Rows of ``(rigid, terms, load)``; see `ReducedTerms`.
     weights
-        ``(mass, stiffness, load)`` of every sample, shapes (n_samples, n_terms).
+        ``(terms, load)`` of every sample, shapes (n_samples, n_terms).
     amplitudes
         Of the load terms at the end of the step, shape (n_load_terms,).
     scale
@@ -118,90 +216,43 @@ def correct(grids, tables, weights, amplitudes, scale, state, gains, active, fre
     fresh
         Whether to factorise anew; otherwise `factors` of the last call serve.
     factors
-        Packed Cholesky factors, shape (n_samples, n_packed).
+        Packed Cholesky factors, shape (n_blocks, n_packed, LANES).
     size
         Result: size of the correction, shape (n_samples,).
     """
-    rigid_grid, grid = grids
-    q, v, a = state
+    n = layout.n_eta
     gain_v, gain_a = gains
-    n_samples, n_eta = q.shape
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    value, slope = np.empty(N_ROWS), np.empty(N_ROWS)
-    mass, mass_slope = np.empty(tables[1].shape[2]), np.empty(tables[1].shape[2])
-    stiffness, stiffness_slope = np.empty(tables[3].shape[2]), np.empty(tables[3].shape[2])
-    rigid, bent, turned = np.empty(1), np.empty(n_eta - 1), np.empty(n_eta - 1)
-    load, load_slope = np.empty(n_eta), np.empty(n_eta)
-    coupling, coupling_slope = np.empty(n_eta - 1), np.empty(n_eta - 1)
-    r, moved = np.empty(n_eta), np.empty(n_eta)
-    load_weights = np.empty(amplitudes.size)
-    for b in range(n_samples):
-        size[b] = 0.0
-        if not active[b]:
+    terms, slopes = np.empty((layout.end, LANES)), np.empty((layout.end, LANES))
+    load, load_slope = np.empty((n, LANES)), np.empty((n, LANES))
+    q, v, a = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
+    r, work = np.empty((n, LANES)), np.empty((n, LANES))
+    for block in range(factors.shape[0]):
+        first = block * LANES
+        count = min(LANES, size.size - first)
+        size[first : first + count] = 0.0
+        if not active[first : first + count].any():
             continue
-        theta = q[b, 0]
-        if not np.isfinite(theta) or abs(theta) > 1e9:
-            size[b] = np.nan
-            continue
-        stencil(theta, *grid, rows, value, slope)
-        combine(tables[1], rows, value, weights[0][b], mass)
-        combine(tables[1], rows, slope, weights[0][b], mass_slope)
-        combine(tables[2], rows, value, weights[0][b], coupling)
-        combine(tables[2], rows, slope, weights[0][b], coupling_slope)
-        combine(tables[3], rows, value, weights[1][b], stiffness)
-        combine(tables[3], rows, slope, weights[1][b], stiffness_slope)
-        if amplitudes.size > 0:
-            for t in range(amplitudes.size):
-                load_weights[t] = amplitudes[t] * weights[2][b, t]
-            combine(tables[4], rows, value, load_weights, load)
-            combine(tables[4], rows, slope, load_weights, load_slope)
-        stencil(theta, *rigid_grid, rows, value, slope)
-        combine(tables[0], rows, value, weights[0][b], rigid)
-        mass[0] = rigid[0]
-        combine(tables[0], rows, slope, weights[0][b], rigid)
-        mass_slope[0] = rigid[0]
-        multiply(mass, a[b], r)
-        multiply(mass_slope, v[b], moved)
-        power = 0.0
-        for i in range(n_eta):
-            power += v[b, i] * moved[i]
-            r[i] += v[b, 0] * moved[i]
-        r[0] -= 0.5 * power
-        multiply(stiffness, q[b, 1:], bent)
-        multiply(stiffness_slope, q[b, 1:], turned)
-        speed = v[b, 0]
-        for i in range(n_eta - 1):
-            r[1 + i] += bent[i] - coupling[i] * speed * speed
-            r[0] += 2.0 * coupling[i] * (q[b, 1 + i] * a[b, 0] + v[b, 1 + i] * speed)
-            r[0] += q[b, 1 + i] * (coupling_slope[i] * speed * speed + 0.5 * turned[i])
-        if amplitudes.size > 0:
-            for i in range(n_eta):
-                r[i] -= load[i]
-            for i in range(1, n_eta):
-                r[0] -= load_slope[i] * q[b, i]
+        interpolate_lanes(
+            first, count, state[0], layout, grids, tables, weights, amplitudes, terms, slopes, load, load_slope
+        )
+        for i in range(n):
+            for lane in range(LANES):
+                b = first + min(lane, count - 1)
+                q[i, lane], v[i, lane], a[i, lane] = state[0][b, i], state[1][b, i], state[2][b, i]
+        residual(layout, q, v, a, terms, slopes, load, load_slope, amplitudes.size > 0, work, r)
         if fresh:
-            factor = factors[b]
-            for e in range(mass.size):
-                factor[e] = gain_a * mass[e]
-            factor[0] += mass_slope[0] * (gain_v * speed + a[b, 0])
-            at = 1
-            of = 0
-            for i in range(1, n_eta):
-                for j in range(i):
-                    factor[at + 1 + j] += stiffness[of + j]
-                at += i + 1
-                of += i
-            if not factorise(factor, n_eta):
-                size[b] = np.nan
-                continue
-        substitute(factors[b], r)
-        largest = 0.0
-        for i in range(n_eta):
-            q[b, i] -= r[i]
-            v[b, i] -= gain_v * r[i]
-            a[b, i] -= gain_a * r[i]
-            largest = max(largest, abs(r[i]) * scale[i])
-            if not np.isfinite(r[i]):
-                largest = np.nan
-                break
-        size[b] = largest
+            iteration_matrix(layout, v, a, terms, slopes, gain_v, gain_a, factors[block])
+            factorise(factors[block], n)
+        substitute(factors[block], n, r)
+        for lane in range(count):
+            b = first + lane
+            if active[b]:
+                for i in range(n):
+                    step = r[i, lane]
+                    state[0][b, i] -= step
+                    state[1][b, i] -= gain_v * step
+                    state[2][b, i] -= gain_a * step
+                    moved = abs(step) * scale[i]
+                    # written so that a NaN is kept
+                    if not moved <= size[b]:
+                        size[b] = moved

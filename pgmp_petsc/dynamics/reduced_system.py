@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
-from pgmp_petsc.dynamics.reduced_kernel import correct
+from pgmp_petsc.dynamics.reduced_kernel import LANES, correct
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect
 
@@ -47,16 +47,17 @@ class ReducedSystem:
         self.tables = tables
         self.n_samples = n_samples
         self._initial = initial
-        self._grids = (terms.rigid.grid, terms.mass.grid)
-        self._rows = tuple(t.rows for t in (terms.rigid, terms.mass, terms.coupling, terms.stiffness, terms.load))
+        self._layout = terms.layout
+        self._grids = (terms.rigid.grid, terms.terms.grid)
+        self._rows = tuple(part.rows for part in (terms.rigid, terms.terms, terms.load))
         self._weights = tuple(
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))))
-            for w in (tables.mass_weights, tables.stiffness_weights, tables.load_weights)
+            for w in (terms.weights, tables.load_weights)
         )
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._scale = terms.scale
-        self._factors = np.empty((n_samples, terms.mass.rows.shape[2]))
+        self._factors = np.empty((-(-n_samples // LANES), terms.layout.coupling, LANES))
         self._size = np.empty(n_samples)
 
     @property
@@ -81,6 +82,7 @@ class ReducedSystem:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
         correct(
+            self._layout,
             self._grids,
             self._rows,
             self._weights,

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.dynamics.reduced_kernel import Layout
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -29,14 +31,16 @@ class ReducedTerms:
     ----------
     tables
         The tables they were made from.
+    weights
+        Monomials of the terms of mass and stiffness together.
     rigid
-        Rigid inertia of every mass term, rows of shape (n_mass_terms, 1).
-    mass
-        Packed mass terms, rows of shape (n_mass_terms, n_packed); the first entry, the rigid one, is not used.
-    coupling
-        ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)``, rows of shape (n_mass_terms, n_delta).
-    stiffness
-        Packed stiffness terms, rows of shape (n_stiffness_terms, n_packed_delta).
+        Rigid inertia of every term, rows of shape (n_terms, 1).
+    terms
+        Packed mass, ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` and packed stiffness of every term side by side, rows
+        of shape (n_terms, n_entries); zero where a term has no mass or no stiffness. The first entry, the rigid
+        inertia, is not used.
+    layout
+        Where these three begin.
     load
         Load terms, rows of shape (n_load_terms, n_eta).
     scale
@@ -44,10 +48,10 @@ class ReducedTerms:
     """
 
     tables: ReducedTables
+    weights: tuple[Monomial, ...]
     rigid: Interpolant
-    mass: Interpolant
-    coupling: Interpolant
-    stiffness: Interpolant
+    terms: Interpolant
+    layout: Layout
     load: Interpolant
     scale: np.ndarray
 
@@ -65,12 +69,17 @@ class ReducedTerms:
             Interpolation over the samples.
         """
         samples = tables.samples
+        weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
+        mass = _spread(pack(tables.mass), tables.mass_weights, weights)
+        coupling = _spread(coupling_of(tables, scheme), tables.mass_weights, weights)
+        stiffness = _spread(pack(tables.stiffness), tables.stiffness_weights, weights)
+        ends = np.cumsum([part.shape[2] for part in (mass, coupling, stiffness)])
         return cls(
             tables=tables,
-            rigid=rigid_inertia(tables, kinematics),
-            mass=interpolant(samples, pack(tables.mass), scheme),
-            coupling=interpolant(samples, coupling_of(tables, scheme), scheme),
-            stiffness=interpolant(samples, pack(tables.stiffness), scheme),
+            weights=weights,
+            rigid=rigid_inertia(tables, weights, kinematics),
+            terms=interpolant(samples, np.concatenate([mass, coupling, stiffness], axis=2), scheme),
+            layout=Layout(tables.n_coordinates + tables.n_modes, *map(int, ends)),
             load=interpolant(samples, tables.load, scheme),
             scale=np.concatenate(
                 [np.ones(tables.n_coordinates), displacement_scale(projection, kinematics.size)]
@@ -78,8 +87,10 @@ class ReducedTerms:
         )
 
 
-def rigid_inertia(tables: ReducedTables, kinematics: RigidKinematics) -> Interpolant:
-    """Return ``(d rho/d theta)^T M_i (d rho/d theta)`` of every mass term, from the kinematics alone."""
+def rigid_inertia(
+    tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics
+) -> Interpolant:
+    """Return ``(d rho/d theta)^T M_i (d rho/d theta)`` of every term, from the kinematics alone."""
     at = tables.samples
     fine = Samples.uniform(at.lower, at.upper, N_RIGID, at.periodic)
     mechanism = kinematics.mechanism
@@ -90,7 +101,8 @@ def rigid_inertia(tables: ReducedTables, kinematics: RigidKinematics) -> Interpo
         [rigid_velocities(mechanism, poses[..., k], rates[..., k])[:, 0] for k in range(fine.n)]
     ).T
     values = np.array([np.sum(velocities * (terms[w] @ velocities), axis=0) for w in tables.mass_weights])
-    return interpolant(fine, np.ascontiguousarray(values.T[:, :, None]), "spline")
+    spread = _spread(np.ascontiguousarray(values.T[:, :, None]), tables.mass_weights, weights)
+    return interpolant(fine, spread, "spline")
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
@@ -101,6 +113,13 @@ def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
     """
     block = interpolant(tables.samples, tables.mass[:, :, 0, 1:], scheme)
     return block.slope(tables.samples.theta) - tables.inertia[:, :, 0, 0]
+
+
+def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:
+    """Put the terms (axis 1) of a table where their weights stand among all weights, zeros elsewhere."""
+    result = np.zeros((len(table), len(weights), table.shape[2]))
+    result[:, [weights.index(weight) for weight in own]] = table
+    return result
 
 
 def pack(matrices: np.ndarray) -> np.ndarray:
