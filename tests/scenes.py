@@ -1,7 +1,8 @@
 """Scenes and meshes made in memory, for tests of everything between a scene and its reduced-order model.
 
-In these scenes the entry ``mesh`` of a body is no path but ``"first:last:n"``: a straight line of n cells on the x axis of
-the body's own frame, from x = first to x = last (m). `meshes_of` makes the meshes; they have the points hinge and tip.
+In these scenes the entry ``mesh`` of a body is no path but ``"first:last:n"``: a straight line of n cells on the x axis
+of the body's own frame, from x = first to x = last (m). `meshes_of` makes the meshes; they have the points hinge and
+tip.
 """
 
 from __future__ import annotations
@@ -123,9 +124,9 @@ modes = 4
 angles = 24
 """
 
-# A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank follows
-# from the rod, so one constraint is redundant without being the repetition of another. The angle between crank and rod
-# is twice the rod's angle, so that it is back after half a turn of the rod.
+# A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank
+# follows from the rod, so one constraint is redundant without being the repetition of another. The angle between crank
+# and rod is twice the rod's angle, so that it is back after half a turn of the rod.
 TRAMMEL = HEADER + """
 [bodies.rod]
 mesh = "0.0:1.0:4"

@@ -26,7 +26,7 @@ class Monomial:
         return Monomial(tuple(sorted((name, e) for name, e in exponents.items() if e != 0)))
 
     def __pow__(self, exponent: int) -> Monomial:
-        return Monomial(tuple((name, e * exponent) for name, e in self.powers))
+        return Monomial(tuple((name, e * exponent) for name, e in self.powers if exponent != 0))
 
     def __str__(self) -> str:
         if not self.powers:

@@ -60,6 +60,8 @@ class FullBatch:
         self._section = self._sections(values)
         self._loads(effects, values)
         self._structure()
+        lengths = np.array([body.mesh.lengths.sum() for body in mechanism.bodies])
+        self._node_mass = np.einsum("kbl,b->kl", self._section[:, :, 3], lengths) / mechanism.n_nodes
         self._units = np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], mechanism.n_nodes)
         self._size = np.empty((self.n_blocks, LANES))
 
@@ -120,7 +122,8 @@ class FullBatch:
         fresh: bool,
     ) -> np.ndarray:
         amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
-        scale = gains[1] * self._typical_mass
+        # of each sample by itself, so that none is felt by another
+        scale = gains[1] * self._node_mass
         constraint = (residual, *self._linearise(state), self._load_values)
         with np.errstate(all="ignore"):
             correct(
@@ -133,7 +136,8 @@ class FullBatch:
                 constraint,
                 amplitudes[:, None] * self._load_weights,
                 (state.q, state.v, state.a, state.multipliers),
-                (*gains, scale),
+                gains,
+                scale,
                 active,
                 fresh,
                 self._factors,
@@ -174,12 +178,6 @@ class FullBatch:
         vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), self.n_dofs))
         self._load_entries = Entries(vectors.row.astype(int), vectors.col.astype(int), np.zeros(0, dtype=int))
         self._load_values = vectors.data
-        nominal_mass = sum(abs(term).diagonal().mean() for term in self._mean_masses(matrices, values))
-        self._typical_mass = float(nominal_mass)
-
-    def _mean_masses(self, matrices, values: Mapping[str, np.ndarray]) -> list[sp.csr_matrix]:
-        mean = {name: float(np.mean(value)) for name, value in values.items()}
-        return [weight.evaluate(mean) * matrix for weight, matrix in matrices.mass.items()]
 
     def _structure(self) -> None:
         """Number the entries of the iteration matrix and analyse it."""

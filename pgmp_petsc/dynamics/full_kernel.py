@@ -101,22 +101,25 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
 @njit(cache=True, error_model="numpy")
 def add_constraints(jacobian, values, residual, multipliers, first_row, scale, fresh, x, place, diagonal, lower):
     """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` to the matrix; `values` are the entries of C, by lane."""
+    scaled = np.empty(LANES)
     for k in range(jacobian.rows.size):
         row, at = jacobian.rows[k], place[jacobian.columns[k]]
         for lane in range(LANES):
             x[at, lane] += values[k, lane] * multipliers[row, lane]
         if fresh:
-            add_entry(jacobian.positions[k], scale, values[k], diagonal, lower)
+            for lane in range(LANES):
+                scaled[lane] = scale[lane] * values[k, lane]
+            add_entry(jacobian.positions[k], 1.0, scaled, diagonal, lower)
     for row in range(residual.shape[0]):
         at = place[first_row + row]
         for lane in range(LANES):
-            x[at, lane] += scale * residual[row, lane]
+            x[at, lane] += scale[lane] * residual[row, lane]
 
 
 @njit(cache=True, error_model="numpy")
 def correct(
-    elements, section, jacobian, curvature, loads, pattern, constraint, load_factors, state, numbers, active, fresh,
-    factors, units, size,
+    elements, section, jacobian, curvature, loads, pattern, constraint, load_factors, state, gains, scale, active,
+    fresh, factors, units, size,
 ):
     """Do one Newton correction of every active sample in place.
 
@@ -137,8 +140,10 @@ def correct(
         Amplitude times weight of every load, shape (n_blocks, n_loads, LANES).
     state
         ``(q, v, a, multipliers)``, shapes (n_blocks, n_dofs or n_constraints, LANES).
-    numbers
-        ``(gain_v, gain_a, gain_k, scale)``.
+    gains
+        ``(gain_v, gain_a, gain_k)``.
+    scale
+        Of the constraints, shape (n_blocks, LANES).
     active
         Shape (n_blocks, LANES).
     fresh
@@ -152,7 +157,7 @@ def correct(
     """
     q, v, a, multipliers = state
     residual, jacobian_values, curvature_values, load_values = constraint
-    gain_v, gain_a, gain_k, scale = numbers
+    gain_v, gain_a, gain_k = gains
     n_dofs, n_constraints = q.shape[1], residual.shape[1]
     x = np.empty((n_dofs + n_constraints, LANES))
     for block in range(q.shape[0]):
@@ -173,7 +178,7 @@ def correct(
             for lane in range(LANES):
                 x[at, lane] -= value * factor[lane]
         add_constraints(
-            jacobian, jacobian_values[block], residual[block], multipliers[block], n_dofs, scale, fresh, x,
+            jacobian, jacobian_values[block], residual[block], multipliers[block], n_dofs, scale[block], fresh, x,
             pattern.place, diagonal, lower,
         )
         if fresh:
@@ -198,4 +203,4 @@ def correct(
             at = pattern.place[n_dofs + row]
             for lane in range(LANES):
                 if active[block, lane]:
-                    multipliers[block, row, lane] -= scale * x[at, lane]
+                    multipliers[block, row, lane] -= scale[block, lane] * x[at, lane]

@@ -19,15 +19,19 @@ class Gravity:
         self.name = name
         direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
         self._acceleration = Quantity.of(entry.acceleration)
+        self._translational = {body.section.line_density.monomial for body in mechanism.bodies}
         self._field = np.zeros((mechanism.n_nodes, DOFS_PER_NODE))
         self._field[:, :2] = direction * self._acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
         field = self._field.ravel()
-        terms = ((weight * self._acceleration.monomial, mass @ field) for weight, mass in matrices.mass.items())
-        # a purely rotary mass term takes no part in a uniform field
-        return [Load(self.name, weight, vector) for weight, vector in terms if np.any(vector)]
+        # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
+        return [
+            Load(self.name, weight * self._acceleration.monomial, mass @ field)
+            for weight, mass in matrices.mass.items()
+            if weight in self._translational
+        ]
 
     def amplitude(self, time: float) -> float:
         """Return 1: gravity does not change."""

@@ -54,11 +54,13 @@ class Checkpoint:
         """
         label = self.folder / "run.json"
         if self._resume and label.exists():
-            self._check(json.loads(label.read_text()))
+            self._check(_read_label(label))
             return {int(path.stem) for path in self.folder.glob("*.npz")}
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir()
-        label.write_text(json.dumps(self._run))
+        waiting = label.with_suffix(".writing")
+        waiting.write_text(json.dumps(self._run))
+        os.replace(waiting, label)
         return set()
 
     def add(self, batch: Batch) -> None:
@@ -87,6 +89,15 @@ class Checkpoint:
                     f"--resume: '{self.folder}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"
                 )
+
+
+def _read_label(path: Path) -> dict:
+    try:
+        return json.loads(path.read_text())
+    except ValueError as error:
+        raise InputError(
+            f"--resume: '{path}' is damaged ({error}); leave --resume out to start anew"
+        ) from error
 
 
 def _load(path: Path) -> Batch:

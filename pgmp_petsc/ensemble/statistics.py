@@ -34,8 +34,10 @@ def describe(values: np.ndarray, bins: int, probabilities: Sequence[float]) -> S
         )
     pdf, edges = _density(values, bins)
     std = float(np.std(values, ddof=1)) if n > 1 else 0.0
-    fourth = float(stats.moment(values, moment=4))
-    spread = np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std) if std > 0 else 0.0
+    spread = 0.0
+    if std > 1e-12 * float(np.max(np.abs(values))):
+        fourth = float(stats.moment(values, moment=4))
+        spread = np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std)
     return Statistics(
         mean=float(np.mean(values)),
         std=std,

@@ -23,14 +23,16 @@ from pgmp_petsc.figures.style import (
     top_legend,
 )
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 N_BINS = 50
 COLUMNS = 3
 
 
 @styled
-def densities(ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None) -> Figure:
+def densities(
+    ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
+) -> Figure:
     """Draw the density of every parameter and output that the ensembles have in common, one panel each.
 
     The densities are histograms of the samples that are fine, with the same bins for all ensembles. Dashed
@@ -43,14 +45,16 @@ def densities(ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None
         The first is drawn as an area, the others as steps over it.
     labels : sequence of str, optional
         By default the model and the number of samples.
+    names : sequence of str, optional
+        Only these quantities, in this order.
 
     Raises
     ------
     InputError
-        If the ensembles have no quantity in common or one has no sample that is fine.
+        If the ensembles do not share one of `names`, or have no quantity in common or one has no sample that is fine.
     """
     labels = [_label(ensemble) for ensemble in ensembles] if labels is None else labels
-    names = _common(ensembles)
+    names = _common(ensembles, names)
     compared = len(ensembles) == 2
     n_columns = min(len(names), COLUMNS)
     n_blocks = -(-len(names) // n_columns)
@@ -153,15 +157,19 @@ def _samples(ensemble: Ensemble, name: str) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def _common(ensembles: Sequence[Ensemble]) -> list[str]:
-    """Return the quantities that all ensembles have, parameters first."""
-    names = [
+def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
+    """Return the wanted quantities, or all that the ensembles have in common, parameters first."""
+    shared = [
         name
         for name in (*ensembles[0].parameters, *ensembles[0].outputs)
         if all(name in ensemble.parameters or name in ensemble.outputs for ensemble in ensembles)
     ]
-    if not names:
+    if not shared:
         raise InputError("the ensembles have nothing in common; plot those of one scene together")
+    names = shared if wanted is None else list(wanted)
+    for name in names:
+        if name not in shared:
+            raise InputError(f"not every ensemble has '{name}'{nearest_name(name, shared)}")
     for ensemble in ensembles:
         for name in names:
             if not len(_samples(ensemble, name)):

@@ -27,7 +27,10 @@ N_CROSSES = 24
 
 @styled
 def frequencies(
-    tables: Sequence[ModesTable], n_modes: int = 4, labels: Sequence[str] | None = None
+    tables: Sequence[ModesTable],
+    n_modes: int = 4,
+    labels: Sequence[str] | None = None,
+    titles: Sequence[str] | None = None,
 ) -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies, one panel a mode.
 
@@ -39,6 +42,8 @@ def frequencies(
         Number of panels; fewer where no table has as many.
     labels : sequence of str, optional
         Names of the tables; by default the parameters in which they differ.
+    titles : sequence of str, optional
+        Titles of the panels; by default the number of the flexible mode.
     """
     labels = labels_by_parameters([table.record for table in tables]) if labels is None else labels
     n_modes = min(n_modes, max(table.full_hz.shape[1] for table in tables))
@@ -52,7 +57,7 @@ def frequencies(
             continue
         for table, colour in zip(tables, _colours()):
             _draw_mode(axes, table, mode, colour)
-        axes.set_title(f"flexible mode {mode + 1}: frequency (Hz)")
+        axes.set_title(titles[mode] if titles else f"flexible mode {mode + 1}: frequency (Hz)")
         axes.margins(y=0.12)
         theta, name, unit = _abscissa(tables[0])
         angle_ticks(axes, theta, unit)

@@ -94,7 +94,9 @@ def top_legend(figure: Figure, handles: Sequence[Line2D], title: str | None = No
         figure.text(left, 1 - used / inches, title, va="top", fontsize=12.5, weight="bold")
         used += 0.27
     if handles:
-        n_columns = min(len(handles), max(1, int(figure.get_figwidth() / 1.6)))
+        n_columns = len(handles)
+        if sum(0.6 + 0.065 * len(handle.get_label()) for handle in handles) > figure.get_figwidth():
+            n_columns = min(len(handles), max(1, int(figure.get_figwidth() / 1.6)))
         figure.legend(
             handles=handles,
             loc="upper left",

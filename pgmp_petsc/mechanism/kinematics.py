@@ -14,16 +14,18 @@ Redundant constraints (the same statement twice) are allowed: J then has more ro
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import qr
 
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.mechanism import Attachment, Mechanism, place_points
 from pgmp_petsc.runtime.errors import InputError
 
 CONTINUATION_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
+NEARLY_SINGULAR = 1e-2  # the same, where a bisection ended that may not come closer
 REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the range's end
 MAX_ITERATIONS = 25
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
-SINGULAR_TOLERANCE = 1e-7  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
+SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
 
 
 class RigidKinematics:
@@ -211,11 +213,18 @@ class RigidKinematics:
     def _check_control(self, poses: np.ndarray, theta: float) -> None:
         values = np.linalg.svd(self._scaled(self._jacobian(poses)[:, :, 0]), compute_uv=False)
         if values[-1] < SINGULAR_TOLERANCE * values[0]:
-            raise InputError(
-                f"coordinates.{self.coordinate.name}: it does not control the mechanism at "
-                f"{theta:.6g} rad (smallest singular value of the closure {values[-1]:.3g}, largest "
-                f"{values[0]:.3g}); choose another joint or a range without this configuration"
-            )
+            self._refuse_control(theta, values)
+
+    def _refuse_control(self, theta: float, values: np.ndarray) -> None:
+        raise InputError(
+            f"coordinates.{self.coordinate.name}: it does not control the mechanism at {theta:.6g} rad (smallest "
+            f"singular value of the closure {values[-1]:.3g}, largest {values[0]:.3g}); choose another joint or a "
+            "range without this configuration"
+        )
+
+    def _orientation(self, poses: np.ndarray) -> float:
+        """Return the sign of det J on the rows chosen last."""
+        return float(np.linalg.slogdet(self._scaled(self._jacobian(poses)[:, :, 0])[self._pivots])[0])
 
     def _continue(self) -> None:
         """Follow the branch over the range, from its lower end."""
@@ -223,11 +232,15 @@ class RigidKinematics:
         n_steps = max(8, int(np.ceil((upper - lower) / CONTINUATION_STEP)))
         self._theta = np.linspace(lower, upper, n_steps + 1)
         self._step = self._theta[1] - self._theta[0]
+        sign = self._choose_pivots(self._start)
         poses, rates = [], []
         guess = self._start
         for theta in self._theta:
             now = self._close(guess, np.array([theta]))
             self._check_control(now, theta)
+            if self._orientation(now) != sign:
+                self._check_change(poses[-1][..., None], theta - self._step, theta, sign)
+                sign = self._choose_pivots(now)
             rate = self.rates(now)[:, :, 0]
             poses.append(now[..., 0])
             rates.append(rate[..., 0])
@@ -236,6 +249,28 @@ class RigidKinematics:
         self._winding = np.zeros(len(self.mechanism.bodies))
         if self.coordinate.periodic:
             self._check_period()
+
+    def _choose_pivots(self, poses: np.ndarray) -> float:
+        """Choose independent rows of J at a configuration and return the sign of their determinant."""
+        _, _, order = qr(self._scaled(self._jacobian(poses)[:, :, 0]).T, pivoting=True)
+        self._pivots = order[: N_FRAME * len(self.mechanism.bodies)]
+        return self._orientation(poses)
+
+    def _check_change(self, poses: np.ndarray, before: float, after: float, sign: float) -> None:
+        """Bisect for the configuration between two steps where the determinant changes its sign.
+
+        It is refused if J is singular there; with redundant constraints it may be the chosen rows alone that are.
+        """
+        for _ in range(30):
+            middle = 0.5 * (before + after)
+            there = self._close(poses, np.array([middle]))
+            if self._orientation(there) == sign:
+                before, poses = middle, there
+            else:
+                after = middle
+        values = np.linalg.svd(self._scaled(self._jacobian(poses)[:, :, 0]), compute_uv=False)
+        if not self.n_redundant or values[-1] < NEARLY_SINGULAR * values[0]:
+            self._refuse_control(before, values)
 
     def _check_period(self) -> None:
         change = self._poses[..., -1] - self._poses[..., 0]

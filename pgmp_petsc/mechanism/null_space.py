@@ -59,6 +59,8 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
         pivots = np.abs(np.diagonal(r))
         rank = int(np.sum(pivots > RANK_TOLERANCE * max(pivots[0], 1e-300))) if pivots.size else 0
         n_redundant += block_rows.shape[0] - rank
+        if rank == 0:
+            continue
         gone, kept = touched[order[:rank]], touched[order[rank:]]
         dependent[gone] = True
         weights = -solve_triangular(r[:rank, :rank], r[:rank, rank:])

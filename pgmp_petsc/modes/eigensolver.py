@@ -65,6 +65,7 @@ class ShiftInvertSolver:
         st.setMatStructure(PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         _use_cholesky(st.getKSP())
         self._eps.setFromOptions()
+        self._user_subspace = PETSc.Options(PREFIX).getInt("eps_ncv", 0)
         self._count = PETSc.KSP().create(comm)
         self._count.setOptionsPrefix(f"{PREFIX}count_")
         _use_cholesky(self._count)
@@ -109,12 +110,32 @@ class ShiftInvertSolver:
         wanted = min(size, n_pairs + SPARE_PAIRS)
         eps = self._eps
         eps.setOperators(a, b)
-        eps.setDimensions(wanted, min(size, max(2 * wanted, wanted + 16)))
-        start = a.createVecRight()
-        start.set(1.0)
-        eps.setInitialSpace(start)
-        start.destroy()
-        eps.solve()
+        for subspace in self._subspaces(size, wanted):
+            eps.setDimensions(wanted, subspace)
+            start = a.createVecRight()
+            start.set(1.0)
+            eps.setInitialSpace(start)
+            start.destroy()
+            eps.solve()
+            try:
+                return self._checked(a, b, n_rigid, n_pairs, where)
+            except RunError as error:
+                failure = error
+        raise failure
+
+    def _subspaces(self, size: int, wanted: int) -> list[int]:
+        """Return the subspace sizes to try: the user's, or growing ones.
+
+        Copies of equal eigenvalues can escape a small Krylov space, which grows from a single vector.
+        """
+        if self._user_subspace:
+            return [min(size, self._user_subspace)]
+        usual = max(2 * wanted, wanted + 16)
+        return sorted({min(size, factor * usual) for factor in (1, 2, 4)})
+
+    def _checked(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_pairs: int, where: str) -> EigenPairs:
+        """Fetch the pairs of the last solve and check convergence, residuals and completeness."""
+        eps = self._eps
         converged = eps.getConverged()
         if converged < n_pairs:
             raise RunError(

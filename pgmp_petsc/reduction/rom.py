@@ -108,8 +108,7 @@ class ReducedOrderModel:
             stiffness=take(group, "stiffness", 4),
             load=take(group, "load", 3),
         )
-        if any(len(t) != samples.n for t in (tables.mass, tables.inertia, tables.stiffness, tables.load)):
-            raise InputError(f"file '{file.filename}': the tables have different numbers of configurations")
+        _check_shapes(tables, file.filename)
         meshes = {
             name: LineMesh(
                 take(body, "nodes", 2),
@@ -128,6 +127,23 @@ class ReducedOrderModel:
             n_redundant=int(file.attrs["n_redundant"]),
             record=RunRecord.read(file),
         )
+
+
+def _check_shapes(tables: ReducedTables, filename: str) -> None:
+    """Raise `InputError` unless the tables fit together."""
+    n, n_eta = tables.samples.n, tables.mass.shape[-1]
+    n_mass, n_stiffness, n_load = map(len, (tables.mass_weights, tables.stiffness_weights, tables.load_weights))
+    n_delta = tables.n_modes
+    wanted = {
+        "mass": (n, n_mass, n_eta, n_eta),
+        "inertia": (n, n_mass, n_eta - n_delta, n_eta - n_delta, n_delta),
+        "stiffness": (n, n_stiffness, n_delta, n_delta),
+        "load": (n, n_load, n_eta),
+    }
+    for name, shape in wanted.items():
+        found = getattr(tables, name).shape
+        if found != shape or len(tables.load_effects) != n_load:
+            raise InputError(f"file '{filename}': table {name} has shape {found}, not {shape}; build it again")
 
 
 def _put_terms(group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str) -> None:

@@ -51,4 +51,4 @@ class Body(Table):
     element: Literal["beam2d"] = Field(description="element type")
     material: str = Field(description="name of a material")
     section: Section = Field(description='cross-section, such as { shape = "circle", radius = 0.01 }')
-    placement: Placement = Field(Placement(), description="first guess for the assembly")
+    placement: Placement | None = Field(None, description="first guess for the assembly")

@@ -1,7 +1,7 @@
 """Build reduced-order models on several ranks and write them. Used by test_build.py.
 
-Arguments: the directory of the results, then cases ``name:ranks_per_group:scramble_seed`` (0: no scrambling), each with its
-scene from `CASES`. An error is printed by every rank in place of a file.
+Arguments: the directory of the results, then cases ``name:ranks_per_group:scramble_seed`` (0: no scrambling), each with
+its scene from `CASES`. An error is printed by every rank in place of a file.
 """
 
 from __future__ import annotations

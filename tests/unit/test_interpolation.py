@@ -27,7 +27,9 @@ def grid_of(n: int, periodic: bool) -> Grid:
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
-@pytest.mark.parametrize(("function", "exact", "order"), [(interpolate, smooth, 3), (interpolate_slope, smooth_slope, 2)])
+@pytest.mark.parametrize(
+    ("function", "exact", "order"), [(interpolate, smooth, 3), (interpolate_slope, smooth_slope, 2)]
+)
 def test_the_order_of_value_and_slope(periodic: bool, function, exact, order: int) -> None:
     theta = np.linspace(0.4, 0.4 + 2 * np.pi, 2003)
     errors = []

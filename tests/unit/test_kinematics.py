@@ -272,17 +272,22 @@ def test_a_dead_centre_at_an_end_of_the_range(end: str) -> None:
     assert "it does not control the mechanism at 0.729" in message or "cannot close at theta = 0.7" in message
 
 
+def equal_lengths(upper: float) -> object:
+    """Return a slider-crank with crank and rod of one length, over [0, upper]."""
+    return slider_crank('bodies.rod.mesh="0.3:0.6:5"', NOT_PERIODIC, f"coordinates.theta.range=[0.0,{upper}]")
+
+
 def test_a_configuration_in_which_the_coordinate_loses_control() -> None:
-    # crank and rod of one length; a step of the continuation falls on pi/2, where both stand upright
-    message = refusal(slider_crank('bodies.rod.mesh="0.3:0.6:5"', NOT_PERIODIC, f"coordinates.theta.range=[0.0,{np.pi}]"))
-    assert message.startswith("coordinates.theta: it does not control the mechanism at 1.5708 rad (smallest singular value")
+    # a step of the continuation falls on pi/2, where both stand upright
+    message = refusal(equal_lengths(np.pi))
+    assert message.startswith("coordinates.theta: it does not control the mechanism at 1.5708 rad (smallest singular")
     assert "choose another joint or a range without this configuration" in message
 
 
 @pytest.mark.parametrize("upper", [2.0, 3.0, 2 * np.pi])
 def test_a_loss_of_control_between_two_steps_of_the_continuation(upper: float) -> None:
     # the same, with steps that fall beside pi/2: the determinant of the closure changes its sign between them
-    message = refusal(slider_crank('bodies.rod.mesh="0.3:0.6:5"', NOT_PERIODIC, f"coordinates.theta.range=[0.0,{upper}]"))
+    message = refusal(equal_lengths(upper))
     assert "coordinates.theta: it does not control the mechanism at 1.57" in message
 
 

@@ -58,7 +58,8 @@ def test_constraint_dofs_leave_out_the_ground() -> None:
 
 
 def test_a_line_turns_with_a_body_and_not_on_the_ground() -> None:
-    mechanism = mechanism_of(slider_crank('joints.guide={type="point_on_line",connect=["crank:1","rod:1"],direction=[1.0,0.0]}'))
+    guide = 'joints.guide={type="point_on_line",connect=["crank:1","rod:1"],direction=[1.0,0.0]}'
+    mechanism = mechanism_of(slider_crank(guide))
     assert isinstance(mechanism.connection("elbow").joint, Revolute)
     for name, turning in (("slider", False), ("guide", True)):
         joint = mechanism.connection(name).joint

@@ -97,7 +97,7 @@ def test_defaults(tmp_path: Path) -> None:
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 128,
     }
-    assert scene.bodies["arm"].placement.model_dump() == {"origin": (0.0, 0.0), "angle": 0.0}
+    assert scene.bodies["arm"].placement is None
     assert not scene.coordinates["phi"].periodic
     assert scene.initial_state("phi").model_dump() == {"position": 0.0, "velocity": 0.0}
     assert isinstance(scene.materials["steel"].rho, float)

@@ -1,4 +1,4 @@
-"""Beams against closed forms: deflection, roll-up to a circle, and the bending modes of a hinged beam; observed order."""
+"""Beams against closed forms, with observed order: deflection, roll-up to a circle, bending modes of a hinged beam."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_couple_rolls_a_beam_up(angle: float, n_steps: int, reach: float) -> N
         # elements are as long as the arcs whose chords they are
         half = angle / n / 2
         assert errors[-1] == pytest.approx(reach * radius * (half / np.sin(half) - 1), rel=1e-6)
-    np.testing.assert_allclose(observed_order(errors), 2.0, rtol=0, atol=0.01)
+    np.testing.assert_allclose(observed_order(errors), 2.0, rtol=0, atol=0.02)
 
 
 def test_the_bending_modes_of_a_hinged_beam() -> None:

@@ -21,8 +21,8 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 
 VALUES = {"r1": RADIUS}
 # Independent full-order reference of the paper's slider-crank, 5 elements a body, r1 = 5.6 mm (slider_crank_5el.json of
-# the project's reference data: explicit Runge-Kutta code on the constraint-eliminated equations, checked against a second
-# code); Hz
+# the project's reference data: explicit Runge-Kutta code on the constraint-eliminated equations, checked against a
+# second code); Hz
 REFERENCE_HZ = {
     0.0: [64.0669736526, 238.871521006, 356.890061625, 750.444260939, 1299.71476299, 1373.69562087],
     np.pi / 2: [52.4629361603, 229.164262909, 278.2741278, 699.848741912, 1247.10614961, 2109.54195867],
@@ -52,7 +52,8 @@ def petsc_matrix(dense: np.ndarray) -> object:
     from petsc4py import PETSc
 
     n = len(dense)
-    csr = (np.arange(0, n * n + 1, n, dtype=PETSc.IntType), np.tile(np.arange(n, dtype=PETSc.IntType), n), dense.ravel())
+    starts, columns = np.arange(0, n * n + 1, n), np.tile(np.arange(n), n)
+    csr = (starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), dense.ravel())
     matrix = PETSc.Mat().createAIJ((n, n), csr=csr, comm=PETSc.COMM_SELF)
     matrix.assemble()
     return matrix
@@ -273,7 +274,8 @@ def test_a_large_residual_is_noticed(
 def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: object) -> None:
     from petsc4py import PETSc
 
-    options["pgmp_modes_eps_tol"], options["pgmp_modes_eps_max_it"] = 1e-40, 2
+    for name, value in (("tol", 1e-40), ("max_it", 2), ("ncv", 25)):
+        options[f"pgmp_modes_eps_{name}"] = value
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
     with pytest.raises(RunError, match=r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)"):
         solver.solve(*pencil[:2], 1, 5, "here")

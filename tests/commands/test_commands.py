@@ -1,0 +1,315 @@
+"""Every command as a user runs it: what it writes, prints and ends with, on one rank and on three."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import tomllib
+from runs import PAPER_SCENE, PGMP, SMALL, full_model, history, overridden, paper_scene, pgmp, samples
+
+from pgmp_petsc import __version__
+from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
+from pgmp_petsc.runtime.files import FORMAT_VERSION
+
+ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks")
+OUTPUTS = ("crank_angle", "slider_position", "slider_deformation")
+STATISTICS = ("mean", "std", "pdf", "edges", "quantiles")
+N_STEPS = 50
+SCENE_OPTIONS = overridden(*SMALL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("commands")
+
+
+@pytest.fixture(scope="module")
+def rom(folder: Path) -> Path:
+    """Return the small model, built by the command."""
+    path = folder / "rom.h5"
+    done = pgmp("build", PAPER_SCENE, "-o", path, *SCENE_OPTIONS)
+    assert "24 angles, 4 modes" in done.stdout
+    assert done.stderr == ""
+    return path
+
+
+@pytest.fixture(scope="module")
+def reduced(folder: Path, rom: Path) -> Path:
+    path = folder / "reduced.h5"
+    done = pgmp("simulate", rom, "-o", path)
+    assert "reduced model, 50 steps to 0.05 s" in done.stdout and "crank_angle" in done.stdout
+    return path
+
+
+@pytest.fixture(scope="module")
+def full(folder: Path) -> Path:
+    path = folder / "full.h5"
+    done = pgmp("simulate", PAPER_SCENE, "--full", "-o", path, *SCENE_OPTIONS)
+    assert "full model, 50 steps to 0.05 s" in done.stdout
+    return path
+
+
+@pytest.fixture(scope="module")
+def ensemble(folder: Path, rom: Path) -> Path:
+    path = folder / "ensemble.h5"
+    done = pgmp("montecarlo", rom, "-n", 12, "--seed", 7, "-o", path)
+    assert "reduced model, 12 samples" in done.stdout
+    return path
+
+
+@pytest.fixture(scope="module")
+def table(folder: Path, rom: Path) -> Path:
+    path = folder / "modes.h5"
+    done = pgmp("modes", PAPER_SCENE, "--rom", rom, "-o", path, *SCENE_OPTIONS)
+    assert "24 angles" in done.stdout
+    return path
+
+
+def assert_attributes(path: Path, kind: str, ranks: int = 1, seed: int | None = None) -> None:
+    """Check what every file carries."""
+    with h5py.File(path) as file:
+        assert set(ATTRIBUTES) <= set(file.attrs)
+        assert file.attrs["format_version"] == FORMAT_VERSION
+        assert file.attrs["program_version"] == __version__
+        assert file.attrs["kind"] == kind
+        assert file.attrs["ranks"] == ranks
+        assert (file.attrs["seed"] == seed) if seed is not None else isinstance(file.attrs["seed"], h5py.Empty)
+        scene = tomllib.loads(file.attrs["scene"])
+        assert scene["scene"]["name"] == "slider_crank"
+        assert scene["reduction"]["modes"] == 4
+        assert scene["simulation"]["spectral_radius"] == 0.8, "resolved: with its defaults"
+        assert len(file["timings"]) > 0
+        for phase in file["timings"].values():
+            assert phase.shape == () and phase[()] >= 0.0 and phase.attrs["unit"] == "s"
+        file.visititems(assert_described)
+
+
+def assert_described(name: str, item: object) -> None:
+    if isinstance(item, h5py.Dataset):
+        assert item.attrs["unit"] and item.attrs["description"], name
+
+
+def arrays(path: Path, *names: str) -> dict[str, np.ndarray]:
+    with h5py.File(path) as file:
+        return {name: file[name][()] for name in names}
+
+
+@pytest.mark.parametrize("kind", ["reduced", "full"])
+def test_a_trajectory_keeps_the_contract(kind: str, request: pytest.FixtureRequest) -> None:
+    path = request.getfixturevalue(kind)
+    assert_attributes(path, "trajectory")
+    data = arrays(path, "time", *(f"outputs/{name}" for name in OUTPUTS))
+    for values in data.values():
+        assert values.shape == (N_STEPS + 1,) and np.isfinite(values).all()
+    assert data["time"][0] == 0.0
+    assert data["time"][-1] == pytest.approx(0.05, rel=1e-12)
+    assert data["outputs/slider_position"][0] == pytest.approx(1.0, abs=1e-9)
+    trajectory = Trajectory.read(path)
+    assert trajectory.model == kind
+    assert trajectory.frames is not None and trajectory.frames.time[-1] == data["time"][-1]
+    assert trajectory.record.parameters == {"r1": 5.6e-3}
+    assert (trajectory.modal is not None) == (kind == "reduced")
+
+
+def test_the_full_run_is_that_of_the_model(full: Path) -> None:
+    scene = paper_scene(*SMALL)
+    expected = history(full_model(scene), samples(scene, 1), 1)[1]
+    for name, values in Trajectory.read(full).outputs.items():
+        np.testing.assert_allclose(values, expected[name][:, 0], rtol=0, atol=1e-10)
+
+
+def test_frames_and_outputs_tell_the_same(reduced: Path, full: Path) -> None:
+    for path in (reduced, full):
+        trajectory = Trajectory.read(path)
+        at = np.searchsorted(trajectory.time, trajectory.frames.time)
+        np.testing.assert_allclose(
+            trajectory.frames.positions["rod"][:, -1, 0], trajectory.outputs["slider_position"][at], rtol=0, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            trajectory.frames.rotations["crank"][:, 0], trajectory.outputs["crank_angle"][at], rtol=0, atol=1e-12
+        )
+
+
+def test_an_ensemble_keeps_the_contract(ensemble: Path) -> None:
+    assert_attributes(ensemble, "ensemble", seed=7)
+    data = arrays(ensemble, "parameters/r1", "status", *(f"outputs/{name}" for name in OUTPUTS))
+    for values in data.values():
+        assert values.shape == (12,)
+    np.testing.assert_array_equal(data["status"], 0)
+    with h5py.File(ensemble) as file:
+        for name in (*OUTPUTS, "r1"):
+            group = file[f"statistics/{name}"]
+            values = data[f"outputs/{name}" if name in OUTPUTS else f"parameters/{name}"]
+            assert set(STATISTICS) <= set(group)
+            assert group["mean"][()] == pytest.approx(values.mean(), rel=1e-12)
+            assert group["std"][()] == pytest.approx(values.std(ddof=1), rel=1e-9)
+            assert group["edges"].shape == (len(group["pdf"]) + 1,) == (51,)
+            assert group["quantiles"].shape == group["quantiles"].attrs["probabilities"].shape
+    assert not ensemble.with_name("ensemble.h5.partial").exists()
+
+
+def test_a_table_of_modes_keeps_the_contract(table: Path) -> None:
+    assert_attributes(table, "modes")
+    data = arrays(table, "theta", "full/frequencies_hz", "reduced/frequencies_hz")
+    assert data["theta"].shape == (24,)
+    assert data["full/frequencies_hz"].shape == data["reduced/frequencies_hz"].shape == (24, 4)
+    # at the sampled angles and nominal parameters, the reduced model has the full model's frequencies
+    np.testing.assert_allclose(data["reduced/frequencies_hz"], data["full/frequencies_hz"], rtol=1e-8)
+    # published: 64.067 Hz at theta = 0 (method, section 6)
+    assert data["full/frequencies_hz"][0, 0] == pytest.approx(64.067, abs=1e-3)
+
+
+def test_a_rom_says_where_it_comes_from(rom: Path) -> None:
+    assert_attributes(rom, "rom")
+
+
+def test_modes_without_a_model_and_at_other_angles(folder: Path) -> None:
+    path = folder / "few.h5"
+    pgmp("modes", PAPER_SCENE, "-o", path, "--angles", 5, *SCENE_OPTIONS, "--set", "r1=6e-3")
+    found = ModesTable.read(path)
+    assert found.full_hz.shape == (5, 4) and found.reduced_hz is None
+    assert found.record.parameters == {"r1": 6e-3}
+
+
+def test_full_order_ensemble(folder: Path, ensemble: Path) -> None:
+    path = folder / "full_ensemble.h5"
+    pgmp("montecarlo", PAPER_SCENE, "--full", "-n", 3, "--seed", 7, "-o", path, *SCENE_OPTIONS)
+    found, reduced = Ensemble.read(path), Ensemble.read(ensemble)
+    assert found.model == "full"
+    np.testing.assert_array_equal(found.parameters["r1"], reduced.parameters["r1"][:3])
+    one, other = found.outputs["crank_angle"], reduced.outputs["crank_angle"][:3]
+    # four modes at 24 angles: some per cent while the crank has hardly begun to turn
+    np.testing.assert_allclose(one, other, rtol=0.03)
+
+
+def test_check_describes_and_writes_nothing(tmp_path: Path) -> None:
+    done = pgmp("check", PAPER_SCENE, *SCENE_OPTIONS, cwd=tmp_path)
+    for words in ("scene slider_crank", "crank: 6 nodes, 5 elements", "36 nodal", "1 rigid + 4 flexible",
+                  "motor: torque, 1 load term", "crank_angle (rad)", "memory", "5 constraints"):
+        assert words in done.stdout, words
+    assert list(tmp_path.iterdir()) == []
+    silent = pgmp("check", PAPER_SCENE, "--override", "effects={}")
+    assert "motor" not in silent.stdout and "effects       none" in silent.stdout
+
+
+def test_set_and_override_reach_every_command(folder: Path, rom: Path) -> None:
+    """A parameter's value and any entry; a model is built at the nominal value whatever is set."""
+    checked = pgmp("check", PAPER_SCENE, "--set", "r1=5.0e-3", "--override", 'scene.name="other"')
+    assert "scene other" in checked.stdout and "r1 = 0.005" in checked.stdout
+    paths = {name: folder / f"set_{name}.h5" for name in ("rom", "reduced", "full", "ensemble")}
+    changes = ("--set", "r1=5.0e-3", "--override", "simulation.duration=0.01")
+    pgmp("build", PAPER_SCENE, "-o", paths["rom"], *SCENE_OPTIONS, *changes)
+    with h5py.File(paths["rom"]) as one, h5py.File(rom) as other:
+        np.testing.assert_allclose(one["tables/mass"], other["tables/mass"], rtol=1e-9, atol=1e-12)
+    pgmp("simulate", rom, "-o", paths["reduced"], *changes, "--override", "effects.motor.table=[[0.0, 0.4]]")
+    pgmp("simulate", PAPER_SCENE, "--full", "-o", paths["full"], *SCENE_OPTIONS, *changes, "--override", "effects.motor.table=[[0.0, 0.4]]")
+    one, other = (Trajectory.read(paths[name]) for name in ("reduced", "full"))
+    assert one.record.parameters == other.record.parameters == {"r1": 5e-3}
+    assert one.time[-1] == other.time[-1] == pytest.approx(0.01)
+    assert one.outputs["crank_angle"][-1] == pytest.approx(other.outputs["crank_angle"][-1], rel=0.1)
+    pgmp("montecarlo", rom, "-n", 2, "-o", paths["ensemble"], "--override", "simulation.duration=0.01",
+         "--override", "ensemble.bins=3", "--override", 'parameters.r1.distribution={name="uniform", loc=5e-3, scale=1e-4}')
+    found = Ensemble.read(paths["ensemble"])
+    assert np.all((found.parameters["r1"] >= 5e-3) & (found.parameters["r1"] <= 5.1e-3))
+    assert found.statistics["crank_angle"].pdf.shape == (3,)
+
+
+def test_info_tells_what_every_file_holds(rom: Path, reduced: Path, ensemble: Path, table: Path) -> None:
+    for path, words in (
+        (rom, ("reduced model", "/tables/mass")), (reduced, ("trajectory of the reduced model", "/time", "/outputs/crank_angle")),
+        (ensemble, ("ensemble of the reduced model", "seed       7", "/status")), (table, ("table of modes", "/theta")),
+    ):
+        printed = pgmp("info", path).stdout
+        for word in (*words, "slider_crank", "r1 = 0.0056", "timings", f"pgmp {__version__}"):
+            assert word in printed, (path, word)
+    assert tomllib.loads(pgmp("info", "--scene", reduced).stdout)["scene"]["name"] == "slider_crank"
+
+
+def test_plot_and_export(folder: Path, reduced: Path, full: Path, ensemble: Path, table: Path) -> None:
+    pictures = folder / "pictures"
+    pgmp("plot", table, full, reduced, ensemble, "-o", pictures)
+    names = {path.name for path in pictures.iterdir()}
+    assert {"frequencies.png", "trajectories.png", "mechanism.png", "densities.png"} <= names
+    exported = folder / "reduced.xdmf"
+    pgmp("export", reduced, "-o", exported)
+    assert "reduced.h5" in exported.read_text()
+
+
+def test_a_result_is_replaced_when_it_is_complete(folder: Path, rom: Path, reduced: Path) -> None:
+    path = folder / "again.h5"
+    shutil.copy(reduced, path)
+    pgmp("simulate", rom, "-o", path, "--override", "simulation.duration=0.002")
+    assert len(Trajectory.read(path).time) == 3
+    assert not list(folder.glob(".again*"))
+
+
+def test_options_for_petsc_are_passed_on(folder: Path, rom: Path) -> None:
+    path = folder / "monitored.h5"
+    short = ("--override", "simulation.duration=0.003")
+    done = pgmp("simulate", rom, "-o", path, *short, "--", "-pgmp_ts_ts_monitor", "-log_view")
+    assert "3 TS dt 0.001 time 0.003" in done.stdout
+    assert "PETSc Performance Summary" in done.stdout or "TSStep" in done.stdout
+    other = pgmp("simulate", PAPER_SCENE, "--full", "-o", path, *short, "--", "-pgmp_full_ksp_view")
+    assert "mumps" in other.stdout
+
+
+def test_scenes_without_outputs_frames_or_effects(folder: Path) -> None:
+    """Nothing of these is required."""
+    bare = (*SMALL, "outputs={}", "effects={}", "simulation.frames=0", "simulation.duration=0.003", "simulation.initial.theta.velocity=1.0")
+    rom = folder / "bare_rom.h5"
+    pgmp("build", PAPER_SCENE, "-o", rom, *overridden(*bare))
+    pgmp("simulate", rom, "-o", folder / "bare.h5")
+    assert Trajectory.read(folder / "bare.h5").frames is None
+    pgmp("montecarlo", rom, "-n", 2, "-o", folder / "bare_e.h5")
+    assert Ensemble.read(folder / "bare_e.h5").outputs == {}
+
+
+def test_a_full_run_without_frames(folder: Path) -> None:
+    path = folder / "no_frames.h5"
+    pgmp("simulate", PAPER_SCENE, "--full", "-o", path, *overridden("simulation.frames=0", "simulation.duration=0.003"))
+    assert Trajectory.read(path).frames is None
+
+
+def test_an_ensemble_of_one_sample_warns_of_nothing(folder: Path, rom: Path) -> None:
+    done = pgmp("montecarlo", rom, "-n", 1, "-o", folder / "one.h5", "--override", "simulation.duration=0.003")
+    assert done.stderr == ""
+    assert Ensemble.read(folder / "one.h5").statistics["crank_angle"].std == 0.0
+
+
+def test_an_output_named_like_a_parameter_keeps_its_own_statistics(folder: Path, rom: Path) -> None:
+    """Either both are told apart in the file, or such a name is refused."""
+    path = folder / "named.h5"
+    done = pgmp("montecarlo", rom, "-n", 4, "-o", path, "--override", "simulation.duration=0.003",
+                "--override", 'outputs.r1={type="position", point="rod:tip", axis="x"}', status=None)
+    if done.returncode == 2:
+        assert "outputs.r1" in done.stderr
+        return
+    found = Ensemble.read(path)
+    assert found.statistics["r1"].mean == pytest.approx(found.outputs["r1"].mean(), rel=1e-12)
+
+
+def test_three_ranks_give_the_same_numbers(
+    mpirun: Callable, folder: Path, rom: Path, reduced: Path, full: Path, table: Path
+) -> None:
+    for name, expected, arguments in (
+        ("reduced", reduced, ("simulate", rom)),
+        ("full", full, ("simulate", PAPER_SCENE, "--full", *SCENE_OPTIONS)),
+    ):
+        path = folder / f"{name}_3.h5"
+        mpirun(3, *PGMP, *arguments, "-o", path)
+        one, other = Trajectory.read(expected), Trajectory.read(path)
+        assert other.record.ranks == 3
+        np.testing.assert_array_equal(one.time, other.time)
+        for output, values in one.outputs.items():
+            np.testing.assert_allclose(other.outputs[output], values, rtol=0, atol=1e-9 * max(1.0, np.abs(values).max()))
+    path = folder / "modes_3.h5"
+    mpirun(3, *PGMP, "modes", PAPER_SCENE, "--rom", rom, "-o", path, "--ranks-per-angle", 2, *SCENE_OPTIONS)
+    one, other = ModesTable.read(table), ModesTable.read(path)
+    np.testing.assert_array_equal(one.theta, other.theta)
+    np.testing.assert_allclose(other.full_hz, one.full_hz, rtol=1e-9)
+    np.testing.assert_allclose(other.reduced_hz, one.reduced_hz, rtol=1e-9)

@@ -1,0 +1,214 @@
+"""Ensembles on any number of ranks, killed and resumed, and with samples that fail."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import MPI_ENVIRONMENT, ROOT
+from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.results import Ensemble
+
+N, SEED = 22, 5
+BATCHES = ("--override", "ensemble.batch=4")
+# long enough to be killed in the middle: 100 batches
+LONG = ("-n", 200, "--seed", SEED, *overridden("simulation.duration=0.5", "simulation.step=5e-4", "ensemble.batch=2"))
+# A run that is killed by the system right after its third batch was stored.
+KILLED = """
+import os, signal, sys
+from pgmp_petsc.ensemble.checkpoint import Checkpoint
+add, done = Checkpoint.add, []
+def add_and_die(self, batch):
+    add(self, batch)
+    done.append(batch)
+    if len(done) == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+Checkpoint.add = add_and_die
+from pgmp_petsc.cli.main import main
+main(sys.argv[1:])
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("ensembles")
+
+
+@pytest.fixture(scope="module")
+def rom(folder: Path) -> Path:
+    path = folder / "rom.h5"
+    rom_of(paper_scene(*SMALL)).write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(folder: Path, rom: Path) -> Ensemble:
+    """Return the ensemble of one rank and one batch."""
+    path = folder / "expected.h5"
+    pgmp("montecarlo", rom, "-n", N, "--seed", SEED, "-o", path)
+    return Ensemble.read(path)
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(folder: Path, rom: Path) -> Ensemble:
+    """Return the ensemble that the killed ones are to give; its batches are larger, which changes nothing."""
+    path = folder / "uninterrupted.h5"
+    pgmp("montecarlo", rom, *LONG, "--override", "ensemble.batch=100", "-o", path)
+    return Ensemble.read(path)
+
+
+def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 0.0) -> None:
+    for kind in ("parameters", "outputs"):
+        one, other = getattr(found, kind), getattr(expected, kind)
+        assert one.keys() == other.keys()
+        for name, values in other.items():
+            np.testing.assert_allclose(one[name], values, rtol=tolerance, atol=0, err_msg=name)
+    np.testing.assert_array_equal(found.status, expected.status)
+    np.testing.assert_array_equal(found.failure_time, expected.failure_time)
+    for name, statistics in expected.statistics.items():
+        for item in ("mean", "std", "quantiles", "pdf", "edges"):
+            np.testing.assert_allclose(
+                getattr(found.statistics[name], item), getattr(statistics, item), rtol=max(tolerance, 1e-12)
+            )
+
+
+@pytest.mark.parametrize("n_ranks", [1, 2, 3])
+def test_samples_do_not_depend_on_ranks_and_batches(
+    mpirun: Callable, folder: Path, rom: Path, expected: Ensemble, n_ranks: int
+) -> None:
+    path = folder / f"{n_ranks}.h5"
+    mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, "-o", path)
+    found = Ensemble.read(path)
+    assert found.record.ranks == n_ranks
+    assert found.record.seed == SEED
+    assert_equal(found, expected)
+    np.testing.assert_array_equal(found.status, 0)
+    assert not path.with_name(f"{path.name}.partial").exists()
+
+
+def test_the_sampled_values_are_those_of_the_scene(expected: Ensemble) -> None:
+    np.testing.assert_array_equal(expected.parameters["r1"], draw(paper_scene(), SEED, 0, N)["r1"])
+
+
+def test_more_ranks_than_batches(mpirun: Callable, folder: Path, rom: Path, expected: Ensemble) -> None:
+    path = folder / "few.h5"
+    mpirun(3, *PGMP, "montecarlo", rom, "-n", 3, "--seed", SEED, *BATCHES, "-o", path)
+    found = Ensemble.read(path)
+    for name, values in expected.outputs.items():
+        np.testing.assert_array_equal(found.outputs[name], values[:3])
+
+
+def test_full_order_samples_do_not_depend_on_ranks(mpirun: Callable, folder: Path) -> None:
+    arguments = ("montecarlo", PAPER_SCENE, "--full", "-n", 5, "--seed", SEED, *overridden(*SMALL, "ensemble.batch=2"))
+    found = []
+    for n_ranks in (1, 2):
+        path = folder / f"full_{n_ranks}.h5"
+        mpirun(n_ranks, *PGMP, *arguments, "-o", path)
+        found.append(Ensemble.read(path))
+    assert_equal(found[1], found[0], 1e-9)
+
+
+def test_a_killed_run_is_resumed_on_other_ranks(
+    mpirun: Callable, folder: Path, rom: Path, uninterrupted: Ensemble
+) -> None:
+    """SIGKILL from outside, at any moment."""
+    path = folder / "killed.h5"
+    partial = path.with_name("killed.h5.partial")
+    command = [sys.executable, *PGMP, "montecarlo", str(rom), *map(str, LONG), "-o", str(path)]
+    process = subprocess.Popen(command, cwd=ROOT, env=_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        until = time.monotonic() + 60.0
+        while len(list(partial.glob("*.npz"))) < 5:
+            assert process.poll() is None, "the run ended before it could be killed"
+            assert time.monotonic() < until
+            time.sleep(0.01)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert not path.exists()
+    stored = {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")}
+    assert 5 <= len(stored) < 100
+    refused = pgmp("montecarlo", rom, *LONG, "--seed", SEED + 1, "-o", path, "--resume", status=2)
+    assert f"its seed differs ({SEED} there, {SEED + 1} here)" in refused.stderr
+    assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
+    mpirun(3, *PGMP, "montecarlo", rom, *LONG, "-o", path, "--resume")
+    assert_equal(Ensemble.read(path), uninterrupted)
+    assert not partial.exists()
+
+
+def test_a_run_killed_on_several_ranks_is_resumed_on_one(
+    mpirun: Callable, folder: Path, rom: Path, uninterrupted: Ensemble
+) -> None:
+    path = folder / "killed_together.h5"
+    killed = mpirun(2, "-c", KILLED, "montecarlo", rom, *LONG, "-o", path, check_status=None)
+    assert killed.returncode != 0
+    assert not path.exists()
+    partial = path.with_name("killed_together.h5.partial")
+    assert sorted(file.name for file in partial.glob("*.npz")) == [f"{first:09d}.npz" for first in (0, 2, 4)]
+    # what is stored is not computed again: a batch with other numbers stays as it is
+    marked = partial / "000000002.npz"
+    with np.load(marked) as data:
+        arrays = dict(data)
+    arrays["outputs.crank_angle"] = arrays["outputs.crank_angle"] + 100.0
+    np.savez(marked, **arrays)
+    pgmp("montecarlo", rom, *LONG, "-o", path, "--resume")
+    found = Ensemble.read(path)
+    np.testing.assert_array_equal(found.outputs["crank_angle"][2:4], uninterrupted.outputs["crank_angle"][2:4] + 100.0)
+    np.testing.assert_array_equal(found.outputs["crank_angle"][4:], uninterrupted.outputs["crank_angle"][4:])
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_unphysical_samples_are_recorded_and_not_integrated(
+    mpirun: Callable, folder: Path, rom: Path, n_ranks: int
+) -> None:
+    """Most samples of a distribution ten times too wide are out of bounds; the others are as they would be alone."""
+    path = folder / f"wide_{n_ranks}.h5"
+    wide = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=5.6e-3}'
+    done = mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, *overridden(wide), "-o", path,
+                  check_status=1)
+    found = Ensemble.read(path)
+    values = found.parameters["r1"]
+    outside = (values < 1e-3) | (values > 12e-3)
+    assert 0 < outside.sum() < N
+    np.testing.assert_array_equal(found.status, np.where(outside, Status.OUT_OF_BOUNDS, Status.FINE))
+    np.testing.assert_array_equal(found.failure_time, np.where(outside, 0.0, np.nan))
+    for name, output in found.outputs.items():
+        np.testing.assert_array_equal(np.isnan(output), outside)
+        assert found.statistics[name].mean == pytest.approx(output[~outside].mean(), rel=1e-12)
+    assert f"{outside.sum()} of {N} samples failed (status 1)" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert not path.with_name(f"{path.name}.partial").exists()
+
+
+def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
+    """A torque of up to 1e12 Nm; those samples that survive are as they are among their like."""
+    push = (*SMALL, 'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=1e12}}',
+            'effects.motor.scale="push"')
+    scene = paper_scene(*push)
+    path, rom = folder / "pushed.h5", folder / "pushed_rom.h5"
+    rom_of(scene).write(rom)
+    pgmp("montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, "-o", path, status=1)
+    found = Ensemble.read(path)
+    failed = found.status == Status.NOT_CONVERGED
+    assert 0 < failed.sum() < N
+    assert set(found.status) == {Status.FINE, Status.NOT_CONVERGED}
+    assert np.all((found.failure_time[failed] > 0) & (found.failure_time[failed] <= 0.05))
+    assert np.isnan(found.failure_time[~failed]).all()
+    np.testing.assert_array_equal(np.isnan(found.outputs["crank_angle"]), failed)
+    assert found.parameters["push"][~failed].min() < found.parameters["push"][failed].min()
+    assert found.meanings[2].startswith("Newton's iteration did not converge")
+
+
+def _environment() -> dict[str, str]:
+    import os
+
+    return os.environ | MPI_ENVIRONMENT

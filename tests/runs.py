@@ -1,0 +1,158 @@
+"""Models and runs of small scenes, for tests of what follows the mechanism: dynamics, ensembles, commands."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from conftest import MPI_ENVIRONMENT, ROOT
+from mpi4py import MPI
+from scenes import HEADER, meshes_of
+
+from pgmp_petsc.dynamics.generalised_alpha import Run, SecondOrderSystem, State, integrate
+from pgmp_petsc.mesh.line_mesh import read_line_mesh
+from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.modes.problem import ModeSet
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+
+PAPER_SCENE = ROOT / "scenes" / "slider_crank.toml"
+PGMP = ("-m", "pgmp_petsc.cli.main")
+# few modes and angles, and a tenth of the time: enough for everything but accuracy
+SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
+
+# A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
+QUICK_RETURN = HEADER + """
+[ground.points]
+pivot = [0.0, -0.4]
+[parameters.r1]
+nominal = 5.6e-3
+[bodies.crank]
+mesh = "0.0:0.2:3"
+element = "beam2d"
+material = "steel"
+section = { shape = "circle", radius = "r1" }
+[bodies.rocker]
+mesh = "0.0:0.8:4"
+element = "beam2d"
+material = "steel"
+section = { shape = "circle", radius = 4e-3 }
+placement = { origin = [0.0, -0.4], angle = 1.1 }
+[joints.crank_hinge]
+type = "revolute"
+connect = ["ground:origin", "crank:hinge"]
+[joints.rocker_hinge]
+type = "revolute"
+connect = ["ground:pivot", "rocker:hinge"]
+[joints.pin]
+type = "point_on_line"
+connect = ["rocker:2", "crank:tip"]
+direction = [1.0, 0.0]
+[coordinates.theta]
+joint = "crank_hinge"
+range = [0.0, 6.283185307179586]
+periodic = true
+[effects.motor]
+type = "torque"
+joint = "crank_hinge"
+table = [[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]
+[effects.weight]
+type = "gravity"
+[reduction]
+modes = 4
+angles = 24
+[simulation]
+duration = 0.2
+step = 1e-3
+[simulation.initial.theta]
+position = 0.3
+velocity = 4.0
+"""
+
+
+def quick_return(*overrides: str) -> Scene:
+    """Return a mechanism whose point_on_line turns with a flexible body; it starts moving."""
+    return scene_from_toml(QUICK_RETURN, ".", overrides)
+
+
+def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
+    """Return the slider-crank of the repository's scenes."""
+    return load_scene(PAPER_SCENE, overrides, settings)
+
+
+def read_meshes(scene: Scene) -> dict:
+    """Return the meshes of a scene whose entries are paths."""
+    return {name: read_line_mesh(scene.path_of(body.mesh), name) for name, body in scene.bodies.items()}
+
+
+def full_model(scene: Scene) -> FullModel:
+    """Return the full-order model of a scene with meshes made in memory or in files."""
+    return FullModel(scene, _meshes(scene))
+
+
+def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
+    """Build the reduced-order model on this process."""
+    return build_rom(scene, _meshes(scene), RankGroup.split(MPI.COMM_SELF, 1), scramble)
+
+
+def reduced_model(scene: Scene) -> ReducedModel:
+    """Build and return the reduced model of a scene."""
+    return ReducedModel(scene, rom_of(scene))
+
+
+@lru_cache(maxsize=1)
+def paper_rom() -> ReducedOrderModel:
+    """Return the paper's own reduced-order model, 15 modes at 629 angles; built once a session (4 s)."""
+    return rom_of(paper_scene())
+
+
+def samples(scene: Scene, n: int, **given: object) -> dict[str, np.ndarray]:
+    """Return the parameter values of n samples, those of the scene where none are given."""
+    return {name: np.broadcast_to(given.get(name, value), (n,)).astype(float) for name, value in scene.values.items()}
+
+
+def run_model(
+    model: Model, n: int = 1, values: Mapping[str, np.ndarray] | None = None, alive: np.ndarray | None = None
+) -> tuple[SecondOrderSystem, Run]:
+    """Integrate n samples of a model over its scene's duration; return the system and what is left."""
+    system = model.batch(samples(model.scene, n) if values is None else values, n)
+    return system, integrate(system, model.scene.simulation, alive)
+
+
+def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Integrate n samples; return times (n_t,) and outputs over time, each of shape (n_t, n)."""
+    system = model.batch(values, n)
+    times, rows = [], []
+
+    def record(step: int, time: float, state: State) -> None:
+        times.append(time)
+        rows.append(model.outputs.evaluate(model.output_frames(system, state)))
+
+    integrate(system, model.scene.simulation, observer=record)
+    return np.array(times), {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
+    done = subprocess.run(
+        [sys.executable, *PGMP, *map(str, arguments)],
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, env=os.environ | MPI_ENVIRONMENT, cwd=cwd, timeout=120,
+    )
+    assert status is None or done.returncode == status, f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done
+
+
+def overridden(*entries: str) -> list[str]:
+    """Return the arguments ``--override entry`` for every entry."""
+    return [word for entry in entries for word in ("--override", entry)]
+
+
+def _meshes(scene: Scene) -> dict:
+    return meshes_of(scene) if ":" in next(iter(scene.bodies.values())).mesh else read_meshes(scene)

@@ -1,0 +1,118 @@
+"""Constraints of whole mechanisms: derivatives against differences, patterns, samples side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import quick_return
+from scenes import four_bar, mechanism_of, pendulum, slider_crank, trammel
+
+from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.mechanism import Mechanism
+
+SCENES = {"slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
+          "quick_return": quick_return}
+
+
+@pytest.fixture(params=SCENES)
+def mechanism(request: pytest.FixtureRequest) -> Mechanism:
+    return mechanism_of(SCENES[request.param]())
+
+
+def anywhere(mechanism: Mechanism, n: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states off the constraints: q, v of shape (n_dofs, n) and multipliers (n_constraints, n)."""
+    random = np.random.default_rng(3)
+    shapes = ((mechanism.n_dofs, n), (mechanism.n_dofs, n), (mechanism.n_constraints, n))
+    return tuple(random.normal(size=shape) for shape in shapes)
+
+
+def dense_jacobian(constraints: ConstraintSet, q: np.ndarray) -> np.ndarray:
+    """Return C at q of shape (n_dofs,)."""
+    jacobian = np.zeros((constraints.n_constraints, q.size))
+    np.add.at(jacobian, constraints.jacobian_pattern, constraints.jacobian_values(q[:, None])[:, 0])
+    return jacobian
+
+
+def differences(function, q: np.ndarray, step: float = 1e-6) -> np.ndarray:
+    """Return central differences of a function of q, shape (n_values, n_dofs)."""
+    columns = []
+    for unit in np.eye(q.size):
+        columns.append((function(q + step * unit) - function(q - step * unit)) / (2 * step))
+    return np.array(columns).T
+
+
+# Central differences with a step of 1e-6 on numbers of order one: round-off 1e-10, truncation 1e-12.
+DIFFERENCE = {"rtol": 0.0, "atol": 2e-9}
+
+
+def test_the_jacobian_is_the_derivative_of_the_residual(mechanism: Mechanism) -> None:
+    constraints, (q, _, _) = ConstraintSet(mechanism), anywhere(mechanism)
+    expected = differences(lambda x: constraints.residual(x[:, None])[:, 0], q[:, 0])
+    np.testing.assert_allclose(dense_jacobian(constraints, q[:, 0]), expected, **DIFFERENCE)
+
+
+def test_the_curvature_is_the_derivative_of_the_reactions(mechanism: Mechanism) -> None:
+    constraints, (q, _, multipliers) = ConstraintSet(mechanism), anywhere(mechanism)
+    expected = differences(lambda x: dense_jacobian(constraints, x).T @ multipliers[:, 0], q[:, 0])
+    found = np.zeros((q.size, q.size))
+    np.add.at(found, constraints.curvature_pattern, constraints.curvature_values(q, multipliers)[:, 0])
+    # every pair of unknowns once: one triangle of each joint, not always that of the whole matrix
+    i, j = constraints.curvature_pattern
+    pairs = {(min(a, b), max(a, b)) for a, b in zip(i, j)}
+    assert len(pairs) == i.size
+    np.testing.assert_allclose(found + found.T - np.diag(np.diag(found)), expected, **DIFFERENCE)
+
+
+def test_the_drift_is_what_velocities_leave_of_the_second_derivative(mechanism: Mechanism) -> None:
+    constraints, (q, v, _) = ConstraintSet(mechanism), anywhere(mechanism)
+    step = 1e-4
+
+    def residual(time: float) -> np.ndarray:
+        return constraints.residual(q + time * v)
+
+    expected = (residual(step) - 2 * residual(0.0) + residual(-step)) / step**2
+    # second difference: round-off 1e-16 / 1e-8, truncation of the order of the step's square times |v|^4
+    np.testing.assert_allclose(constraints.drift(q, v), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
+    from pgmp_petsc.mechanism.kinematics import RigidKinematics
+
+    kinematics, constraints = RigidKinematics(mechanism), ConstraintSet(mechanism)
+    poses = kinematics.poses(np.array([0.4, 2.0, 5.0]))
+    # the closure's own tolerance is 1e-12 of the mechanism's size
+    np.testing.assert_allclose(constraints.residual(mechanism.place(poses)), 0.0, rtol=0, atol=2e-12)
+    rates = kinematics.rates(poses)
+    for k in range(3):
+        q = mechanism.place(poses[..., k])
+        velocity = mechanism.place_rates(poses[..., k], rates[..., k])
+        np.testing.assert_allclose(dense_jacobian(constraints, q) @ velocity, 0.0, rtol=0, atol=1e-11)
+
+
+def test_samples_side_by_side_are_those_one_by_one(mechanism: Mechanism) -> None:
+    constraints, (q, v, multipliers) = ConstraintSet(mechanism), anywhere(mechanism, 3)
+    for function, arguments in (
+        (constraints.residual, (q,)),
+        (constraints.jacobian_values, (q,)),
+        (constraints.curvature_values, (q, multipliers)),
+        (constraints.drift, (q, v)),
+    ):
+        together = function(*arguments)
+        for k in range(3):
+            alone = function(*(argument[:, k : k + 1] for argument in arguments))[..., 0]
+            np.testing.assert_array_equal(np.broadcast_to(together, (len(together), 3))[:, k], alone)
+
+
+def test_only_a_line_on_a_moving_body_makes_them_nonlinear() -> None:
+    found = {name: ConstraintSet(mechanism_of(scene())).linear for name, scene in SCENES.items()}
+    assert found == {"slider_crank": True, "pendulum": True, "four_bar": True, "trammel": True, "quick_return": False}
+    linear = ConstraintSet(mechanism_of(slider_crank()))
+    assert linear.curvature_pattern[0].size == 0
+    assert np.all(linear.drift(*(np.ones((36, 2)),) * 2) == 0.0)
+
+
+def test_the_patterns_hold_no_entry_twice(mechanism: Mechanism) -> None:
+    constraints = ConstraintSet(mechanism)
+    rows, columns = constraints.jacobian_pattern
+    assert len(set(zip(rows, columns))) == rows.size
+    assert rows.max() < mechanism.n_constraints and columns.max() < mechanism.n_dofs

@@ -1,0 +1,366 @@
+"""Generalised-alpha: coefficients, order, steps, observers, and samples that fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import MAX_ITERATIONS, Run, Scheme, State, count_steps, integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.scene.numerics import Simulation
+
+RADII = (0.0, 0.5, 0.8, 1.0)
+
+
+@dataclass
+class LinearSystem:
+    """``M q'' + D q' + K q = f(t)``, n_samples times side by side; arrays of shape (n_samples, n).
+
+    `spoil` is called with time, state and sizes after every correction.
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    force: object
+    q: np.ndarray
+    v: np.ndarray
+    spoil: object = None
+    beyond: float = np.inf
+    n_corrections: int = 0
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
+
+    @property
+    def n_samples(self) -> int:
+        return len(self.q)
+
+    def _balance(self, time: float, state: State) -> np.ndarray:
+        inertia = state.a @ self.mass.T + state.v @ self.damping.T + state.q @ self.stiffness.T
+        return inertia - self.force(time)
+
+    def start(self) -> State:
+        state = State(self.q.copy(), self.v.copy(), np.zeros_like(self.q), np.zeros(0))
+        state.a = -np.linalg.solve(self.mass, self._balance(0.0, state).T).T
+        return state
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        self.n_corrections += 1
+        matrix = scheme.gain_a * self.mass + scheme.gain_v * self.damping + self.stiffness
+        step = np.linalg.solve(matrix, self._balance(time, state)[..., None])[..., 0]
+        step[~active] = 0.0
+        state.q -= step
+        state.v -= scheme.gain_v * step
+        state.a -= scheme.gain_a * step
+        size = np.abs(step).max(axis=1)
+        if self.spoil is not None:
+            self.spoil(time, state, size)
+        return size
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):
+            now[samples] = before[samples]
+
+    def outside(self, state: State) -> np.ndarray:
+        return np.abs(state.q).max(axis=1) > self.beyond
+
+
+def two_masses(n_samples: int = 1, **options: object) -> LinearSystem:
+    """Return two damped masses under a constant force that start out of equilibrium, each sample from elsewhere."""
+    share = 1.0 + 0.1 * np.arange(n_samples)[:, None]
+    return LinearSystem(
+        mass=np.diag([1.0, 2.0]), damping=np.array([[0.3, -0.1], [-0.1, 0.1]]),
+        stiffness=np.array([[30.0, -10.0], [-10.0, 10.0]]), force=lambda time: np.array([1.0, -2.0]),
+        q=share * [0.4, -0.3], v=share * [1.0, 2.0], **options,
+    )
+
+
+def exact(system: LinearSystem, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return q, v, a of a system under a constant force, each of shape (n_samples, n)."""
+    n = system.q.shape[1]
+    inverse = np.linalg.inv(system.mass)
+    rate = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ system.stiffness, -inverse @ system.damping]])
+    rest = np.concatenate([np.linalg.solve(system.stiffness, system.force(0.0)), np.zeros(n)])
+    state = rest + (np.hstack([system.q, system.v]) - rest) @ scipy.linalg.expm(time * rate).T
+    return state[:, :n], state[:, n:], ((state - rest) @ rate.T)[:, n:]
+
+
+class Pendulum:
+    """A unit mass on a massless rod of 1 m: index 3, one multiplier; it starts with a velocity away from rest."""
+
+    comm, n_samples = MPI.COMM_SELF, 1
+    ANGLE, SPEED, GRAVITY = 0.8, 2.0, 9.81
+
+    def start(self) -> State:
+        q = np.array([np.sin(self.ANGLE), -np.cos(self.ANGLE)])
+        v = self.SPEED * np.array([np.cos(self.ANGLE), np.sin(self.ANGLE)])
+        pull = self.multiplier(self.ANGLE, self.SPEED)
+        return State(q, v, np.array([0.0, -self.GRAVITY]) - pull * q, np.array([pull]))
+
+    @classmethod
+    def multiplier(cls, angle: float, speed: float) -> float:
+        """Return lambda of ``q'' + q lambda = g``, ``(q.q - 1) / 2 = 0``."""
+        return speed**2 + cls.GRAVITY * np.cos(angle)
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        matrix = np.zeros((3, 3))
+        matrix[:2, :2] = (scheme.gain_a + state.multipliers[0]) * np.eye(2)
+        matrix[:2, 2] = matrix[2, :2] = state.q
+        residual = state.a + state.q * state.multipliers[0] - [0.0, -self.GRAVITY]
+        step = np.linalg.solve(matrix, np.append(residual, 0.5 * (state.q @ state.q - 1.0)))
+        state.q -= step[:2]
+        state.v -= scheme.gain_v * step[:2]
+        state.a -= scheme.gain_a * step[:2]
+        state.multipliers -= step[2]
+        return np.array([np.abs(step[:2]).max()])
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        if samples[0]:
+            state.q[:], state.v[:], state.a[:] = previous.q, previous.v, previous.a
+            state.multipliers[:] = previous.multipliers
+
+    def outside(self, state: State) -> np.ndarray:
+        return np.zeros(1, dtype=bool)
+
+
+def run(system: object, radius: float, step: float, duration: float = 1.0, **options: object) -> Run:
+    return integrate(system, Simulation(duration=duration, step=step, spectral_radius=radius), **options)
+
+
+def amplification(scheme: Scheme, omega_h: float) -> np.ndarray:
+    """Return the matrix of a step of ``q'' = -omega^2 q`` on (q, h q', h^2 q'', h^2 A), from the scheme's equations."""
+    s = scheme
+    left = np.array([
+        [1.0, 0.0, 0.0, -s.beta],
+        [0.0, 1.0, 0.0, -s.gamma],
+        [0.0, 0.0, -(1 - s.alpha_f), 1 - s.alpha_m],
+        [omega_h**2, 0.0, 1.0, 0.0],
+    ])
+    right = np.array([
+        [1.0, 1.0, 0.0, 0.5 - s.beta], [0.0, 1.0, 0.0, 1 - s.gamma], [0.0, 0.0, s.alpha_f, -s.alpha_m], [0.0] * 4,
+    ])
+    return np.linalg.solve(left, right)
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_the_spectral_radius_at_infinity_is_the_one_asked_for(radius: float) -> None:
+    values = np.abs(np.linalg.eigvals(amplification(Scheme.of(radius, 1.0), 1e5)))
+    # three eigenvalues meet there: a perturbation of 1e-10 moves them by its cube root at most
+    assert values.max() == pytest.approx(radius, abs=2e-3)
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_it_is_stable_for_every_step_and_damps_high_frequencies_most(radius: float) -> None:
+    values = [np.abs(np.linalg.eigvals(amplification(Scheme.of(radius, 1.0), w))).max() for w in np.logspace(-2, 5, 60)]
+    assert max(values) <= 1.0 + 1e-6
+    assert np.all(np.diff(values) <= 1e-4)
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_the_coefficients_fulfil_the_condition_of_second_order(radius: float) -> None:
+    s = Scheme.of(radius, 0.25)
+    assert s.gamma == pytest.approx(0.5 + s.alpha_f - s.alpha_m, abs=1e-15)
+    assert s.gain_v == pytest.approx(s.gamma / (s.beta * 0.25), rel=1e-14)
+    assert s.gain_a == pytest.approx((1 - s.alpha_m) / ((1 - s.alpha_f) * s.beta * 0.25**2), rel=1e-14)
+
+
+def test_the_extremes_are_known_schemes() -> None:
+    trapezoidal = Scheme.of(1.0, 1.0)
+    assert (trapezoidal.alpha_m, trapezoidal.alpha_f, trapezoidal.beta, trapezoidal.gamma) == (0.5, 0.5, 0.25, 0.5)
+    annihilating = Scheme.of(0.0, 1.0)
+    assert (annihilating.alpha_m, annihilating.alpha_f, annihilating.beta, annihilating.gamma) == (-1, 0, 1, 1.5)
+
+
+def orders(errors: list[np.ndarray]) -> np.ndarray:
+    """Return the observed orders between halved steps, one row a pair of neighbours."""
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+@pytest.mark.parametrize("radius", RADII[1:])
+def test_second_order_on_a_linear_oscillator(radius: float) -> None:
+    errors = []
+    for n_steps in (100, 200, 400):
+        system = two_masses()
+        state = run(system, radius, 1.0 / n_steps).state
+        found = zip((state.q, state.v, state.a), exact(system, 1.0))
+        errors.append([np.abs(one - other).max() for one, other in found])
+    assert np.all(np.abs(orders(errors) - 2.0) < 0.15), orders(errors)
+
+
+@pytest.mark.parametrize("radius", RADII[1:])
+def test_second_order_in_positions_and_velocities_with_a_constraint(radius: float) -> None:
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -Pendulum.GRAVITY * np.sin(y[0])]
+
+    start = [Pendulum.ANGLE, Pendulum.SPEED]
+    angle, speed = scipy.integrate.solve_ivp(rate, (0, 1), start, rtol=1e-12, atol=1e-13).y[:, -1]
+    q, v = np.array([np.sin(angle), -np.cos(angle)]), speed * np.array([np.cos(angle), np.sin(angle)])
+    errors = []
+    for n_steps in (200, 400, 800):
+        state = run(Pendulum(), radius, 1.0 / n_steps).state
+        wrong = (state.q - q, state.v - v, state.multipliers - Pendulum.multiplier(angle, speed))
+        errors.append([np.abs(one).max() for one in wrong])
+    # Without numerical damping the multiplier's error is not damped either: it alternates from step to step and grows
+    # with time (Cardona and Geradin 1989), while positions and velocities do not feel it.
+    kept = slice(0, 2 if radius == 1.0 else 3)
+    observed = orders(errors)[:, kept]
+    assert np.all(np.abs(observed - 2.0) < 0.15), observed
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_the_constraint_holds_at_the_end_of_every_step(radius: float) -> None:
+    gaps: list[float] = []
+    run(Pendulum(), radius, 0.01, observer=lambda _, __, state: gaps.append(abs(state.q @ state.q - 1.0)))
+    assert len(gaps) == 101
+    assert max(gaps) < 1e-12  # the tolerance of Newton's iteration
+
+
+@pytest.mark.parametrize("radius", RADII)
+def test_a_constant_acceleration_is_integrated_exactly(radius: float) -> None:
+    force = np.array([2.0])
+    system = LinearSystem(np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), lambda _: force, np.ones((1, 1)), -np.ones((1, 1)))
+    state = run(system, radius, 0.02).state
+    np.testing.assert_allclose([state.q[0, 0], state.v[0, 0], state.a[0, 0]], [1.0, 1.0, 2.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("duration", "step", "expected"),
+    [(1.0, 1e-3, 1000), (1.0, 0.3, 4), (0.3, 0.1, 3), (0.05, 1e-3, 50), (1e-3, 1e-3, 1), (0.7, 0.1, 7), (1.0, 0.9999, 2)],
+)
+def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, step: float, expected: int) -> None:
+    n_steps = count_steps(duration, step)
+    assert n_steps == expected
+    assert duration / n_steps <= step * (1 + 1e-12)
+    seen: list[tuple[int, float]] = []
+    done = run(two_masses(), 0.8, step, duration, observer=lambda number, time, _: seen.append((number, time)))
+    numbers, times = zip(*seen)
+    assert done.n_steps == expected
+    assert numbers == tuple(range(n_steps + 1))
+    # PETSc adds up the steps: round-off of as many additions
+    np.testing.assert_allclose(times, np.linspace(0.0, duration, n_steps + 1), rtol=0, atol=1e-13 * duration)
+
+
+def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:
+    system = two_masses()
+    seen: list[State] = []
+    done = run(system, 0.8, 0.1, observer=lambda _, __, state: seen.append(state.copy()))
+    np.testing.assert_array_equal(seen[0].q, system.q)
+    np.testing.assert_array_equal(seen[0].v, system.v)
+    np.testing.assert_array_equal(seen[-1].q, done.state.q)
+    assert len(seen) == 11
+    assert done.n_iterations == system.n_corrections
+
+
+def test_what_an_observer_raises_ends_the_run_as_it_is() -> None:
+    def refuse(number: int, time: float, state: State) -> None:
+        if number == 3:
+            raise RunError("seen enough")
+
+    with pytest.raises(RunError, match="seen enough"):
+        run(two_masses(), 0.8, 0.1, observer=refuse)
+
+
+def test_what_a_system_raises_ends_the_run_as_it_is() -> None:
+    def refuse(time: float, state: State, size: np.ndarray) -> None:
+        raise RunError("the linear solver failed")
+
+    with pytest.raises(RunError, match="the linear solver failed"):
+        run(two_masses(spoil=refuse), 0.8, 0.1)
+
+
+def assert_same(state: State, other: State, samples: np.ndarray) -> None:
+    """Check that some samples of two states agree in every bit."""
+    for one, two in ((state.q, other.q), (state.v, other.v), (state.a, other.a)):
+        np.testing.assert_array_equal(one[samples], two[samples])
+
+
+def poison(time: float, state: State, size: np.ndarray) -> None:
+    """Let sample 1 become NaN after 0.45 s."""
+    if time > 0.45:
+        state.q[1], state.v[1], state.a[1], size[1] = np.nan, np.nan, np.nan, np.nan
+
+
+def stall(time: float, state: State, size: np.ndarray) -> None:
+    """Let sample 1 move by 1 for ever after 0.45 s."""
+    if time > 0.45:
+        size[1] = 1.0
+
+
+@pytest.mark.parametrize("spoil", [poison, stall])
+def test_a_sample_that_fails_stays_where_it_was_and_the_others_go_on(spoil: object) -> None:
+    done = run(two_masses(3, spoil=spoil), 0.8, 0.1)
+    fine = run(two_masses(3), 0.8, 0.1)
+    before = run(two_masses(3), 0.8, 0.1, duration=0.4)
+    np.testing.assert_array_equal(done.status, [Status.FINE, Status.NOT_CONVERGED, Status.FINE])
+    np.testing.assert_allclose(done.failure_time, [np.nan, 0.5, np.nan], rtol=1e-13)
+    assert_same(done.state, fine.state, np.array([0, 2]))
+    np.testing.assert_allclose(done.state.q[1], before.state.q[1], rtol=1e-13)
+    np.testing.assert_allclose(done.state.v[1], before.state.v[1], rtol=1e-13)
+    np.testing.assert_array_equal(fine.status, 0)
+
+
+def test_a_sample_that_does_not_converge_is_tried_twice_and_then_given_up() -> None:
+    system = two_masses(2, spoil=stall)
+    done = run(system, 0.8, 0.1, duration=0.5)
+    # four fine steps, then one with both predictions
+    easy = run(two_masses(2), 0.8, 0.1, duration=0.4)
+    stalled = done.n_iterations - easy.n_iterations
+    assert stalled == 2 * MAX_ITERATIONS + easy.n_iterations // 8
+
+
+def test_the_second_prediction_may_save_a_step() -> None:
+    def refuse_first(time: float, state: State, size: np.ndarray) -> None:
+        nonlocal attempts
+        if 0.45 < time < 0.55 and attempts == 0:
+            attempts += 1
+            state.q[1], state.v[1], state.a[1], size[1] = np.nan, np.nan, np.nan, np.nan
+
+    attempts = 0
+    done = run(two_masses(3, spoil=refuse_first), 0.8, 0.1)
+    fine = run(two_masses(3), 0.8, 0.1)
+    np.testing.assert_array_equal(done.status, 0)
+    assert attempts == 1
+    np.testing.assert_allclose(done.state.q, fine.state.q, rtol=0, atol=1e-12)
+    assert_same(done.state, fine.state, np.array([0, 2]))
+
+
+def test_a_sample_that_leaves_the_range_stays_inside_it() -> None:
+    done = run(two_masses(4, beyond=1.05), 0.8, 0.01)
+    fine = run(two_masses(4), 0.8, 0.01)
+    left = done.status == Status.LEFT_RANGE
+    assert left.any() and not left.all()
+    assert np.all(np.abs(done.state.q[left]).max(axis=1) <= 1.05)
+    assert np.all((done.failure_time[left] > 0.0) & (done.failure_time[left] <= 1.0))
+    assert np.isnan(done.failure_time[~left]).all()
+    assert_same(done.state, fine.state, ~left)
+
+
+def test_samples_that_are_not_alive_are_never_advanced() -> None:
+    alive = np.array([True, False, True])
+    system = two_masses(3)
+    done = run(system, 0.8, 0.1, alive=alive)
+    fine = run(two_masses(3), 0.8, 0.1)
+    np.testing.assert_array_equal(done.status, [0, Status.OUT_OF_BOUNDS, 0])
+    np.testing.assert_array_equal(done.failure_time, [np.nan, 0.0, np.nan])
+    np.testing.assert_array_equal(done.state.q[1], system.q[1])
+    assert_same(done.state, fine.state, alive)
+
+
+def test_a_batch_without_a_living_sample_takes_no_corrections() -> None:
+    system = two_masses(2)
+    seen: list[int] = []
+    done = run(system, 0.8, 0.1, alive=np.zeros(2, dtype=bool), observer=lambda number, *_: seen.append(number))
+    assert (system.n_corrections, done.n_iterations) == (0, 0)
+    assert seen == list(range(11))
+    np.testing.assert_array_equal(done.state.q, system.q)
+    np.testing.assert_array_equal(done.failure_time, 0.0)
+
+
+def test_every_status_has_its_words() -> None:
+    assert [int(status) for status in Status] == [0, 1, 2, 3]
+    assert len({status.meaning for status in Status}) == 4

@@ -1,0 +1,120 @@
+"""Imports run one way, and what needs no PETSc does not import it."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+PACKAGE = ROOT / "pgmp_petsc"
+# A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs` and
+# `results` need less than their place in the flow of data would allow (see `NEEDS`).
+ORDER = (
+    "scene", "mesh", "bodies", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
+    "ensemble", "studies", "figures", "export", "cli",
+)
+FREE = ("runtime", "")  # "" is the package itself: its version
+# packages that keep to fewer than their place allows
+NEEDS = {
+    "runtime": set(),
+    "scene": set(),
+    "mesh": set(),
+    "results": set(),
+    "bodies": {"scene", "mesh"},
+    "mechanism": {"scene", "mesh", "bodies"},
+    "effects": {"scene", "bodies", "mechanism"},
+    "outputs": {"scene", "mechanism"},
+    "figures": {"results"},
+    "export": {"results"},
+}
+WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "results")
+
+
+def imports_of(path: Path, for_types: bool = True) -> set[str]:
+    """Return the modules that a file imports anywhere, also within functions and (unless told) for types only."""
+    found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
+    if not for_types:
+        tree.body = [node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add(node.module)
+    return found
+
+
+def packages_of(path: Path) -> set[str]:
+    """Return the packages of ours that a file imports."""
+    ours = [name.split(".") for name in imports_of(path) if name.split(".")[0] == "pgmp_petsc"]
+    return {parts[1] if len(parts) > 1 else "" for parts in ours}
+
+
+def files(package: str) -> list[Path]:
+    """Return the modules of a package."""
+    return sorted((PACKAGE / package).rglob("*.py"))
+
+
+def test_every_package_has_its_place() -> None:
+    assert {path.parent.name for path in PACKAGE.glob("*/__init__.py")} == {*ORDER, "runtime"}
+
+
+@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+def test_imports_run_one_way(package: str) -> None:
+    allowed = {*FREE, package}
+    allowed |= NEEDS.get(package, set(ORDER[: ORDER.index(package)] if package in ORDER else ()))
+    for path in files(package):
+        assert packages_of(path) <= allowed, f"{path.relative_to(ROOT)} imports {packages_of(path) - allowed}"
+
+
+def test_modules_do_not_import_each_other_in_circles() -> None:
+    graph = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        graph[name] = {found for found in imports_of(path, for_types=False) if found.startswith("pgmp_petsc")} - {name}
+    done: set[str] = set()
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, " -> ".join([*above[above.index(name):], name])
+        if name not in done:
+            for other in graph.get(name, ()):
+                visit(other, (*above, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+@pytest.mark.parametrize("package", WITHOUT_PETSC)
+def test_no_petsc_in_the_source(package: str) -> None:
+    for path in files(package):
+        roots = {name.split(".")[0] for name in imports_of(path)}
+        assert not roots & {"petsc4py", "slepc4py"}, path
+
+
+def test_no_petsc_after_importing() -> None:
+    modules = []
+    for package in WITHOUT_PETSC:
+        for path in files(package):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            modules.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+    script = "import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
+    script += "print(sorted({m.split('.')[0] for m in sys.modules} & {'petsc4py', 'slepc4py', 'mpi4py'}))"
+    done = subprocess.run([sys.executable, "-c", script, *modules], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_no_communicator_and_no_petsc_start_at_import() -> None:
+    """Importing everything but the commands starts neither MPI's world nor PETSc with somebody's arguments."""
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for statement in tree.body:
+            if isinstance(statement, (ast.FunctionDef, ast.ClassDef)):
+                continue
+            names = {node.attr for node in ast.walk(statement) if isinstance(node, ast.Attribute)}
+            assert "COMM_WORLD" not in names, path

@@ -1,0 +1,108 @@
+"""Named outputs from the frames of nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import CRANK, ROD, kinematics_of, slider_crank
+
+from pgmp_petsc.mechanism.kinematics import REACH, RigidKinematics
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+OUTPUTS = (
+    'outputs.crank={type="angle", joint="crank_hinge"}',
+    'outputs.elbow={type="angle", joint="elbow"}',
+    'outputs.tilt={type="rotation", point="rod:tip"}',
+    'outputs.x={type="position", point="rod:tip", axis="x"}',
+    'outputs.y={type="position", point="crank:2", axis="y"}',
+    'outputs.moved={type="displacement", point="rod:tip", axis="x"}',
+    'outputs.bent={type="deformation", point="rod:tip", axis="x"}',
+    'outputs.bent_y={type="deformation", point="crank:tip", axis="y"}',
+)
+START = 0.3
+LIMITED = ("coordinates.theta.range=[0.1, 1.5]", "coordinates.theta.periodic=false")
+
+
+def prepared(*overrides: str) -> tuple[Scene, RigidKinematics, OutputSet]:
+    scene = slider_crank(*OUTPUTS, f"simulation.initial.theta.position={START}", *overrides)
+    kinematics = kinematics_of(scene)
+    return scene, kinematics, OutputSet.of(scene, kinematics)
+
+
+def rigid_frames(kinematics: RigidKinematics, outputs: OutputSet, theta: np.ndarray) -> np.ndarray:
+    """Return the frames of the outputs' nodes of the rigid mechanism."""
+    q = kinematics.mechanism.place(kinematics.poses(theta))
+    return q.reshape(-1, 3, theta.size)[list(outputs.nodes)]
+
+
+def slider(theta: np.ndarray) -> np.ndarray:
+    """Return the rigid slider's position, from the triangle of crank, rod and line."""
+    return CRANK * np.cos(theta) + np.sqrt(ROD**2 - (CRANK * np.sin(theta)) ** 2)
+
+
+def test_a_rigid_mechanism_gives_the_closed_forms_over_several_turns() -> None:
+    _, kinematics, outputs = prepared()
+    theta = np.array([0.0, 0.7, 2.0, 4.0, 6.9, 14.0, -1.0])
+    found = outputs.evaluate(rigid_frames(kinematics, outputs, theta))
+    tilt = -np.arcsin(CRANK / ROD * np.sin(theta))
+    expected = {
+        "crank": theta, "elbow": tilt - theta, "tilt": tilt, "x": slider(theta), "y": 0.4 * CRANK * np.sin(theta),
+        "moved": slider(theta) - slider(np.array([START])), "bent": 0 * theta, "bent_y": 0 * theta,
+    }
+    assert list(found) == list(expected)
+    for name, values in expected.items():
+        # the closure's tolerance is 1e-12 of the rod's length
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-12, err_msg=name)
+
+
+def test_units_and_nodes() -> None:
+    _, kinematics, outputs = prepared()
+    assert outputs.units == {
+        "crank": "rad", "elbow": "rad", "tilt": "rad", "x": "m", "y": "m", "moved": "m", "bent": "m", "bent_y": "m"
+    }
+    mechanism = kinematics.mechanism
+    needed = {mechanism.node(point, "") for point in ("crank:hinge", "crank:2", "crank:tip", "rod:hinge", "rod:tip")}
+    assert outputs.nodes == tuple(sorted(needed))
+
+
+def test_a_deformation_is_measured_at_the_same_rotation_of_the_hinge_node() -> None:
+    _, kinematics, outputs = prepared()
+    theta = np.array([0.5, 1.0])
+    frames = rigid_frames(kinematics, outputs, theta)
+    hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+    frames[hinge, 2] += 0.01
+    np.testing.assert_allclose(outputs.evaluate(frames)["bent"], slider(theta) - slider(theta + 0.01), rtol=0, atol=5e-12)
+    tip = outputs.nodes.index(kinematics.mechanism.node("rod:tip", ""))
+    frames[tip, 0] += 1e-4
+    bent = outputs.evaluate(frames)["bent"]
+    np.testing.assert_allclose(bent, slider(theta) - slider(theta + 0.01) + 1e-4, rtol=0, atol=5e-12)
+
+
+def test_a_deformation_far_outside_a_limited_range_is_no_number() -> None:
+    _, kinematics, outputs = prepared(*LIMITED)
+    inside = np.array([0.1, 0.8, 1.5])
+    frames = rigid_frames(kinematics, outputs, np.array([0.1, 0.8, 1.5, 1.5, 0.1]))
+    hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
+    frames[hinge, 2] = [*inside, 1.5 + 1.1 * REACH, 0.1 - 1.1 * REACH]
+    found = outputs.evaluate(frames)
+    np.testing.assert_array_equal(np.isnan(found["bent"]), [False, False, False, True, True])
+    assert not any(np.isnan(found[name]).any() for name in ("crank", "x", "moved"))
+    frames[hinge, 2] = [0.1 - 0.5 * REACH, 0.8, 1.5 + 0.5 * REACH, 1.0, np.nan]
+    np.testing.assert_array_equal(np.isnan(outputs.evaluate(frames)["bent"]), [False] * 4 + [True])
+
+
+def test_a_scene_without_outputs_needs_no_nodes() -> None:
+    scene = slider_crank()
+    outputs = OutputSet.of(scene, kinematics_of(scene))
+    assert (outputs.nodes, outputs.units, outputs.evaluate(np.empty((0, 3, 4)))) == ((), {}, {})
+
+
+@pytest.mark.parametrize("kind", ["rotation", "position", "displacement", "deformation"])
+def test_an_unknown_point_is_refused_with_the_nearest_name(kind: str) -> None:
+    axis = "" if kind == "rotation" else ', axis="x"'
+    scene = slider_crank(f'outputs.wrong={{type="{kind}", point="rod:tipp"{axis}}}')
+    with pytest.raises(InputError, match=r'outputs\.wrong\.point = "tipp": .* did you mean \'tip\'') as raised:
+        OutputSet.of(scene, kinematics_of(scene))
+    assert "\n" not in str(raised.value)

@@ -1,0 +1,86 @@
+"""Random parameter values: keyed by the sample's number, distributed as asked for, checked against their bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import slider_crank
+from scipy import stats
+
+from pgmp_petsc.ensemble.sampling import draw, physical
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
+YOUNG = (
+    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.05, scale=2.1e11}}', 'materials.steel.E="E"',
+)
+FIXED = 'parameters.rho={nominal=7800.0}'
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return slider_crank(NORMAL, *YOUNG, FIXED, 'materials.steel.rho="rho"')
+
+
+def test_a_sample_depends_on_seed_and_number_alone(scene: Scene) -> None:
+    whole = draw(scene, 7, 0, 100)
+    for first, last in ((0, 1), (17, 42), (99, 100), (50, 50)):
+        part = draw(scene, 7, first, last)
+        for name, values in whole.items():
+            np.testing.assert_array_equal(part[name], values[first:last])
+            assert part[name].shape == (last - first,)
+    assert not np.array_equal(draw(scene, 8, 0, 100)["r1"], whole["r1"])
+    assert np.unique(whole["r1"]).size == 100
+
+
+def test_the_order_of_the_parameters_has_no_part_in_it(scene: Scene) -> None:
+    other = scene.model_copy(update={"parameters": dict(reversed(scene.parameters.items()))})
+    for name, values in draw(scene, 3, 0, 20).items():
+        np.testing.assert_array_equal(draw(other, 3, 0, 20)[name], values)
+
+
+def test_moments_and_shape_are_those_of_the_distributions(scene: Scene) -> None:
+    n = 4000
+    values = draw(scene, 1, 0, n)
+    for name, law in (("r1", stats.norm(5.6e-3, 0.56e-3)), ("E", stats.lognorm(0.05, scale=2.1e11))):
+        sample = values[name]
+        # four standard errors
+        assert abs(sample.mean() - law.mean()) < 4 * law.std() / np.sqrt(n)
+        assert abs(sample.std() / law.std() - 1) < 4 / np.sqrt(2 * n) * 1.1
+        assert stats.kstest(sample, law.cdf).pvalue > 1e-3
+    assert abs(np.corrcoef(values["r1"], values["E"])[0, 1]) < 4 / np.sqrt(n)
+
+
+def test_a_parameter_without_a_distribution_keeps_the_value_of_the_run(scene: Scene) -> None:
+    np.testing.assert_array_equal(draw(scene, 1, 0, 5)["rho"], 7800.0)
+    changed = scene.model_copy(deep=True)
+    changed.parameters["rho"] = scene.parameters["rho"].model_copy(update={"value": 8000.0})
+    np.testing.assert_array_equal(draw(changed, 1, 0, 5)["rho"], 8000.0)
+
+
+def test_without_any_distribution_there_is_nothing_to_draw() -> None:
+    with pytest.raises(InputError, match=r"parameters: none has a distribution"):
+        draw(slider_crank(), 0, 0, 3)
+
+
+def test_samples_are_physical_inside_their_bounds() -> None:
+    scene = slider_crank(NORMAL, "parameters.r1.bounds=[5e-3, 6e-3]")
+    values = {"r1": np.array([5e-3, 6e-3, 4.999e-3, 6.001e-3, 5.5e-3, np.nan, np.inf, -5.5e-3])}
+    np.testing.assert_array_equal(physical(scene, values), [True, True, False, False, True, False, False, False])
+
+
+def test_sections_and_materials_need_positive_numbers_even_without_bounds(scene: Scene) -> None:
+    n = 4
+    values = {"r1": np.full(n, 5e-3), "E": np.full(n, 2e11), "rho": np.full(n, 7800.0)}
+    values["r1"][1], values["E"][2], values["rho"][3] = -1e-3, 0.0, np.nan
+    np.testing.assert_array_equal(physical(scene, values), [True, False, False, False])
+
+
+def test_a_parameter_of_a_load_may_be_negative() -> None:
+    scene = slider_crank(
+        'parameters.s={nominal=1.0, distribution={name="norm", loc=0.0, scale=1.0}}', 'effects.motor.scale="s"'
+    )
+    values = draw(scene, 0, 0, 50)
+    assert (values["s"] < 0).any()
+    assert physical(scene, values).all()

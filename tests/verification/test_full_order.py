@@ -1,0 +1,222 @@
+"""The full-order model: one formulation against the other, closed forms, energy, published numbers."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from elimination import Beams, chain, circle
+from mpi4py import MPI
+from runs import full_model, history, paper_scene, quick_return, run_model, samples
+from scenes import CRANK, RADIUS, ROD, pendulum, slider_crank
+from scipy.special import ellipk
+
+from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.scene import Scene
+
+GRAVITY = 'effects.weight={type="gravity"}'
+SHORT = "simulation.duration=0.1"
+MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.velocity=4.0")
+
+# Trajectory of the paper's slider-crank, 5 elements a body, r1 = 5.6 mm: independent full-order reference converged to 8
+# digits (slider_crank_5el.json of the project's reference data, an explicit Runge-Kutta code on the constraint-eliminated
+# equations, checked against a second code). Time (s), crank angle (rad), slider position (m), slider deformation (m).
+REFERENCE = np.array([
+    [0.1, 0.0146048750845, 0.999955017948, 7.24190967305e-07],
+    [0.2, 0.115185039442, 0.997173860733, 1.14673349999e-05],
+    [0.3, 0.365664082301, 0.971942681681, 4.48716055117e-05],
+    [0.4, 0.724014468419, 0.896026991043, 8.02983183648e-05],
+    [0.5, 1.12990719629, 0.773403914697, 9.79715585098e-05],
+    [0.6, 1.60404591462, 0.622647915996, 8.67961527389e-05],
+    [0.7, 2.24599866669, 0.472198234699, 4.63629473779e-05],
+    [0.8, 3.24477907595, 0.400907500378, -5.81380815223e-06],
+    [0.9, 4.35037428378, 0.534994389961, -7.57351617255e-05],
+    [1.0, 5.28277488032, 0.814768388572, -8.91202658466e-05],
+])
+
+
+@lru_cache(maxsize=2)
+def paper_history(step: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the full-order run of the paper's mechanism."""
+    scene = paper_scene(f"simulation.step={step}")
+    return history(full_model(scene), samples(scene, 1), 1)
+
+
+def at_reference_times(step: float) -> np.ndarray:
+    """Return crank angle, slider position and slider deformation at the reference's times, shape (3, 10)."""
+    times, outputs = paper_history(step)
+    rows = np.rint(REFERENCE[:, 0] / (times[1] - times[0])).astype(int)
+    np.testing.assert_allclose(times[rows], REFERENCE[:, 0], rtol=1e-12)
+    return np.array([outputs[name][rows, 0] for name in ("crank_angle", "slider_position", "slider_deformation")])
+
+
+def test_the_published_trajectory_with_steps_of_a_millisecond() -> None:
+    angle, position, deformation = at_reference_times(1e-3)
+    assert angle[-1] == pytest.approx(5.28277488032, rel=3e-5)
+    # time integration alone: second order, 2e-5 of the turn at the end
+    np.testing.assert_allclose(angle, REFERENCE[:, 1], rtol=0, atol=3e-5 * 5.28)
+    np.testing.assert_allclose(position, REFERENCE[:, 2], rtol=0, atol=1e-4)
+    # the first bending mode (50 to 64 Hz) is resolved by 16 to 20 steps a period
+    np.testing.assert_allclose(deformation, REFERENCE[:, 3], rtol=0, atol=0.015 * 9.8e-5)
+
+
+def test_the_published_trajectory_is_approached_with_second_order() -> None:
+    coarse, fine = (at_reference_times(step) for step in (1e-3, 5e-4))
+    angles = REFERENCE[:, 1]
+    ratio = np.abs(coarse[0] - angles).max() / np.abs(fine[0] - angles).max()
+    assert 3.5 < ratio < 4.5
+    extrapolated = (4 * fine - coarse) / 3
+    np.testing.assert_allclose(extrapolated[0], angles, rtol=0, atol=2e-6 * 5.28)
+    np.testing.assert_allclose(extrapolated[2], REFERENCE[:, 3], rtol=0, atol=3e-3 * 9.8e-5)
+
+
+def test_the_deformation_is_the_slider_less_the_rigid_one() -> None:
+    _, outputs = paper_history(1e-3)
+    angle = outputs["crank_angle"]
+    rigid = CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
+    np.testing.assert_allclose(outputs["slider_deformation"], outputs["slider_position"] - rigid, rtol=0, atol=1e-12)
+
+
+BOTH = {
+    "slider_crank": lambda: slider_crank(GRAVITY, SHORT),
+    "moving": lambda: slider_crank(GRAVITY, SHORT, *MOVING),
+    "turning line": lambda: quick_return(SHORT),
+}
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_batched_and_distributed_models_agree(name: str) -> None:
+    scene = BOTH[name]()
+    model = full_model(scene)
+    batch, run = run_model(model, 2, samples(scene, 2, r1=np.array([RADIUS, 4.5e-3])))
+    for k, radius in enumerate((RADIUS, 4.5e-3)):
+        with model.distributed({"r1": radius}, MPI.COMM_SELF) as single:
+            other = integrate(single, scene.simulation)
+            # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in a after division by the step
+            for part, share in (("q", 1e-10), ("v", 1e-8), ("a", 1e-6), ("multipliers", 1e-6)):
+                one, two = batch.unpack(getattr(run.state, part))[:, k], single.unpack(getattr(other.state, part))[:, 0]
+                np.testing.assert_allclose(one, two, rtol=0, atol=share * np.abs(two).max(), err_msg=part)
+            first = single.start()
+        start = batch.start()
+        for part in ("q", "v", "a", "multipliers"):
+            two = getattr(first, part)
+            expected = pytest.approx(two, rel=0, abs=1e-9 * max(np.abs(two).max(), 1e-12))
+            assert batch.unpack(getattr(start, part))[:, k] == expected, part
+
+
+@pytest.mark.parametrize("name", BOTH)
+def test_constraints_hold_at_every_step(name: str) -> None:
+    scene = BOTH[name]()
+    model = full_model(scene)
+    system = model.batch(samples(scene, 1), 1)
+    constraints = ConstraintSet(model.kinematics.mechanism)
+    gaps: list[float] = []
+
+    def record(step: int, time: float, state: State) -> None:
+        gaps.append(float(np.abs(constraints.residual(system.unpack(state.q))).max()))
+
+    integrate(system, scene.simulation, observer=record)
+    assert len(gaps) == 101
+    # the closure of the start and Newton's tolerance are both 1e-12 of the mechanism's size, which is below 1 m
+    assert max(gaps) < 1e-12
+
+
+def hanging(position: float, n_steps: int, duration: float) -> Scene:
+    """Return a stiff beam of 1 m that swings under gravity; position from the lowest point."""
+    return pendulum(
+        GRAVITY, 'bodies.arm.mesh="0.0:1.0:2"', "bodies.arm.section.radius=0.05", 'outputs.x={type="position", point="arm:tip", axis="x"}',
+        f"simulation.initial.phi.position={position - np.pi / 2}", f"simulation.duration={duration}",
+        f"simulation.step={duration / n_steps}", "simulation.spectral_radius=0.8",
+    )
+
+
+def quarter_period(amplitude: float) -> float:
+    """Return the time at which a pendulum released at rest first passes its lowest point."""
+    guess = 0.5 * np.pi * np.sqrt(2 / (3 * 9.81)) * (1 + amplitude**2 / 10)
+    scene = hanging(amplitude, 800, 1.2 * guess)
+    times, outputs = history(full_model(scene), {}, 1)
+    x = outputs["x"][:, 0]
+    (after,) = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
+    return float(np.interp(0.0, -x[after : after + 2], times[after : after + 2]))
+
+
+@pytest.mark.parametrize("amplitude", [0.01, 0.5 * np.pi, 2.6])
+def test_a_stiff_hinged_beam_is_a_physical_pendulum(amplitude: float) -> None:
+    # T = 4 K(sin^2(amplitude / 2)) sqrt(I / (m g L / 2)); I includes the sections' own inertia, r^2 / 4
+    omega = np.sqrt(9.81 * 0.5 / (1 / 3 + 0.05**2 / 4))
+    expected = ellipk(np.sin(amplitude / 2) ** 2) / omega
+    # its first bending frequency is 500 times the swing's, the step 1/2600 of a period, the crossing interpolated linearly
+    assert quarter_period(amplitude) == pytest.approx(expected, rel=2e-5)
+
+
+def free(step: float, radius: float = 1.0) -> Scene:
+    """Return the slider-crank without loads, spinning from an undeformed start that is no equilibrium."""
+    return slider_crank(
+        "effects={}", "simulation.initial.theta.velocity=12.0", "simulation.duration=0.2", f"simulation.step={step}",
+        f"simulation.spectral_radius={radius}",
+    )
+
+
+def energies(scene: Scene) -> np.ndarray:
+    """Return kinetic plus strain energy at every step, from formulas of the test's own."""
+    model: FullModel = full_model(scene)
+    section = circle(RADIUS, 210e9, 7800.0)
+    beams: Beams = chain((5, 5), (CRANK, ROD), [section, section])
+    mass, found = beams.mass(), []
+    system = model.batch(samples(scene, 1), 1)
+
+    def record(step: int, time: float, state: State) -> None:
+        q, v = system.unpack(state.q)[:, 0], system.unpack(state.v)[:, 0]
+        found.append(0.5 * v @ mass @ v + beams.energy(q))
+
+    integrate(system, scene.simulation, observer=record)
+    return np.array(found)
+
+
+def test_energy_is_kept_without_loads_and_numerical_damping() -> None:
+    coarse, fine = energies(free(1e-3)), energies(free(5e-4))
+    wrong = [np.abs(one / one[0] - 1).max() for one in (coarse, fine)]
+    # no step keeps the energy of a nonlinear system exactly; what it misses is of second order
+    assert wrong[0] < 5e-3
+    assert wrong[0] / wrong[1] > 3.0
+
+
+def test_numerical_damping_only_takes_energy() -> None:
+    lossy = energies(free(1e-3, 0.5))
+    assert lossy[-1] < lossy[0]
+    assert lossy.max() < lossy[0] * (1 + 2e-3)
+
+
+def test_samples_of_a_batch_agree_with_runs_alone() -> None:
+    scene = quick_return("simulation.duration=0.05")
+    model = full_model(scene)
+    radii = np.linspace(4e-3, 8e-3, 11)  # more than one block of lanes
+    system, run = run_model(model, 11, {"r1": radii})
+    for k in (0, 7, 8, 10):
+        alone_system, alone = run_model(model, 1, {"r1": radii[k : k + 1]})
+        one, two = system.unpack(run.state.q)[:, k], alone_system.unpack(alone.state.q)[:, 0]
+        np.testing.assert_allclose(one, two, rtol=0, atol=1e-11)
+
+
+def test_no_sample_of_a_batch_changes_another_bit_for_bit() -> None:
+    """The neighbour's radius, or a neighbour that fails, must not be felt."""
+    scene = slider_crank("simulation.duration=0.02")
+    model = full_model(scene)
+
+    def first_of(*radii: float) -> np.ndarray:
+        system, run = run_model(model, len(radii), {"r1": np.array(radii)})
+        return system.unpack(run.state.q)[:, 0]
+
+    expected = first_of(RADIUS, RADIUS)
+    np.testing.assert_array_equal(first_of(RADIUS, 9e-3), expected)
+    np.testing.assert_array_equal(first_of(RADIUS), expected)
+
+
+def test_a_sample_that_cannot_be_integrated_is_recorded_and_the_others_go_on() -> None:
+    scene = slider_crank("simulation.duration=0.02")
+    model = full_model(scene)
+    _, run = run_model(model, 3, {"r1": np.array([RADIUS, np.nan, RADIUS])})
+    np.testing.assert_array_equal(run.status, [0, 2, 0])

@@ -1,0 +1,101 @@
+"""The reduced model over time against the full-order one, and against the freedom of its own basis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runs import full_model, history, paper_rom, paper_scene, quick_return, reduced_model, rom_of, run_model, samples
+from scenes import RADIUS, slider_crank
+
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.modes.problem import ModeSet
+
+SHARES = (0.9, 1.0, 1.1)
+
+
+@pytest.fixture(scope="module")
+def comparison() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the outputs over time of the full-order and the reduced model for three radii."""
+    scene = paper_scene()
+    values = samples(scene, 3, r1=np.array(SHARES) * RADIUS)
+    full = history(full_model(scene), values, 3)[1]
+    return full, history(ReducedModel(scene, paper_rom()), values, 3)[1]
+
+
+@pytest.mark.parametrize("k", range(3), ids=map(str, SHARES))
+def test_the_papers_accuracy_with_the_papers_basis(comparison: tuple, k: int) -> None:
+    """Naets et al. 2015, section 6: crank angle to 0.03 %, slider deformation to 8 %; shares of the maximum over time."""
+    full, reduced = comparison
+    for name, allowed in (("crank_angle", 3e-4), ("slider_deformation", 0.08)):
+        one, other = full[name][:, k], reduced[name][:, k]
+        assert np.abs(other - one).max() < allowed * np.abs(one).max(), name
+
+
+def test_both_models_start_alike(comparison: tuple) -> None:
+    full, reduced = comparison
+    for name in full:
+        np.testing.assert_allclose(reduced[name][0], full[name][0], rtol=0, atol=1e-12)
+
+
+def test_a_moving_line_gravity_and_a_moving_start() -> None:
+    """The reduced model of a mechanism unlike the paper's, bending by a ten-thousandth of its size."""
+    scene = quick_return(
+        "reduction.modes=12", "reduction.angles=90", "simulation.duration=0.3", "simulation.step=5e-4",
+        "bodies.rocker.section.radius=8e-3", "effects.motor.table=[[0.0, 0.0], [0.2, 0.3]]",
+        'outputs.angle={type="angle", joint="crank_hinge"}', 'outputs.tip={type="position", point="rocker:tip", axis="x"}',
+        'outputs.bent={type="deformation", point="rocker:tip", axis="x"}',
+    )
+    values = samples(scene, 2, r1=np.array([5.6e-3, 6.5e-3]))
+    full, reduced = (history(model, values, 2)[1] for model in (full_model(scene), reduced_model(scene)))
+    for name, allowed in (("angle", 3e-4), ("tip", 3e-4), ("bent", 0.08)):
+        assert np.abs(reduced[name] - full[name]).max() < allowed * np.abs(full[name]).max(), name
+
+
+def scrambled(seed: int, modes: ModeSet) -> ModeSet:
+    """Return the modes in random order with random signs."""
+    random = np.random.default_rng([seed, int(1e6 * modes.theta)])
+    order = random.permutation(modes.eigenvalues.size)
+    signs = random.choice([-1.0, 1.0], order.size)
+    return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_signs_and_order_of_the_eigenvectors_do_not_change_the_motion(seed: int) -> None:
+    scene = slider_crank(
+        "simulation.duration=0.3", 'outputs.angle={type="angle", joint="crank_hinge"}',
+        'outputs.bent={type="deformation", point="rod:tip", axis="x"}', "simulation.initial.theta.velocity=8.0",
+    )
+    plain = ReducedModel(scene, rom_of(scene))
+    spoilt = ReducedModel(scene, rom_of(scene, lambda modes: scrambled(seed, modes)))
+    values = samples(scene, 2, r1=np.array([5.6e-3, 5e-3]))
+    one, other = (history(model, values, 2)[1] for model in (plain, spoilt))
+    for name, expected in one.items():
+        np.testing.assert_allclose(other[name], expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name)
+
+
+def test_a_run_does_not_depend_on_its_batch() -> None:
+    """Bit for bit, with the paper's own basis."""
+    scene = paper_scene("simulation.duration=0.1")
+    model = ReducedModel(scene, paper_rom())
+    radii = np.linspace(4.5e-3, 7e-3, 5)
+    together = run_model(model, 5, {"r1": radii})[1].state.q
+    for k in range(5):
+        np.testing.assert_array_equal(run_model(model, 1, {"r1": radii[k : k + 1]})[1].state.q[0], together[k])
+    np.testing.assert_array_equal(run_model(model, 5, {"r1": radii[::-1].copy()})[1].state.q, together[::-1])
+
+
+def test_without_loads_and_motion_nothing_happens() -> None:
+    scene = slider_crank("effects={}", "simulation.duration=0.05", "simulation.initial.theta.position=1.0")
+    system, run = run_model(reduced_model(scene))
+    np.testing.assert_array_equal(run.state.q, system.start().q)
+
+
+def test_the_second_order_of_the_integrator() -> None:
+    ends = []
+    for step in (1e-3, 5e-4, 2.5e-4):
+        scene = slider_crank("simulation.duration=0.1", f"simulation.step={step}", "reduction.modes=2",
+                             "simulation.initial.theta.velocity=8.0", 'effects.weight={type="gravity"}')
+        ends.append(run_model(reduced_model(scene))[1].state.q[0, 0])
+    assert np.log2((ends[0] - ends[1]) / (ends[1] - ends[2])) == pytest.approx(2.0, abs=0.2)
