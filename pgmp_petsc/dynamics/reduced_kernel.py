@@ -48,13 +48,16 @@ def combine(table, rows, weights, slopes, term_weights, value, slope):
     """Sum ``table[rows[r], t]`` with factors ``weights[r] w[t]`` into value, and with ``slopes[r] w[t]`` into slope."""
     value[:] = 0.0
     slope[:] = 0.0
-    for r in range(N_ROWS):
-        for t in range(term_weights.size):
-            f, g = weights[r] * term_weights[t], slopes[r] * term_weights[t]
-            source = table[rows[r], t]
-            for e in range(value.size):
-                value[e] += f * source[e]
-                slope[e] += g * source[e]
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    s0, s1, s2, s3 = slopes[0], slopes[1], slopes[2], slopes[3]
+    for t in range(term_weights.size):
+        w = term_weights[t]
+        row_0, row_1, row_2, row_3 = table[rows[0], t], table[rows[1], t], table[rows[2], t], table[rows[3], t]
+        # the four rows in one pass: each entry of the table is read once, each sum written once
+        for e in range(value.size):
+            a, b, c, d = row_0[e], row_1[e], row_2[e], row_3[e]
+            value[e] += w * (w0 * a + w1 * b + w2 * c + w3 * d)
+            slope[e] += w * (s0 * a + s1 * b + s2 * c + s3 * d)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -118,7 +121,6 @@ def interpolate_lanes(first, count, q, layout, grids, tables, weights, amplitude
     rows = np.empty(N_ROWS, dtype=np.int64)
     value, slope = np.empty(N_ROWS), np.empty(N_ROWS)
     entries, entry_slopes = np.empty(layout.end), np.empty(layout.end)
-    rigid, rigid_slope = np.empty(1), np.empty(1)
     forces, force_slopes = np.empty(layout.n_eta), np.empty(layout.n_eta)
     load_weights = np.empty(amplitudes.size)
     for lane in range(LANES):
@@ -135,8 +137,13 @@ def interpolate_lanes(first, count, q, layout, grids, tables, weights, amplitude
             for i in range(layout.n_eta):
                 load[i, lane], load_slope[i, lane] = forces[i], force_slopes[i]
         stencil(theta, *grids[0], rows, value, slope)
-        combine(tables[0], rows, value, slope, weights[0][b], rigid, rigid_slope)
-        entries[0], entry_slopes[0] = rigid[0], rigid_slope[0]
+        entries[0], entry_slopes[0] = 0.0, 0.0
+        for r in range(N_ROWS):
+            inertia = 0.0
+            for t in range(weights[0].shape[1]):
+                inertia += weights[0][b, t] * tables[0][rows[r], t, 0]
+            entries[0] += value[r] * inertia
+            entry_slopes[0] += slope[r] * inertia
         for e in range(layout.end):
             terms[e, lane], slopes[e, lane] = entries[e], entry_slopes[e]
 
