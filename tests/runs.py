@@ -143,9 +143,15 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
     """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
     done = subprocess.run(
         [sys.executable, *PGMP, *map(str, arguments)],
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, env=os.environ | MPI_ENVIRONMENT, cwd=cwd, timeout=120,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        env=os.environ | MPI_ENVIRONMENT,
+        cwd=cwd,
+        timeout=120,
     )
-    assert status is None or done.returncode == status, f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
+    assert status is None or done.returncode == status, shown
     return done
 
 

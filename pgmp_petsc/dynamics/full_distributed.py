@@ -11,7 +11,7 @@ rank evaluates the elements that touch its nodes and assembles its rows of
 with constraints scaled by s to the size of the inertia terms (Bottasso, Bauchau and Cardona 2007); a direct solver
 factorises it in parallel.
 
-Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_pc_factor_mat_solver_type superlu_dist``).
+Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class FullDistributed:
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
-        for item in (self._ksp, self._matrix, self._mass, self._scatter, self._x, self._ghosts, self._a, self._ma):
+        for item in (self._ksp, self._matrix, self._mass, self._scatter, self._x, self._rhs, self._ghosts, self._a, self._ma):
             item.destroy()
 
     def __enter__(self) -> FullDistributed:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -249,6 +250,18 @@ class Run:
     n_iterations: int
 
 
+def _check_options(ts: PETSc.TS, step: float, n_steps: int) -> None:
+    """Refuse PETSc options that would change what the scene asks for."""
+    wanted = {
+        "ts_type": (ts.getType(), ts.Type.PYTHON, "the integrator is the program's own"),
+        "ts_dt": (ts.getTimeStep(), step, "set simulation.step in the scene"),
+        "ts_max_steps": (ts.getMaxSteps(), n_steps, "set simulation.duration in the scene"),
+    }
+    for option, (found, own, cure) in wanted.items():
+        if found != own:
+            raise InputError(f"option -{PREFIX}{option} = {found}: it cannot be changed here ({own}); {cure}")
+
+
 def count_steps(duration: float, step: float) -> int:
     """Return the number of equal steps, none longer than `step`, that end at `duration`."""
     return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
@@ -295,6 +308,7 @@ def integrate(
         if observer is not None:
             ts.setMonitor(lambda _, number, time, __: observer(number, time, stepper.state))
         ts.setFromOptions()
+        _check_options(ts, step, n_steps)
         ts.solve(solution)
     finally:
         ts.destroy()

@@ -41,6 +41,7 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     timings = Timings()
     scene_toml = scene_to_toml(model.scene)
     size = model.scene.ensemble.batch
+    draw(model.scene, plan.seed, 0, 1)  # a scene with nothing to draw is refused before anything is touched
     checkpoint = Checkpoint(plan, scene_toml, model.name)
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]

@@ -161,10 +161,10 @@ def shape_verdict(published: Density, support: np.ndarray, peak: float, because:
     parts = []
     if np.max(np.abs(support - published.support)) > SUPPORT_TOLERANCE * width:
         parts.append(
-            "the ends of the support differ: the paper's are read from its axis, and its torque is known from a picture only"
+            "the ends of the support, which are read from the paper's axis; its torque, too, is known from a picture only"
         )
     if abs(peak / published.peak - 1.0) > PEAK_TOLERANCE:
-        parts.append(f"the peak differs by {percent(peak / published.peak - 1.0)}{because}")
+        parts.append(f"the peak by {percent(peak / published.peak - 1.0)}{because}")
     return f"differs: {'; '.join(parts)}" if parts else "ok"
 
 

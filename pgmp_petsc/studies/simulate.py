@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, State, count_steps, integrate
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -15,6 +16,8 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+
+UNKNOWNS_PER_RANK = 3000
 
 
 def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
@@ -38,7 +41,22 @@ def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
 
 
 def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
-    """Run the full-order model, distributed over all ranks. Collective on `comm`; see `simulate_reduced`."""
+    """Run the full-order model, distributed over ranks. Collective on `comm`; see `simulate_reduced`.
+
+    A model with fewer than `UNKNOWNS_PER_RANK` unknowns a rank runs on fewer ranks: factorising a small matrix on
+    several takes longer than on one. The others wait.
+    """
+    n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
+    workers = comm.Split(color=int(comm.rank >= n_workers), key=comm.rank)
+    trajectory = None
+    with agreed(comm, "full-order simulation"):
+        if comm.rank < n_workers:
+            trajectory = _full_on_all_ranks(model, workers, comm.size)
+    workers.Free()
+    return trajectory
+
+
+def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajectory | None:
     timings = Timings()
     simulation, values = model.scene.simulation, model.scene.values
     wanted = frame_steps(simulation)
@@ -63,9 +81,10 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
     history = np.concatenate(histories, axis=-1)
     n_outputs = len(model.outputs.nodes)
     measured = history[n_outputs + 1, 2] - history[n_outputs, 2]
+    stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
     return _trajectory(
         model, np.array(times), history[:n_outputs], measured[:, None], None,
-        np.array(frames), np.array(times)[sorted(wanted)], comm, timings,
+        stored, np.array(times)[sorted(wanted)], n_ranks, timings,
     )
 
 
@@ -90,7 +109,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         outputs = model.output_frames_of(eta)
     n_theta = model.kinematics.n_coordinates
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm, timings
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings
     )
 
 
@@ -121,7 +140,7 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 
 
 def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, comm, timings
+    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings
 ) -> Trajectory:
     bodies = model.kinematics.mechanism.bodies
     stored = Frames(
@@ -133,7 +152,7 @@ def _trajectory(
     )
     return Trajectory(
         model=model.name,
-        record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, comm.size, timings.as_dict()),
+        record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict()),
         time=time,
         outputs=model.outputs.evaluate(output_frames),
         units=model.outputs.units,

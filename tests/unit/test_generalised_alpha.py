@@ -223,14 +223,18 @@ def test_the_constraint_holds_at_the_end_of_every_step(radius: float) -> None:
 @pytest.mark.parametrize("radius", RADII)
 def test_a_constant_acceleration_is_integrated_exactly(radius: float) -> None:
     force = np.array([2.0])
-    system = LinearSystem(np.eye(1), np.zeros((1, 1)), np.zeros((1, 1)), lambda _: force, np.ones((1, 1)), -np.ones((1, 1)))
+    one, none = np.ones((1, 1)), np.zeros((1, 1))
+    system = LinearSystem(one, none, none, lambda _: force, one, -one)
     state = run(system, radius, 0.02).state
     np.testing.assert_allclose([state.q[0, 0], state.v[0, 0], state.a[0, 0]], [1.0, 1.0, 2.0], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("duration", "step", "expected"),
-    [(1.0, 1e-3, 1000), (1.0, 0.3, 4), (0.3, 0.1, 3), (0.05, 1e-3, 50), (1e-3, 1e-3, 1), (0.7, 0.1, 7), (1.0, 0.9999, 2)],
+    [
+        (1.0, 1e-3, 1000), (1.0, 0.3, 4), (0.3, 0.1, 3), (0.05, 1e-3, 50), (1e-3, 1e-3, 1), (0.7, 0.1, 7),
+        (1.0, 0.9999, 2),
+    ],
 )
 def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, step: float, expected: int) -> None:
     n_steps = count_steps(duration, step)

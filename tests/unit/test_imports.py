@@ -11,8 +11,8 @@ import pytest
 from conftest import ROOT
 
 PACKAGE = ROOT / "pgmp_petsc"
-# A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs` and
-# `results` need less than their place in the flow of data would allow (see `NEEDS`).
+# A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
+# and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
     "scene", "mesh", "bodies", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
     "ensemble", "studies", "figures", "export", "cli",
@@ -38,7 +38,9 @@ def imports_of(path: Path, for_types: bool = True) -> set[str]:
     """Return the modules that a file imports anywhere, also within functions and (unless told) for types only."""
     found, tree = set(), ast.parse(path.read_text(encoding="utf-8"))
     if not for_types:
-        tree.body = [node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))]
+        tree.body = [
+            node for node in tree.body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+        ]
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
@@ -105,7 +107,8 @@ def test_no_petsc_after_importing() -> None:
             modules.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
     script = "import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
     script += "print(sorted({m.split('.')[0] for m in sys.modules} & {'petsc4py', 'slepc4py', 'mpi4py'}))"
-    done = subprocess.run([sys.executable, "-c", script, *modules], capture_output=True, text=True, cwd=ROOT, check=True)
+    command = [sys.executable, "-c", script, *modules]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.strip() == "[]"
 
 

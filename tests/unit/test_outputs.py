@@ -73,7 +73,8 @@ def test_a_deformation_is_measured_at_the_same_rotation_of_the_hinge_node() -> N
     frames = rigid_frames(kinematics, outputs, theta)
     hinge = outputs.nodes.index(kinematics.mechanism.node("crank:hinge", ""))
     frames[hinge, 2] += 0.01
-    np.testing.assert_allclose(outputs.evaluate(frames)["bent"], slider(theta) - slider(theta + 0.01), rtol=0, atol=5e-12)
+    bent = outputs.evaluate(frames)["bent"]
+    np.testing.assert_allclose(bent, slider(theta) - slider(theta + 0.01), rtol=0, atol=5e-12)
     tip = outputs.nodes.index(kinematics.mechanism.node("rod:tip", ""))
     frames[tip, 0] += 1e-4
     bent = outputs.evaluate(frames)["bent"]

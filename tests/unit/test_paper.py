@@ -85,7 +85,7 @@ def test_a_density_is_judged_by_support_and_peak() -> None:
     assert paper_comparison.shape_verdict(published, support, published.peak) == "ok"
     assert "ends" in paper_comparison.shape_verdict(published, support - 1.0, published.peak)
     words = paper_comparison.shape_verdict(published, support, 1.2 * published.peak, ", why")
-    assert words == "differs: the peak differs by 20 %, why"
+    assert words == "differs: the peak by 20 %, why"
 
 
 def test_the_published_table_has_a_verdict_in_every_row(directory: Path) -> None:

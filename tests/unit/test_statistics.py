@@ -44,7 +44,7 @@ def test_the_standard_errors_are_the_spread_of_repeated_samples() -> None:
     for name in ("mean", "std"):
         spread = np.std([getattr(one, name) for one in repeated])
         estimated = np.mean([getattr(one, f"{name}_standard_error") for one in repeated])
-        # 400 repetitions know their own spread to 3.5 %; the skew law's fourth moment is underestimated by some per cent
+        # 400 repetitions know their own spread to 3.5 %; the skew law's fourth moment is underestimated a little
         assert estimated == pytest.approx(spread, rel=0.2)
 
 

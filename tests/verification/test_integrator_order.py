@@ -1,7 +1,7 @@
 """Second order of the full-order model in time, against an independent formulation of a soft quick-return.
 
-The mechanism has a point_on_line joint whose line turns with a flexible body, so that curvature and drift of the constraints
-take part. It starts undeformed and moving, under gravity: far from equilibrium in positions and velocities.
+The mechanism has a point_on_line joint whose line turns with a flexible body, so that curvature and drift of the
+constraints take part. It starts undeformed and moving, under gravity: out of equilibrium in positions and velocities.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ YOUNG, DENSITY, DURATION = 2e7, 7800.0, 0.02
 CRANK_RADIUS, ROCKER_RADIUS = 0.02, 0.015
 CELLS, LENGTHS = (2, 2), (0.2, 0.8)
 SOFT = (
-    f"materials.steel.E={YOUNG}", f"parameters.r1.nominal={CRANK_RADIUS}", f"bodies.rocker.section.radius={ROCKER_RADIUS}",
+    f"materials.steel.E={YOUNG}", f"parameters.r1.nominal={CRANK_RADIUS}",
+    f"bodies.rocker.section.radius={ROCKER_RADIUS}",
     'bodies.crank.mesh="0.0:0.2:2"', 'bodies.rocker.mesh="0.0:0.8:2"', 'joints.pin.connect=["rocker:1", "crank:tip"]',
     f"simulation.duration={DURATION}", "simulation.initial.theta.velocity=10.0",
 )
