@@ -13,9 +13,9 @@ are blind to inertia loads, because their mass coupling with theta vanishes iden
 and elastic forces on the change of the modes with theta: of second order in the loads, both together or none. With all
 of them the system is Lagrangian in the interpolated tables and conserves energy.
 
-M, b, K and Q are interpolated at the sample's own theta and weighted with its own parameters. The iteration matrix
-``gain_a M + K``, with the rigid inertia's own derivatives added, is symmetric positive definite; what it leaves out
-contracts by the square of ``h theta'`` an iteration.
+M, b, K and Q are interpolated at the sample's own theta and weighted with its own parameters. The iteration matrix leaves
+out second derivatives of the tables alone; its flexible block is symmetric positive definite at reasonable steps and
+is factorised so, row and column of theta border it.
 
 Samples are taken LANES at a time: each lane interpolates at its own theta, along the contiguous entries of the tables;
 all that follows runs over the lanes side by side, where it vectorises. Symmetric matrices are packed as lower triangles
@@ -149,51 +149,102 @@ def interpolate_lanes(first, count, q, layout, grids, tables, weights, amplitude
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, work, r):
-    """Evaluate the equations of motion into r (n_eta, LANES); see the module."""
+def residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, moved, turned, r):
+    """Evaluate the equations of motion into r (n_eta, LANES); see the module.
+
+    ``(dM/dtheta) eta'`` is left in `moved` (n_eta, LANES), ``(dK/dtheta) delta - dQ_delta/dtheta`` in `turned`
+    (n_delta, LANES).
+    """
     n, m = layout.n_eta, layout.n_eta - 1
-    multiply(slopes, 0, n, v, 0, work)
+    multiply(slopes, 0, n, v, 0, moved)
     multiply(terms, 0, n, a, 0, r)
+    multiply(terms, layout.stiffness, m, q, 1, turned)
     for i in range(n):
         for lane in range(LANES):
-            r[i, lane] += v[0, lane] * work[i, lane]
-            r[0, lane] -= 0.5 * v[i, lane] * work[i, lane]
-    multiply(terms, layout.stiffness, m, q, 1, work)
+            r[i, lane] += v[0, lane] * moved[i, lane]
+            r[0, lane] -= 0.5 * v[i, lane] * moved[i, lane]
     for i in range(m):
         b = layout.coupling + i
         for lane in range(LANES):
             speed, delta = v[0, lane], q[1 + i, lane]
-            r[1 + i, lane] += work[i, lane] - terms[b, lane] * speed * speed
+            r[1 + i, lane] += turned[i, lane] - terms[b, lane] * speed * speed
             r[0, lane] += 2.0 * terms[b, lane] * (delta * a[0, lane] + v[1 + i, lane] * speed)
             r[0, lane] += slopes[b, lane] * delta * speed * speed
-    multiply(slopes, layout.stiffness, m, q, 1, work)
+    multiply(slopes, layout.stiffness, m, q, 1, turned)
     for i in range(m):
         for lane in range(LANES):
-            r[0, lane] += 0.5 * q[1 + i, lane] * work[i, lane]
+            r[0, lane] += 0.5 * q[1 + i, lane] * turned[i, lane]
     if loaded:
         for i in range(n):
             for lane in range(LANES):
                 r[i, lane] -= load[i, lane]
-        for i in range(1, n):
+        for i in range(m):
             for lane in range(LANES):
-                r[0, lane] -= load_slope[i, lane] * q[i, lane]
+                r[0, lane] -= load_slope[1 + i, lane] * q[1 + i, lane]
+                turned[i, lane] -= load_slope[1 + i, lane]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def iteration_matrix(layout, v, a, terms, slopes, gain_v, gain_a, factor):
-    """Fill packed ``gain_a M + K`` with the derivatives of the rigid inertia forces (n_packed, LANES)."""
-    for e in range(layout.coupling):
+def iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain_a, factor, border):
+    """Fill the iteration matrix ``[[s, r^T], [c, S]]``: packed S (n_packed_delta, LANES) and border (s, c, r).
+
+    Its flexible block ``S = gain_a M + gain_v theta' dM/dtheta + K`` is symmetric; the inertia forces of the rigid
+    motion make row and column of theta differ.
+    """
+    m = layout.n_eta - 1
+    at, of, into = 1, layout.stiffness, 0
+    for i in range(m):
+        b = layout.coupling + i
         for lane in range(LANES):
-            factor[e, lane] = gain_a * terms[e, lane]
-    for lane in range(LANES):
-        factor[0, lane] += slopes[0, lane] * (gain_v * v[0, lane] + a[0, lane])
-    at, of = 1, layout.stiffness
-    for i in range(1, layout.n_eta):
-        for j in range(i):
+            speed = v[0, lane]
+            coupled = gain_a * terms[at, lane]
+            rate = 2.0 * gain_v * speed * (slopes[at, lane] - terms[b, lane])
+            border[1 + i, lane] = coupled + rate + gain_v * (moved[1 + i, lane] - slopes[at, lane] * speed)
+            border[1 + i, lane] += turned[i, lane]
+            border[1 + m + i, lane] = coupled - gain_v * (moved[1 + i, lane] - slopes[at, lane] * speed)
+            border[1 + m + i, lane] += 2.0 * terms[b, lane] * (gain_v * speed + a[0, lane])
+            border[1 + m + i, lane] += slopes[b, lane] * speed * speed + turned[i, lane]
+        for j in range(i + 1):
             for lane in range(LANES):
-                factor[at + 1 + j, lane] += terms[of + j, lane]
-        at += i + 1
-        of += i
+                inertia = gain_a * terms[at + 1 + j, lane] + gain_v * v[0, lane] * slopes[at + 1 + j, lane]
+                factor[into + j, lane] = inertia + terms[of + j, lane]
+        at += i + 2
+        of += i + 1
+        into += i + 1
+    for lane in range(LANES):
+        border[0, lane] = gain_a * terms[0, lane] + slopes[0, lane] * (gain_v * v[0, lane] + a[0, lane])
+    for i in range(m):
+        b = layout.coupling + i
+        for lane in range(LANES):
+            stretched = gain_a * q[1 + i, lane] + gain_v * v[1 + i, lane]
+            turning = gain_v * q[1 + i, lane] * v[0, lane] + q[1 + i, lane] * a[0, lane] + v[1 + i, lane] * v[0, lane]
+            border[0, lane] += 2.0 * (terms[b, lane] * stretched + slopes[b, lane] * turning)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def eliminate_border(factor, border, m):
+    """Factorise S and turn the border into ``(1 / (s - r^T S^-1 c), S^-1 c, r)``."""
+    factorise(factor, m)
+    substitute(factor, m, border[1 : 1 + m])
+    for i in range(m):
+        for lane in range(LANES):
+            border[0, lane] -= border[1 + m + i, lane] * border[1 + i, lane]
+    for lane in range(LANES):
+        border[0, lane] = 1.0 / border[0, lane]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def solve_bordered(factor, border, m, x):
+    """Solve with the iteration matrix in place, x of shape (1 + m, LANES)."""
+    substitute(factor, m, x[1:])
+    for i in range(m):
+        for lane in range(LANES):
+            x[0, lane] -= border[1 + m + i, lane] * x[1 + i, lane]
+    for lane in range(LANES):
+        x[0, lane] *= border[0, lane]
+    for i in range(m):
+        for lane in range(LANES):
+            x[1 + i, lane] -= border[1 + i, lane] * x[0, lane]
 
 
 @njit(cache=True, error_model="numpy")
@@ -223,7 +274,8 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
     fresh
         Whether to factorise anew; otherwise `factors` of the last call serve.
     factors
-        Packed Cholesky factors, shape (n_blocks, n_packed, LANES).
+        ``(packed Cholesky factors, borders)``, shapes (n_blocks, n_packed_delta, LANES) and (n_blocks, 1 + 2 n_delta,
+        LANES).
     size
         Result: size of the correction, shape (n_samples,).
     """
@@ -232,8 +284,8 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
     terms, slopes = np.empty((layout.end, LANES)), np.empty((layout.end, LANES))
     load, load_slope = np.empty((n, LANES)), np.empty((n, LANES))
     q, v, a = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
-    r, work = np.empty((n, LANES)), np.empty((n, LANES))
-    for block in range(factors.shape[0]):
+    r, moved, turned = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n - 1, LANES))
+    for block in range(factors[0].shape[0]):
         first = block * LANES
         count = min(LANES, size.size - first)
         size[first : first + count] = 0.0
@@ -246,11 +298,12 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
             for lane in range(LANES):
                 b = first + min(lane, count - 1)
                 q[i, lane], v[i, lane], a[i, lane] = state[0][b, i], state[1][b, i], state[2][b, i]
-        residual(layout, q, v, a, terms, slopes, load, load_slope, amplitudes.size > 0, work, r)
+        residual(layout, q, v, a, terms, slopes, load, load_slope, amplitudes.size > 0, moved, turned, r)
+        factor, border = factors[0][block], factors[1][block]
         if fresh:
-            iteration_matrix(layout, v, a, terms, slopes, gain_v, gain_a, factors[block])
-            factorise(factors[block], n)
-        substitute(factors[block], n, r)
+            iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain_a, factor, border)
+            eliminate_border(factor, border, n - 1)
+        solve_bordered(factor, border, n - 1, r)
         for lane in range(count):
             b = first + lane
             if active[b]:
@@ -259,7 +312,7 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
                     state[0][b, i] -= step
                     state[1][b, i] -= gain_v * step
                     state[2][b, i] -= gain_a * step
-                    moved = abs(step) * scale[i]
+                    displacement = abs(step) * scale[i]
                     # written so that a NaN is kept
-                    if not moved <= size[b]:
-                        size[b] = moved
+                    if not displacement <= size[b]:
+                        size[b] = displacement

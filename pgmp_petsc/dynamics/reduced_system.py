@@ -57,7 +57,11 @@ class ReducedSystem:
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._scale = terms.scale
-        self._factors = np.empty((-(-n_samples // LANES), terms.layout.coupling, LANES))
+        n_blocks, n_delta = -(-n_samples // LANES), terms.layout.n_eta - 1
+        self._factors = (
+            np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
+            np.empty((n_blocks, 1 + 2 * n_delta, LANES)),
+        )
         self._size = np.empty(n_samples)
 
     @property
