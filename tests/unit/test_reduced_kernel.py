@@ -10,15 +10,16 @@ from scenes import meshes_of, slider_crank
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
-from pgmp_petsc.dynamics.reduced_kernel import combine, factorise, multiply, substitute
-from pgmp_petsc.dynamics.reduced_system import ReducedSystem, coupling_of, displacement_scale, pack
+from pgmp_petsc.dynamics.reduced_kernel import (
+    LANES, combine, eliminate_border, factorise, multiply, solve_bordered, substitute,
+)
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.interpolation import interpolate, interpolate_slope
-from pgmp_petsc.reduction.tables import ReducedTables
 
 GRAVITY = 'effects.weight={type="gravity"}'
 TIME = 0.1  # s; the torque is 0.2 Nm
@@ -30,65 +31,101 @@ def model(request: pytest.FixtureRequest) -> ReducedModel:
 
 
 @pytest.fixture(scope="module")
-def tables(model: ReducedModel) -> ReducedTables:
-    return model._tables
+def terms(model: ReducedModel) -> ReducedTerms:
+    return model._terms
 
 
-def packed(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return a random positive definite matrix, whole and packed."""
-    factor = np.random.default_rng(seed).normal(size=(n, n))
-    matrix = factor @ factor.T + np.eye(n)
-    return matrix, pack(matrix)
+def packed(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return random positive definite matrices, one a lane, whole (LANES, n, n) and packed (n_packed, LANES)."""
+    factor = np.random.default_rng(0).normal(size=(LANES, n, n))
+    matrices = factor @ np.swapaxes(factor, 1, 2) + np.eye(n)
+    return matrices, np.ascontiguousarray(pack(matrices).T)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 16])
 def test_packed_matrices_multiply_factorise_and_solve(n: int) -> None:
-    matrix, entries = packed(n)
-    x = np.random.default_rng(1).normal(size=n)
-    product = np.empty(n)
-    multiply(entries, x, product)
-    np.testing.assert_allclose(product, matrix @ x, rtol=1e-13, atol=1e-13)
-    assert factorise(entries, n)
-    np.testing.assert_allclose(entries, pack(np.linalg.cholesky(matrix)), rtol=1e-11, atol=1e-12)
-    substitute(entries, product)
-    np.testing.assert_allclose(product, x, rtol=1e-10, atol=1e-11)
+    matrices, entries = packed(n)
+    x = np.random.default_rng(1).normal(size=(n, LANES))
+    product = np.empty_like(x)
+    multiply(entries, 0, n, x, 0, product)
+    np.testing.assert_allclose(product, np.einsum("lij,jl->il", matrices, x), rtol=1e-13, atol=1e-13)
+    factorise(entries, n)
+    substitute(entries, n, product)
+    np.testing.assert_allclose(product, x, rtol=1e-9, atol=1e-10)
 
 
-@pytest.mark.parametrize("wrong", [-1.0, 0.0, np.nan])
-def test_a_matrix_that_is_not_positive_definite_is_refused(wrong: float) -> None:
-    matrix, _ = packed(4)
-    matrix[2, 2] = wrong if np.isnan(wrong) else matrix[2, 2] * wrong
-    assert not factorise(pack(matrix), 4)
+@pytest.mark.parametrize("wrong", [-1.0, np.nan])
+def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float) -> None:
+    _, good = packed(4)
+    bad = good.copy()
+    bad[5, 3] *= wrong  # the diagonal of row 2
+    factorise(good, 4)
+    factorise(bad, 4)
+    assert np.isnan(bad[5:, 3]).any()
+    others = np.arange(LANES) != 3
+    np.testing.assert_array_equal(bad[:, others], good[:, others])
+
+
+@pytest.mark.parametrize("m", [1, 4, 15])
+def test_bordered_matrices_are_solved(m: int) -> None:
+    matrices, entries = packed(m)
+    random = np.random.default_rng(3)
+    border, x = random.normal(size=(1 + 2 * m, LANES)), random.normal(size=(1 + m, LANES))
+    border[0] += 10.0 * m
+    whole = np.empty((LANES, 1 + m, 1 + m))
+    whole[:, 0, 0], whole[:, 1:, 0], whole[:, 0, 1:] = border[0], border[1 : 1 + m].T, border[1 + m :].T
+    whole[:, 1:, 1:] = matrices
+    right = np.einsum("lij,jl->il", whole, x)
+    eliminate_border(entries, border, m)
+    solve_bordered(entries, border, m, right)
+    np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
 
 
 def test_tables_are_combined_over_rows_and_terms() -> None:
     random = np.random.default_rng(2)
     table, rows = random.normal(size=(7, 3, 5)), np.array([6, 0, 1, 2])
-    factors, weights, result = random.normal(size=4), random.normal(size=3), np.empty(5)
-    combine(table, rows, factors, weights, result)
-    np.testing.assert_allclose(result, np.einsum("r,t,rte->e", factors, weights, table[rows]), rtol=0, atol=1e-13)
+    weights, slopes, factors = random.normal(size=4), random.normal(size=4), random.normal(size=3)
+    value, slope = np.empty(5), np.empty(5)
+    combine(table, rows, weights, slopes, factors, value, slope)
+    for found, of_rows in ((value, weights), (slope, slopes)):
+        expected = np.einsum("r,t,rte->e", of_rows, factors, table[rows])
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def whole(entries: np.ndarray) -> np.ndarray:
+    """Unpack a symmetric matrix."""
+    n = int(np.sqrt(2 * entries.size))
+    matrix = np.zeros((n, n))
+    rows, columns = np.tril_indices(n)
+    matrix[rows, columns] = matrix[columns, rows] = entries
+    return matrix
 
 
 class At:
     """The reduced quantities at one theta (not inside the last digits of a grid point), for one sample."""
 
-    def __init__(self, tables: ReducedTables, values: dict[str, float], amplitudes: np.ndarray, theta: float) -> None:
-        of_mass, of_stiffness, of_load = (
-            evaluate_weights(weights, values)
-            for weights in (tables.mass_weights, tables.stiffness_weights, tables.load_weights)
-        )
-        grid, at = tables.grid, np.array([theta])
+    def __init__(self, terms: ReducedTerms, values: dict[str, float], amplitudes: np.ndarray, theta: float) -> None:
+        weights = evaluate_weights(terms.weights, values)
+        of_load = evaluate_weights(terms.tables.load_weights, values) * amplitudes
+        at, layout = np.array([theta]), terms.layout
 
-        def weighted(weights: np.ndarray, table: np.ndarray, slope: bool = False) -> np.ndarray:
-            return np.tensordot(weights, (interpolate_slope if slope else interpolate)(grid, table, at)[0], axes=1)
+        def parts(slope: bool) -> tuple[np.ndarray, ...]:
+            rigid, entries, load = (
+                (part.slope if slope else part)(at)[0] for part in (terms.rigid, terms.terms, terms.load)
+            )
+            entries = weights @ entries
+            entries[0] = weights @ rigid[:, 0]
+            mass, coupling, stiffness = np.split(entries, [layout.coupling, layout.stiffness])
+            return whole(mass), coupling, whole(stiffness), of_load @ load
 
-        coupling = coupling_of(tables)
-        self.mass, self.mass_slope = (weighted(of_mass, tables.mass, slope) for slope in (False, True))
-        self.coupling, self.coupling_slope = (weighted(of_mass, coupling, slope) for slope in (False, True))
-        self.load, self.load_slope = (weighted(of_load * amplitudes, tables.load, slope) for slope in (False, True))
-        self.stiffness, self.stiffness_slope = (
-            weighted(of_stiffness, tables.stiffness, slope) for slope in (False, True)
-        )
+        self.mass, self.coupling, self.stiffness, self.load = parts(False)
+        self.mass_slope, self.coupling_slope, self.stiffness_slope, self.load_slope = parts(True)
+
+    def inertia(self, q: np.ndarray) -> np.ndarray:
+        """Return dr/da: the mass with the change of the rigid inertia by the deformation."""
+        mass = self.mass.copy()
+        mass[0, 0] += 2 * self.coupling @ q[1:]
+        return mass
 
     def residual(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return r as the kernel's docstring writes it."""
@@ -117,7 +154,7 @@ def system_of(model: ReducedModel, n: int, **given: object) -> ReducedSystem:
 
 def amplitudes_of(model: ReducedModel, time: float) -> np.ndarray:
     by_name = {effect.name: effect for effect in effects_of(model.scene, model.kinematics.mechanism)}
-    return np.array([by_name[name].amplitude(time) for name in model._tables.load_effects])
+    return np.array([by_name[name].amplitude(time) for name in model._terms.tables.load_effects])
 
 
 def residual_of(system: ReducedSystem, q: np.ndarray, v: np.ndarray, a: np.ndarray, mass: np.ndarray) -> np.ndarray:
@@ -128,35 +165,35 @@ def residual_of(system: ReducedSystem, q: np.ndarray, v: np.ndarray, a: np.ndarr
     return np.einsum("nij,nj->ni", mass, a - state.a)
 
 
-def test_the_kernel_evaluates_the_documented_residual(model: ReducedModel, tables: ReducedTables) -> None:
+def test_the_kernel_evaluates_the_documented_residual(model: ReducedModel, terms: ReducedTerms) -> None:
     radii = np.array([5.6e-3, 4.5e-3, 7e-3])
-    q, v, a = anywhere(tables.n_modes + 1, 3)
+    q, v, a = anywhere(terms.tables.n_modes + 1, 3)
     amplitudes = amplitudes_of(model, TIME)
-    at = [At(tables, {"r1": r}, amplitudes, x[0]) for r, x in zip(radii, q)]
-    found = residual_of(system_of(model, 3, r1=radii), q, v, a, np.array([one.mass for one in at]))
+    at = [At(terms, {"r1": r}, amplitudes, x[0]) for r, x in zip(radii, q)]
+    found = residual_of(system_of(model, 3, r1=radii), q, v, a, np.array([one.inertia(x) for one, x in zip(at, q)]))
     expected = np.array([one.residual(*state) for one, *state in zip(at, q, v, a)])
     # a differs from its correction by round-off of a, which the mass matrix (of order 1 in modal units) passes on
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
 
 
 def lagrangian(
-    tables: ReducedTables, values: dict[str, float], amplitudes: np.ndarray, q: np.ndarray, v: np.ndarray
+    terms: ReducedTerms, values: dict[str, float], amplitudes: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> float:
     """Return T - V without the rigid work of the loads."""
-    at, delta = At(tables, values, amplitudes, q[0]), q[1:]
+    at, delta = At(terms, values, amplitudes, q[0]), q[1:]
     kinetic = 0.5 * v @ at.mass @ v + v[0] ** 2 * at.coupling @ delta
     return kinetic - 0.5 * delta @ at.stiffness @ delta + at.load[1:] @ delta
 
 
-def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, tables: ReducedTables) -> None:
+def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, terms: ReducedTerms) -> None:
     """``d/dt dL/dv - dL/dq`` along the motion that q, v and a begin, by central differences."""
-    (q,), (v,), (a,) = anywhere(tables.n_modes + 1, 1)
-    q[0] = 20.3 * tables.grid.step  # away from the samples, where the interpolant's second derivative jumps
+    (q,), (v,), (a,) = anywhere(terms.tables.n_modes + 1, 1)
+    q[0] = 20.3 * terms.terms.step  # away from the samples, where the interpolant's second derivative jumps
     values, amplitudes = {"r1": 5e-3}, amplitudes_of(model, TIME)
-    here = At(tables, values, amplitudes, q[0])
+    here = At(terms, values, amplitudes, q[0])
 
     def value(q: np.ndarray, v: np.ndarray) -> float:
-        return lagrangian(tables, values, amplitudes, q, v)
+        return lagrangian(terms, values, amplitudes, q, v)
 
     size = np.concatenate([[1.0], np.full(q.size - 1, 1e-3)])
 
@@ -180,21 +217,20 @@ def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, tables: Reduc
 
 def test_the_kinetic_energy_is_that_of_the_flexible_mechanism_to_first_order(model: ReducedModel) -> None:
     """``1/2 q'^T M q'`` of the reconstructed nodes; what the tables lack is quadratic in the deformation."""
-    tables, scene = model._tables, model.scene
+    terms, scene = model._terms, model.scene
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"r1": 5e-3})
-    grid = tables.grid
-    theta = grid.theta[7] + 0.4 * grid.step
+    theta = 7.4 * terms.terms.step
     random = np.random.default_rng(8)
-    delta, rate = random.normal(size=(2, tables.n_modes)) * 1e-3
+    delta, rate = random.normal(size=(2, terms.tables.n_modes)) * 1e-3
     speed, dt = 6.0, 1e-6
 
     def nodes(time: float, share: float) -> np.ndarray:
         eta = np.concatenate([[theta + speed * time], share * (delta + rate * speed * time)])
         return model.frames_of(eta[None])[..., 0].ravel()
 
-    at = At(tables, {"r1": 5e-3}, np.zeros(len(tables.load_effects)), theta)
+    at = At(terms, {"r1": 5e-3}, np.zeros(len(terms.tables.load_effects)), theta)
 
     def missing(share: float) -> float:
         velocity = (nodes(dt, share) - nodes(-dt, share)) / (2 * dt)
@@ -215,31 +251,32 @@ def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> 
     """b against ``v^T M (dPsi/dtheta + spin x Psi)`` from differences of fine tables."""
     scene = slider_crank("reduction.angles=256", "reduction.modes=3")
     rom = rom_of(scene)
-    grid = rom.tables.grid
+    samples = rom.tables.samples
+    n, step = samples.n, 2 * np.pi / samples.n
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     kinematics = RigidKinematics(mechanism)
     mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.nominal)
-    poses = kinematics.poses(grid.theta)
+    poses = kinematics.poses(samples.theta)
     rates = kinematics.rates(poses)
-    turned = [to_inertial(mechanism, poses[..., k], rom.projection[k]) for k in range(grid.n)]
+    turned = [to_inertial(mechanism, poses[..., k], rom.projection[k]) for k in range(n)]
     weights = evaluate_weights(rom.tables.mass_weights, scene.nominal)
-    coupling = np.einsum("t,nti->ni", weights, coupling_of(rom.tables))
+    coupling = np.einsum("t,nti->ni", weights, coupling_of(rom.tables, "overhauser"))
     expected = np.empty_like(coupling)
-    for k in range(grid.n):
-        near, far = (turned[(k + d) % grid.n] - turned[k - d] for d in (1, 2))
-        slope = (8 * near - far) / (12 * grid.step)
+    for k in range(n):
+        near, far = (turned[(k + d) % n] - turned[k - d] for d in (1, 2))
+        slope = (8 * near - far) / (12 * step)
         velocity = rigid_velocities(mechanism, poses[..., k], rates[..., k])
         expected[k] = (to_inertial(mechanism, poses[..., k], velocity).T @ (mass @ slope))[0]
     # fourth-order differences over 0.025 rad of modes that turn within about 0.3 rad
     np.testing.assert_allclose(coupling, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
-def test_the_start_balances_the_loads_at_rest_and_in_motion(model: ReducedModel, tables: ReducedTables) -> None:
+def test_the_start_balances_the_loads_at_rest_and_in_motion(model: ReducedModel, terms: ReducedTerms) -> None:
     system = system_of(model, 2, r1=np.array([5e-3, 6e-3]))
     state = system.start()
     amplitudes = amplitudes_of(model, 0.0)
     for k, radius in enumerate((5e-3, 6e-3)):
-        at = At(tables, {"r1": radius}, amplitudes, state.q[k, 0])
+        at = At(terms, {"r1": radius}, amplitudes, state.q[k, 0])
         r = at.residual(state.q[k], state.v[k], state.a[k])
         np.testing.assert_allclose(r, 0.0, rtol=0, atol=1e-9 * np.abs(at.mass @ state.a[k]).max())
     np.testing.assert_array_equal(state.q[:, 1:], 0.0)
