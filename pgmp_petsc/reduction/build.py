@@ -2,12 +2,14 @@
 
 The configurations are dealt to groups of ranks in contiguous arcs. Each group solves its own eigenproblems and compares
 neighbouring modes, also over the borders of the arcs; the rotations that make the basis continuous follow from these
-comparisons on the first rank, so that the number of groups has no part in them.
+comparisons on the first rank, so that the number of groups has no part in them. With a tolerance for the sampling, rounds
+of further configurations follow where the interpolated tables differ from the fresh samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,12 +20,15 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.joining import JoinedSamples, join_samples
+from pgmp_petsc.reduction.joining import JoinedSamples
+from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
@@ -64,32 +69,28 @@ def build_rom(
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
         kinematics = RigidKinematics(mechanism)
-        samples = _samples(scene, kinematics)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         loads = loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, rows))
-    arc = group.arc(samples.n)
-    own, n_redundant = {}, 0
-    with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
-        len(arc), "eigenproblems", group.world
-    ) as bar:
-        if arc:
-            with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm) as problem:
-                n_redundant = problem.n_redundant
-                sampler = Sampler(problem, loads, scene.reduction.static_modes)
-                for k in arc:
-                    own[k] = sampler.sample(samples.theta[k], scramble)
-                    bar.update()
-    with timings.phase("continuity"):
-        shares = [len(share) for share in group.arcs(samples.n)]
-        owners = np.repeat(np.arange(len(shares)), shares)
-        joined = join_samples(group, owners, own, samples.periodic)
+    store = SampleStore(group, _samples(scene, kinematics))
+    setting = _Setting(scene, kinematics, loads, group, scramble)
+    n_redundant, joined, previous = 0, None, None
+    while True:
+        with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
+            n_redundant = max(n_redundant, setting.compute(store))
+        with timings.phase("continuity"):
+            joined = store.join()
+            current = None if joined is None else _continuous_tables(mechanism, store.samples, loads, joined)
+            wanted = on_root(group.world, lambda: _wanted(scene, store, previous, current))
+        if wanted.size == 0:
+            break
+        previous = current
+        store.request(wanted)
     timings = timings.maximum(group.world)
     if joined is None:
         return None
-    tables, projection = _continuous_tables(mechanism, samples, loads, joined)
     return ReducedOrderModel(
-        tables=tables,
-        projection=projection,
+        tables=current.tables,
+        projection=current.projection,
         frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,
         meshes=dict(meshes),
@@ -98,10 +99,64 @@ def build_rom(
     )
 
 
+@dataclass(frozen=True)
+class _Setting:
+    """What the samples of one build have in common."""
+
+    scene: Scene
+    kinematics: RigidKinematics
+    loads: tuple[Load, ...]
+    group: RankGroup
+    scramble: Callable[[ModeSet], ModeSet]
+
+    def compute(self, store: SampleStore) -> int:
+        """Compute this group's missing samples; return the number of redundant constraints, 0 if there were none."""
+        missing = store.missing()
+        if not missing:
+            return 0
+        reduction = self.scene.reduction
+        with (
+            progress(len(missing), "eigenproblems", self.group.world) as bar,
+            ModalProblem(self.kinematics, self.scene.nominal, reduction.modes, self.group.comm) as problem,
+        ):
+            sampler = Sampler(problem, self.loads, reduction.static_modes)
+            for number, theta in missing.items():
+                store.put(number, sampler.sample(theta, self.scramble))
+                bar.update()
+            return problem.n_redundant
+
+
+def _wanted(
+    scene: Scene, store: SampleStore, previous: ContinuousBasis | None, current: ContinuousBasis | None
+) -> np.ndarray:
+    """Return the configurations of the next round (first rank); none where the tolerance holds or none is given."""
+    tolerance = scene.reduction.sampling_tolerance
+    if current is None or tolerance is None:
+        return np.empty(0)
+    samples = store.samples
+    if previous is None:
+        return midpoints(samples)
+    new = np.setdiff1d(samples.theta, previous.tables.samples.theta)
+    errors = interpolation_errors(previous, current, new, scene.nominal)
+    poor = new[errors > tolerance]
+    if samples.n > scene.reduction.max_angles and poor.size:
+        raise RunError(
+            f"reduction.sampling_tolerance = {tolerance:g}: with {samples.n} angles the tables still differ by "
+            f"{errors.max():.2g} near {new[np.argmax(errors)]:.4g} rad; raise reduction.max_angles "
+            f"({scene.reduction.max_angles}) or the tolerance"
+        )
+    # both halves of the interval that a poor sample has split
+    theta = np.append(samples.theta, samples.upper) if samples.periodic else samples.theta
+    left = np.searchsorted(theta, poor)
+    chosen = np.zeros(theta.size - 1, dtype=bool)
+    chosen[left - 1] = chosen[left] = True
+    return midpoints(samples, chosen)
+
+
 def _continuous_tables(
     mechanism: Mechanism, samples: Samples, loads: tuple[Load, ...], joined: JoinedSamples
-) -> tuple[ReducedTables, np.ndarray]:
-    """Return tables and projection in the continuous basis."""
+) -> ContinuousBasis:
+    """Return the tables of all samples in the continuous basis."""
     tables = ReducedTables(
         samples=samples,
         mass_weights=mechanism.mass_weights,
@@ -112,10 +167,11 @@ def _continuous_tables(
     ).turned(joined.rotations)
     projection = joined.shapes @ joined.rotations
     if not joined.flipped.size:
-        return tables, projection
+        return ContinuousBasis(tables, projection, joined.groups)
     signs = np.ones(tables.n_modes)
     signs[joined.flipped] = -1.0
-    return tables.over_two_turns(joined.flipped), np.concatenate([projection, projection * signs])
+    twice = np.concatenate([projection, projection * signs])
+    return ContinuousBasis(tables.over_two_turns(joined.flipped), twice, joined.groups)
 
 
 def _samples(scene: Scene, kinematics: RigidKinematics) -> Samples:

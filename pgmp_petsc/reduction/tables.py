@@ -62,6 +62,17 @@ class ReducedTables:
         """Number of rigid coordinates n_theta."""
         return self.mass.shape[-1] - self.n_modes
 
+    def at(self, rows: np.ndarray) -> ReducedTables:
+        """Return the tables at some of the samples, given by their numbers."""
+        return replace(
+            self,
+            samples=replace(self.samples, theta=self.samples.theta[rows]),
+            mass=self.mass[rows],
+            inertia=self.inertia[rows],
+            stiffness=self.stiffness[rows],
+            load=self.load[rows],
+        )
+
     def turned(self, rotations: np.ndarray) -> ReducedTables:
         """Express the flexible coordinates in another basis at every sample.
 

@@ -16,12 +16,26 @@ class Reduction(Table):
 
     modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
     angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate")
+    sampling_tolerance: Number | None = Field(
+        None,
+        gt=0.0,
+        description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` is "
+        "then the number to begin with; needs interpolation = spline",
+    )
+    max_angles: Integer = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
         description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's), "
         "cubic spline, or trigonometric (periodic) and Chebyshev (limited range)",
     )
+
+
+    @model_validator(mode="after")
+    def _splines_for_adaptive_sampling(self) -> Self:
+        if self.sampling_tolerance is not None and self.interpolation != "spline":
+            raise refusal('needs interpolation = "spline", which takes samples at any angles', "sampling_tolerance")
+        return self
 
 
 class InitialState(Table):

@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.interpolation import interpolate_slope
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.paper_published import LARGEST_ERROR_PERCENT, NOMINAL
@@ -20,7 +20,8 @@ from pgmp_petsc.studies.simulate import simulate_reduced
 def inertia_table(results: PaperResults) -> Table:
     """Compare the reduced model's largest errors with the coupling and without it, nominal radius."""
     scene, rom = read_rom(results.directory / "rom.h5", (), (), MPI.COMM_SELF)
-    without = simulate_reduced(ReducedModel(scene, replace(rom, tables=uncoupled(rom.tables))), MPI.COMM_SELF)
+    tables = uncoupled(rom.tables, scene.reduction.interpolation)
+    without = simulate_reduced(ReducedModel(scene, replace(rom, tables=tables)), MPI.COMM_SELF)
     rows = []
     for output in LARGEST_ERROR_PERCENT:
         exact = results.nominal_run.outputs[output]
@@ -34,11 +35,11 @@ def inertia_table(results: PaperResults) -> Table:
     return Table("What the inertia coupling b is worth", header, rows, after=after)
 
 
-def uncoupled(tables: ReducedTables) -> ReducedTables:
+def uncoupled(tables: ReducedTables, scheme: str) -> ReducedTables:
     """Return the tables with ``(d rho/d theta)^T M (d Psi/d theta) = 0`` at every sample.
 
     That term is the derivative of the mass table's coupling block less the inertia table, so the latter is set to that
     derivative.
     """
-    slope = interpolate_slope(tables.grid, tables.mass[:, :, 0, 1:], tables.grid.theta)
+    slope = interpolant(tables.samples, tables.mass[:, :, 0, 1:], scheme).slope(tables.samples.theta)
     return replace(tables, inertia=slope[:, :, None, None, :])

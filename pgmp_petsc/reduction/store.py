@@ -1,0 +1,59 @@
+"""The samples of all groups of ranks, growing round by round."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pgmp_petsc.reduction.joining import JoinedSamples, join_samples
+from pgmp_petsc.reduction.sampler import Sample
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.runtime.groups import RankGroup
+
+
+class SampleStore:
+    """Who holds which sample, and this group's own ones. All ranks keep the same books.
+
+    Parameters
+    ----------
+    group
+        Groups of ranks; new configurations are dealt to them in contiguous arcs.
+    samples
+        The configurations to begin with.
+    """
+
+    def __init__(self, group: RankGroup, samples: Samples) -> None:
+        self._group = group
+        self._range = samples
+        self._theta = np.empty(0)
+        self._owners = np.empty(0, dtype=int)
+        self._own: dict[int, Sample] = {}
+        self.request(samples.theta)
+
+    @property
+    def samples(self) -> Samples:
+        """All configurations, in order."""
+        return replace(self._range, theta=np.sort(self._theta))
+
+    def request(self, theta: np.ndarray) -> None:
+        """Deal out further configurations, shape (n,), increasing."""
+        shares = [len(share) for share in self._group.arcs(theta.size)]
+        self._theta = np.concatenate([self._theta, theta])
+        self._owners = np.concatenate([self._owners, np.repeat(np.arange(len(shares)), shares)])
+
+    def missing(self) -> dict[int, float]:
+        """Return number and theta of the samples that this group still has to compute."""
+        own = np.flatnonzero(self._owners == self._group.index)
+        return {int(k): float(self._theta[k]) for k in own if int(k) not in self._own}
+
+    def put(self, number: int, sample: Sample) -> None:
+        """Keep a sample of this group."""
+        self._own[number] = sample
+
+    def join(self) -> JoinedSamples | None:
+        """Join all samples in their order; on the first rank, None elsewhere. Collective on all ranks."""
+        order = np.argsort(self._theta)
+        place = np.argsort(order)
+        own = {int(place[number]): sample for number, sample in self._own.items()}
+        return join_samples(self._group, self._owners[order], own, self._range.periodic)
