@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
@@ -37,7 +37,7 @@ def build(
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     rom = build_rom(loaded, meshes, RankGroup.split(comm, ranks_per_angle))
-    on_root(comm, lambda: rom.write(output))
+    save(context, rom, output)
     if rom is not None:
         say(context, report(rom, output))
 

@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable
@@ -46,7 +46,7 @@ def modes(
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
     group = RankGroup.split(comm, ranks_per_angle)
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
-    on_root(comm, lambda: table.write(output))
+    save(context, table, output)
     if table is not None:
         say(context, report(table, output))
 

@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -57,7 +57,7 @@ def montecarlo(
             model = ReducedModel(loaded, rom)
     plan = Plan(n_samples, seed, output, resume)
     ensemble = run_ensemble(model, plan, comm)
-    on_root(comm, lambda: ensemble.write(output))
+    save(context, ensemble, output)
     failed = 0
     if ensemble is not None:
         Checkpoint(plan, scene_to_toml(loaded), model.name).remove()

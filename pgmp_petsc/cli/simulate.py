@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -43,7 +43,7 @@ def simulate(
         with agreed(comm, "preparing the reduced model"):
             reduced = ReducedModel(loaded, rom)
         trajectory = simulate_reduced(reduced, comm)
-    on_root(comm, lambda: trajectory.write(output))
+    save(context, trajectory, output)
     if trajectory is not None:
         say(context, report(trajectory, output))
 

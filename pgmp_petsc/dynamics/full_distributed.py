@@ -90,7 +90,8 @@ class FullDistributed:
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
-        for item in (self._ksp, self._matrix, self._mass, self._scatter, self._x, self._rhs, self._ghosts, self._a, self._ma):
+        vectors = (self._x, self._rhs, self._ghosts, self._a, self._ma)
+        for item in (self._ksp, self._matrix, self._mass, self._scatter, *vectors):
             item.destroy()
 
     def __enter__(self) -> FullDistributed:

@@ -7,15 +7,15 @@ Residual (Naets et al. 2015, eqs. (11)-(12)), eta = [theta, delta], for one rigi
         + (1/2 delta^T (dK/dtheta) delta - (dQ_delta/dtheta).delta) e_theta
 
 The second and third lines are missing in the paper. The second belongs to the kinetic energy
-``theta'^2 b(theta).delta`` of first order in delta, with ``b = (d rho/d theta)^T M (d Psi/d theta)``: the inertia forces
-of the rigid motion, which bend the bodies, and the change of the rigid inertia with their bending. Without it the modes
-are blind to inertia loads, because their mass coupling with theta vanishes identically. The third is the work of loads
-and elastic forces on the change of the modes with theta: of second order in the loads, both together or none. With all
-of them the system is Lagrangian in the interpolated tables and conserves energy.
+``theta'^2 b(theta).delta`` of first order in delta, with ``b = (d rho/d theta)^T M (d Psi/d theta)``: the inertia
+forces of the rigid motion, which bend the bodies, and the change of the rigid inertia with their bending. Without it
+the modes are blind to inertia loads, because their mass coupling with theta vanishes identically. The third is the
+work of loads and elastic forces on the change of the modes with theta: of second order in the loads, both together or
+none. With all of them the system is Lagrangian in the interpolated tables and conserves energy.
 
-M, b, K and Q are interpolated at the sample's own theta and weighted with its own parameters. The iteration matrix leaves
-out second derivatives of the tables alone; its flexible block is symmetric positive definite at reasonable steps and
-is factorised so, row and column of theta border it.
+M, b, K and Q are interpolated at the sample's own theta and weighted with its own parameters. The iteration matrix
+leaves out second derivatives of the tables alone; its flexible block is symmetric positive definite at reasonable
+steps and is factorised so, row and column of theta border it.
 
 Samples are taken LANES at a time: each lane interpolates at its own theta, along the contiguous entries of the tables;
 all that follows runs over the lanes side by side, where it vectorises. Symmetric matrices are packed as lower triangles

@@ -1,8 +1,8 @@
 """The terms of the reduced equations of motion as interpolants, shared by all samples of an ensemble.
 
-What belongs to the rigid motion alone, ``M_i,theta theta = (d rho/d theta)^T M_i (d rho/d theta)``, follows from the exact
-rigid kinematics without an eigenproblem, on a grid as fine as wanted; only what involves flexible modes is
-interpolated between the samples.
+What belongs to the rigid motion alone, ``(d rho/d theta)^T M_i (d rho/d theta)``, follows from the exact rigid
+kinematics without an eigenproblem, on a grid as fine as wanted; only what involves flexible modes is interpolated
+between the samples.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class ReducedTerms:
     rigid
         Rigid inertia of every term, rows of shape (n_terms, 1).
     terms
-        Packed mass, ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` and packed stiffness of every term side by side, rows
-        of shape (n_terms, n_entries); zero where a term has no mass or no stiffness. The first entry, the rigid
+        Packed mass, ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` and packed stiffness of every term side by side,
+        rows of shape (n_terms, n_entries); zero where a term has no mass or no stiffness. The first entry, the rigid
         inertia, is not used.
     layout
         Where these three begin.

@@ -21,7 +21,7 @@ class ConstraintSet:
     jacobian_pattern
         Rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,).
     curvature_pattern
-        Rows and columns of the entries of ``sum lambda d2c/dq2``, lower triangle, each of shape (n_curved,).
+        Rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each (n_curved,).
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

@@ -172,18 +172,22 @@ class RigidKinematics:
         scale = np.ones(self.mechanism.n_constraints + self.n_coordinates)
         for connection in self.mechanism.connections:
             scale[connection.rows] = self.size
+        poses = poses.copy()
         for _ in range(MAX_ITERATIONS):
             residual = self.residual(poses, theta)
             gap = np.max(np.abs(residual) / scale[:, None], axis=0, initial=0.0)
-            if np.all(gap < CLOSURE_TOLERANCE):
+            # each theta stops by itself, so that the others in the call have no part in its last digits
+            open_ones = ~(gap < CLOSURE_TOLERANCE)
+            if not open_ones.any():
                 return poses
             if not np.all(np.isfinite(gap)):
                 break
-            inverse = np.linalg.pinv(np.moveaxis(self._jacobian(poses), -1, 0), rcond=1e-10)
-            step = np.einsum("npc,cn->pn", inverse, residual).reshape(poses.shape)
+            moving = poses[..., open_ones]
+            inverse = np.linalg.pinv(np.moveaxis(self._jacobian(moving), -1, 0), rcond=1e-10)
+            step = np.einsum("npc,cn->pn", inverse, residual[:, open_ones]).reshape(moving.shape)
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(np.abs(step[:, 2]), axis=0)
-            poses = poses - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
+            poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
         rows = residual[:-1, worst]
         blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(rows[c.rows])))

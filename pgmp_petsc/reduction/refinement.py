@@ -1,9 +1,9 @@
 """Adaptive sampling: more configurations where the interpolated tables differ from a fresh solve.
 
 After each round the tables that were interpolated before are compared with the samples that came since. Where they
-differ by more than the tolerance, both halves of the interval are sampled in the next round. Differences are relative to
-what they act beside: mass to the modes' unit mass, stiffness entry (i, j) to the geometric mean of the diagonal ones,
-loads and inertia forces to their own largest values.
+differ by more than the tolerance, both halves of the interval are sampled in the next round. Differences are relative
+to what they act beside: mass to the modes' unit mass, stiffness entry (i, j) to the geometric mean of the diagonal
+ones, loads and inertia forces to their own largest values.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ class Reduction(Table):
     sampling_tolerance: Number | None = Field(
         None,
         gt=0.0,
-        description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` is "
-        "then the number to begin with; needs interpolation = spline",
+        description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` "
+        "is then the number to begin with; needs interpolation = spline",
     )
     max_angles: Integer = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
@@ -54,7 +54,8 @@ class Simulation(Table):
         0.8,
         ge=0.0,
         le=1.0,
-        description="of generalised-alpha at infinite frequency; 1 is without numerical damping",
+        description="of generalised-alpha at infinite frequency; 1 is without numerical damping, and "
+        "the full-order model's multipliers then keep an alternating error",
     )
     frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     initial: dict[str, InitialState] = Field(
