@@ -68,6 +68,15 @@ def mpirun() -> Callable[..., subprocess.CompletedProcess[str]]:
 
 
 @pytest.fixture(scope="session")
+def accurate_rom() -> object:
+    """Return the reduced-order model of `runs.accurate_scene`: 7 modes and a static one at 48 angles, splines."""
+    # PETSc starts only where a test needs it
+    from runs import accurate_scene, rom_of
+
+    return rom_of(accurate_scene())
+
+
+@pytest.fixture(scope="session")
 def parallel_scripts() -> Path:
     """Return the directory of the scripts that tests run on several ranks."""
     return SCRIPTS

@@ -24,6 +24,7 @@ from pgmp_petsc.runtime.errors import PgmpError, RunError  # noqa: E402
 from pgmp_petsc.runtime.groups import RankGroup  # noqa: E402
 
 GRAVITY = 'effects.weight={type="gravity"}'
+STATIC = "reduction.static_modes=true"
 PART = (
     "coordinates.theta.range=[0.2,1.4]",
     "coordinates.theta.periodic=false",
@@ -34,6 +35,9 @@ CASES = {
     "weight": lambda: slider_crank(GRAVITY, "reduction.angles=8", "reduction.modes=3"),
     "few": lambda: slider_crank("reduction.angles=4", "reduction.modes=3"),
     "reflected": lambda: four_bar(GRAVITY),
+    "static": lambda: slider_crank(GRAVITY, STATIC, "reduction.angles=12", "reduction.modes=3"),
+    "static_reflected": lambda: four_bar(GRAVITY, STATIC),
+    "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),

@@ -12,10 +12,13 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 # all cases of one number of ranks in one run: "name:ranks_per_group:seed of the scrambling"
 RUNS = {
-    1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0"),
-    2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0"),
-    3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0"),
-    5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0"),
+    1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0",
+        "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0"),
+    2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0", "static:1:0", "static:2:0",
+        "static_reflected:2:0", "chebyshev:1:0"),
+    3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0",
+        "static:3:2", "chebyshev:3:0"),
+    5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0", "static:2:0", "static_reflected:1:0"),
 }
 CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]
 TABLES = ("mass", "inertia", "stiffness", "load")
@@ -49,7 +52,10 @@ def test_frequencies_do_not_depend_on_ranks_and_signs(model: Callable, n: int, c
     # the solver's own tolerance is 1e-13 of the largest of the shifted and inverted values
     np.testing.assert_allclose(rom.frequencies_hz, expected.frequencies_hz, rtol=1e-9)
     np.testing.assert_allclose(rom.cosines, expected.cosines, rtol=0, atol=1e-8)
-    assert (rom.tables.grid, rom.n_redundant) == (expected.tables.grid, expected.n_redundant)
+    one, other = rom.tables.samples, expected.tables.samples
+    np.testing.assert_array_equal(one.theta, other.theta)
+    assert (one.lower, one.upper, one.periodic) == (other.lower, other.upper, other.periodic)
+    assert rom.n_redundant == expected.n_redundant
     assert rom.record.ranks == n
 
 
@@ -61,7 +67,7 @@ def test_tables_are_the_same_but_for_one_constant_rotation(model: Callable, n: i
     rotation = np.linalg.lstsq(rom.projection[0], expected.projection[0], rcond=None)[0]
     m = rom.tables.n_modes
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(m), rtol=0, atol=1e-8)
-    tables = rom.tables.turned(np.broadcast_to(rotation, (rom.tables.grid.n, m, m)))
+    tables = rom.tables.turned(np.broadcast_to(rotation, (rom.tables.samples.n, m, m)))
     for name in TABLES:
         one = getattr(expected.tables, name)
         size = np.abs(one).max(initial=0.0)
@@ -83,7 +89,7 @@ def test_even_the_constant_rotation_is_the_identity_without_a_reflection(model: 
 def test_a_scene_with_a_reflection_has_two_turns(model: Callable) -> None:
     rom = model(1, "reflected:1:0")
     half = len(rom.projection) // 2
-    assert (rom.tables.grid.n, rom.frequencies_hz.shape[0]) == (48, 24)
+    assert (rom.tables.samples.n, rom.frequencies_hz.shape[0]) == (48, 24)
     signs = np.sum(rom.projection[:half] * rom.projection[half:], axis=(0, 1))
     assert np.sum(signs < 0) == 1
     np.testing.assert_array_equal(np.abs(rom.projection[:half]), np.abs(rom.projection[half:]))

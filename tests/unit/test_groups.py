@@ -62,6 +62,9 @@ def test_a_group_larger_than_the_run_is_refused(ranks_per_group: int) -> None:
 def test_arcs_are_contiguous_even_and_complete(count: int, n: int) -> None:
     arcs = [RankGroup(World(0, count), World(0, 1), None, index, count).arc(n) for index in range(count)]
     assert [row for arc in arcs for row in arc] == list(range(n))
+    # every group knows the shares of all
+    shares = RankGroup(World(0, count), World(0, 1), None, 0, count).arcs(n)
+    assert shares == arcs[: min(count, n)] and all(shares)
     lengths = [len(arc) for arc in arcs]
     # the arcs that are empty come last, so that the others are neighbours in the order of the groups
     assert lengths[min(count, n) :] == [0] * (count - min(count, n))

@@ -1,14 +1,19 @@
-"""Overhauser interpolation: order, exactness, continuity, slopes, ends of the range."""
+"""Interpolation: order, exactness, continuity, slopes, ends of the range, and the samples that a scheme wants."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
-from pgmp_petsc.reduction.interpolation import N_ROWS, interpolate, interpolate_slope, stencil
-from pgmp_petsc.reduction.tables import Grid
+from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, stencil
 
 PERIODIC = [True, False]
+SCHEMES = ["overhauser", "spline", "spectral"]
+LOWER, UPPER = 0.4, 0.4 + 2 * np.pi
+THETA = np.linspace(LOWER, UPPER, 2003)
 
 
 def smooth(theta: np.ndarray) -> np.ndarray:
@@ -21,108 +26,282 @@ def smooth_slope(theta: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(theta) * np.exp(np.sin(theta)), -2 * np.sin(2 * theta + 0.3)], axis=-1)
 
 
-def grid_of(n: int, periodic: bool) -> Grid:
-    """Return a grid over one revolution."""
-    return Grid.over(0.4, 0.4 + 2 * np.pi, n if periodic else n + 1, periodic)
+def analytic(theta: np.ndarray) -> np.ndarray:
+    """Return a function with poles 0.69 beside the real axis: its Fourier coefficients halve one by one."""
+    return 1.0 / (1.25 - np.cos(theta))
+
+
+def analytic_slope(theta: np.ndarray) -> np.ndarray:
+    """Return the derivative of `analytic`."""
+    return -np.sin(theta) / (1.25 - np.cos(theta)) ** 2
+
+
+def uniform(n: int, periodic: bool) -> Samples:
+    """Return samples of one revolution, n cells."""
+    return Samples.uniform(LOWER, UPPER, n if periodic else n + 1, periodic)
+
+
+def uneven(n: int, periodic: bool) -> Samples:
+    """Return samples of one revolution at smoothly varying distances, n cells."""
+    even = uniform(n, periodic).theta
+    return Samples(even + 0.4 * np.sin(even - LOWER), LOWER, UPPER, periodic)
+
+
+def step_of(samples: Samples) -> float:
+    """Return the distance of uniform samples."""
+    return float(samples.theta[1] - samples.theta[0])
+
+
+def random_table(n: int, *shape: int) -> np.ndarray:
+    """Return random samples."""
+    return np.random.default_rng(0).normal(size=(n, *shape))
+
+
+def errors(samples: Samples, scheme: str, exact=smooth, slope=smooth_slope, theta: np.ndarray = THETA) -> np.ndarray:
+    """Return the largest errors of value and slope."""
+    found = interpolant(samples, exact(samples.theta), scheme)
+    return np.array([np.abs(found(theta) - exact(theta)).max(), np.abs(found.slope(theta) - slope(theta)).max()])
+
+
+def values_and_slopes(interpolated: Interpolant, theta: np.ndarray) -> np.ndarray:
+    """Return values and slopes one after the other."""
+    return np.stack([interpolated(theta), interpolated.slope(theta)])
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
 @pytest.mark.parametrize(
-    ("function", "exact", "order"), [(interpolate, smooth, 3), (interpolate_slope, smooth_slope, 2)]
+    ("scheme", "sampled", "order"), [("overhauser", uniform, 3), ("spline", uniform, 4), ("spline", uneven, 4)]
 )
-def test_the_order_of_value_and_slope(periodic: bool, function, exact, order: int) -> None:
-    theta = np.linspace(0.4, 0.4 + 2 * np.pi, 2003)
-    errors = []
-    for n in (40, 80, 160):
-        grid = grid_of(n, periodic)
-        errors.append(np.max(np.abs(function(grid, smooth(grid.theta), theta) - exact(theta))))
-    observed = np.log2(np.array(errors[:-1]) / errors[1:])
-    # the next term of the error is a step smaller, so 0.1 is left at these grids
-    np.testing.assert_allclose(observed, order, rtol=0, atol=0.15)
+def test_the_order_of_value_and_slope(periodic: bool, scheme: str, sampled, order: int) -> None:
+    found = np.array([errors(sampled(n, periodic), scheme) for n in (80, 160, 320)])
+    observed = np.log2(found[:-1] / found[1:])
+    # the next term of the error is a step smaller, so 0.2 is left at these samples
+    np.testing.assert_allclose(observed, np.tile([order, order - 1], (2, 1)), rtol=0, atol=0.25)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+def test_the_spectral_error_falls_faster_than_any_power(periodic: bool) -> None:
+    coarse, medium, fine, finest = (
+        errors(samples_for("spectral", LOWER, UPPER, n, periodic), "spectral", analytic, analytic_slope)
+        for n in (24, 48, 96, 192)
+    )
+    # a scheme of fourth order would give 16
+    assert coarse[0] / medium[0] > 1e3
+    # the floor: fourth and third order in the fine step, h^4 / 384 and h^3 / 24 times derivatives of 500, more at ends
+    step = 2 * np.pi / FINE
+    floor = np.array([step**4 / 384, step**3 / 24]) * 500 * (1 if periodic else 5)
+    assert np.all(fine < floor) and np.all(finest < floor)
+    assert medium[1] < coarse[1] / 1e2
+
+
+def test_the_fine_grid_stands_back_where_samples_are_more() -> None:
+    samples = uniform(2 * FINE, periodic=True)
+    assert interpolant(samples, smooth(samples.theta), "spectral").n == 2 * FINE
+    assert interpolant(uniform(24, True), random_table(24), "spectral").n == 43 * 24  # the first multiple beyond FINE
+    assert interpolant(uniform(24, True), random_table(24), "spline").n == 24
 
 
 @pytest.mark.parametrize("cell", ["first", "last"])
-def test_the_end_cells_of_a_range_are_of_the_same_order(cell: str) -> None:
-    errors = []
+@pytest.mark.parametrize(("scheme", "order"), [("overhauser", 3), ("spline", 4)])
+def test_the_end_cells_of_a_range_are_of_the_same_order(scheme: str, order: int, cell: str) -> None:
+    found = []
     for n in (40, 80, 160):
-        grid = grid_of(n, periodic=False)
-        start = grid.lower if cell == "first" else grid.upper - grid.step
-        theta = start + grid.step * np.linspace(0.0, 1.0, 101)
-        errors.append(np.max(np.abs(interpolate(grid, smooth(grid.theta), theta) - smooth(theta))))
-    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 2.8)
+        samples = uniform(n, periodic=False)
+        start = samples.theta[0 if cell == "first" else -2]
+        found.append(errors(samples, scheme, theta=start + step_of(samples) * np.linspace(0.0, 1.0, 101)))
+    found = np.array(found)
+    assert np.all(np.log2(found[:-1] / found[1:]) > np.array([order, order - 1]) - 0.2)
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
-def test_samples_are_reproduced(periodic: bool) -> None:
-    grid = grid_of(12, periodic)
-    table = np.random.default_rng(0).normal(size=(grid.n, 3, 2))
-    # theta of a sample is a sum and a product: s is round-off and not zero
-    np.testing.assert_allclose(interpolate(grid, table, grid.theta), table, rtol=0, atol=1e-13)
+@pytest.mark.parametrize("n", [4, 5, 12, 200])
+def test_a_spline_of_uniform_samples_is_exact(periodic: bool, n: int) -> None:
+    samples = uniform(n, periodic)
+    table = random_table(samples.n, 3, 2)
+    if periodic:
+        knots = np.append(samples.theta, UPPER)
+        expected = CubicSpline(knots, np.concatenate([table, table[:1]]), bc_type="periodic")
+    else:
+        expected = CubicSpline(samples.theta, table)
+    found = interpolant(samples, table, "spline")
+    # to 1e-13 of values and slopes, but for the round-off of scipy's own
+    np.testing.assert_allclose(found(THETA), expected(THETA), rtol=0, atol=1e-13 * np.abs(expected(THETA)).max())
+    slopes = expected(THETA, 1)
+    np.testing.assert_allclose(found.slope(THETA), slopes, rtol=0, atol=1e-13 * max(1.0, np.abs(slopes).max()))
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
-def test_the_slope_is_the_derivative_of_the_interpolant(periodic: bool) -> None:
-    grid, step = grid_of(9, periodic), 1e-4
-    table = np.random.default_rng(0).normal(size=(grid.n, 2))
-    theta = grid.lower + grid.step * (np.arange(9)[:, None] + np.array([0.01, 0.3, 0.5, 0.9, 0.99])).ravel()
-    ahead, behind = interpolate(grid, table, theta + step), interpolate(grid, table, theta - step)
-    # a cubic's central difference errs by step^2 times its third derivative over 6
-    np.testing.assert_allclose(interpolate_slope(grid, table, theta), (ahead - behind) / (2 * step), atol=1e-6)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_samples_are_reproduced(periodic: bool, scheme: str) -> None:
+    samples = samples_for(scheme, LOWER, UPPER, 12, periodic)
+    table = random_table(samples.n, 3, 2)
+    # theta of a sample is a sum and a product: s is round-off and not zero. Chebyshev points are none of the fine grid
+    tolerance = 1e-6 if scheme == "spectral" and not periodic else 1e-13
+    np.testing.assert_allclose(interpolant(samples, table, scheme)(samples.theta), table, rtol=0, atol=10 * tolerance)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+def test_uneven_samples_are_reproduced(periodic: bool) -> None:
+    samples = uneven(40, periodic)
+    table = smooth(samples.theta)
+    np.testing.assert_allclose(interpolant(samples, table, "spline")(samples.theta), table, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("periodic", PERIODIC)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_slope_is_the_derivative_of_the_interpolant(periodic: bool, scheme: str) -> None:
+    samples = samples_for(scheme, LOWER, UPPER, 9, periodic)
+    found = interpolant(samples, random_table(samples.n, 2), scheme)
+    cells, step = np.arange(found.n if periodic else found.n - 1), 1e-3 * found.step
+    theta = found.lower + found.step * (cells[:, None] + np.array([0.01, 0.3, 0.5, 0.9, 0.99])).ravel()
+    difference = (found(theta + step) - found(theta - step)) / (2 * step)
+    # a cubic's central difference errs by step^2 times its third derivative over 6; round-off by 1e-16 over the step
+    np.testing.assert_allclose(found.slope(theta), difference, rtol=0, atol=1e-5 if found.n < 10 else 1e-7)
 
 
 @pytest.mark.parametrize("n", [3, 4, 7])
 def test_quadratics_are_exact_up_to_the_ends_of_a_range(n: int) -> None:
-    grid = Grid.over(-1.0, 2.0, n, periodic=False)
+    samples = Samples.uniform(-1.0, 2.0, n, periodic=False)
     theta = np.linspace(-1.0, 2.0, 61)
-    table = 2.0 - 3.0 * grid.theta + 0.5 * grid.theta**2
-    np.testing.assert_allclose(interpolate(grid, table, theta), 2.0 - 3.0 * theta + 0.5 * theta**2, atol=1e-13)
-    np.testing.assert_allclose(interpolate_slope(grid, table, theta), -3.0 + theta, rtol=0, atol=1e-12)
+    found = interpolant(samples, 2.0 - 3.0 * samples.theta + 0.5 * samples.theta**2, "overhauser")
+    np.testing.assert_allclose(found(theta), 2.0 - 3.0 * theta + 0.5 * theta**2, atol=1e-13)
+    np.testing.assert_allclose(found.slope(theta), -3.0 + theta, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "samples"),
+    [
+        ("spline", Samples.uniform(-1.0, 2.0, 4, periodic=False)),
+        ("spline", Samples.uniform(-1.0, 2.0, 9, periodic=False)),
+        ("spline", Samples(np.array([-1.0, -0.8, 0.3, 0.9, 1.1, 2.0]), -1.0, 2.0, False)),
+        ("spectral", Samples.chebyshev(-1.0, 2.0, 4)),
+        ("spectral", Samples.chebyshev(-1.0, 2.0, 9)),
+    ],
+)
+def test_cubics_are_exact_up_to_the_ends_of_a_range(scheme: str, samples: Samples) -> None:
+    cubic = np.polynomial.Polynomial([2.0, -3.0, 0.5, 1.5])
+    theta = np.linspace(-1.0, 2.0, 61)
+    found = interpolant(samples, cubic(samples.theta), scheme)
+    np.testing.assert_allclose(found(theta), cubic(theta), rtol=0, atol=1e-12)
+    # of the fine grid, round-off over its step
+    np.testing.assert_allclose(found.slope(theta), cubic.deriv()(theta), rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("n", [7, 8])
+def test_waves_that_the_samples_resolve_are_exact(n: int) -> None:
+    samples = uniform(n, periodic=True)
+    for k in range(4):
+        found = errors(samples, "spectral", lambda t, k=k: np.cos(k * t + 0.2), lambda t, k=k: -k * np.sin(k * t + 0.2))
+        if 2 * k < n:
+            # the fine grid's own: k^4 h^4 / 384 and k^4 h^3 / 24
+            assert np.all(found < 3e-8 * np.array([1e-2, 1e1])), k
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
-def test_value_and_slope_are_continuous_at_the_samples(periodic: bool) -> None:
-    grid, tiny = grid_of(8, periodic), 1e-9
-    table = np.random.default_rng(0).normal(size=grid.n)
-    knots = grid.theta if periodic else grid.theta[1:-1]
-    for function in (interpolate, interpolate_slope):
-        left, right = function(grid, table, knots - tiny), function(grid, table, knots + tiny)
-        # what changes over 2e-9 with second derivatives of order 10
-        np.testing.assert_allclose(left, right, rtol=0, atol=1e-6)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_value_and_slope_are_continuous_at_the_samples(periodic: bool, scheme: str) -> None:
+    samples, tiny = samples_for(scheme, LOWER, UPPER, 8, periodic), 1e-9
+    found = interpolant(samples, random_table(samples.n), scheme)
+    knots = found.lower + found.step * np.arange(0 if periodic else 1, found.n - (0 if periodic else 1))
+    # what changes over 2e-9 with second derivatives of order 10, of a polynomial through random samples 100
+    left, right = values_and_slopes(found, knots - tiny), values_and_slopes(found, knots + tiny)
+    np.testing.assert_allclose(left, right, rtol=0, atol=1e-6)
 
 
 def test_the_tangent_at_a_sample_is_the_central_difference() -> None:
     # (20) of the paper is misprinted: its tangent would scale with the step
-    grid = grid_of(10, periodic=True)
-    table = np.random.default_rng(0).normal(size=10)
-    central = (np.roll(table, -1) - np.roll(table, 1)) / (2 * grid.step)
-    np.testing.assert_allclose(interpolate_slope(grid, table, grid.theta), central, rtol=0, atol=1e-11)
+    samples, table = uniform(10, periodic=True), random_table(10)
+    central = (np.roll(table, -1) - np.roll(table, 1)) / (2 * step_of(samples))
+    slope = interpolant(samples, table, "overhauser").slope(samples.theta)
+    np.testing.assert_allclose(slope, central, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("turns", [-3, -1, 1, 40])
-def test_a_periodic_table_goes_on_for_ever(turns: int) -> None:
-    grid = grid_of(11, periodic=True)
-    table = np.random.default_rng(0).normal(size=(11, 2))
-    theta = np.linspace(0.4, 0.4 + 2 * np.pi, 50)
-    for function in (interpolate, interpolate_slope):
-        np.testing.assert_allclose(
-            function(grid, table, theta + 2 * np.pi * turns), function(grid, table, theta), rtol=0, atol=1e-10
-        )
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_periodic_table_goes_on_for_ever(scheme: str, turns: int) -> None:
+    found = interpolant(uniform(11, periodic=True), random_table(11, 2), scheme)
+    theta = np.linspace(LOWER, UPPER, 50)
+    again = values_and_slopes(found, theta + 2 * np.pi * turns)
+    np.testing.assert_allclose(again, values_and_slopes(found, theta), rtol=0, atol=1e-10)
 
 
-def test_a_range_that_is_not_periodic_ends_at_its_last_sample() -> None:
-    grid = grid_of(11, periodic=False)
-    table = np.random.default_rng(0).normal(size=grid.n)
-    ends = np.array([grid.lower, grid.upper])
-    np.testing.assert_allclose(interpolate(grid, table, ends), table[[0, -1]], rtol=0, atol=1e-12)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_range_that_is_not_periodic_ends_at_its_last_sample(scheme: str) -> None:
+    samples = samples_for(scheme, LOWER, UPPER, 12, periodic=False)
+    table = random_table(samples.n)
+    ends = interpolant(samples, table, scheme)(np.array([LOWER, UPPER]))
+    np.testing.assert_allclose(ends, table[[0, -1]], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("basis", [OVERHAUSER, B_SPLINE])
+@pytest.mark.parametrize("periodic", PERIODIC)
+@pytest.mark.parametrize("n", [4, 5, 9])
+def test_weights_sum_to_one_and_slopes_to_zero_on_rows_that_exist(basis: int, periodic: bool, n: int) -> None:
+    rows = np.empty(N_ROWS, dtype=np.int64)
+    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
+    n_rows = n + 2 if basis == B_SPLINE and not periodic else n
+    met = set()
+    for theta in np.linspace(0.0, 1.0, 37):
+        stencil(theta, 0.0, 1.0 / (n if periodic else n - 1), n, periodic, basis, rows, weights, slopes)
+        assert rows.min() >= 0 and rows.max() < n_rows
+        assert weights.sum() == pytest.approx(1.0, abs=1e-14)
+        assert slopes.sum() == pytest.approx(0.0, abs=1e-12)
+        met |= set(rows.tolist())
+    assert met == set(range(n_rows))
 
 
 @pytest.mark.parametrize("periodic", PERIODIC)
-@pytest.mark.parametrize("n", [4, 5, 9])
-def test_weights_sum_to_one_and_slopes_to_zero_on_rows_that_exist(periodic: bool, n: int) -> None:
+def test_the_b_splines_are_those_of_de_boor(periodic: bool) -> None:
+    from scipy.interpolate import BSpline
+
+    n, lower, step = 6, 0.3, 0.25
     rows = np.empty(N_ROWS, dtype=np.int64)
     weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-    for theta in np.linspace(0.0, 1.0, 37):
-        stencil(theta, 0.0, 1.0 / (n if periodic else n - 1), n, periodic, rows, weights, slopes)
-        assert rows.min() >= 0 and rows.max() < n
-        assert weights.sum() == pytest.approx(1.0, abs=1e-14)
-        assert slopes.sum() == pytest.approx(0.0, abs=1e-12)
+    coefficients = random_table(n if periodic else n + 2)
+    # the spline that begins at `lower` has its first coefficient a step before
+    around = np.concatenate([coefficients[-1:], coefficients, coefficients[:2]]) if periodic else coefficients
+    expected = BSpline(lower + step * np.arange(-3, len(around) + 1), around, 3)
+    for theta in np.linspace(lower, lower + step * (n if periodic else n - 1), 50, endpoint=False):
+        stencil(theta, lower, step, n, periodic, B_SPLINE, rows, weights, slopes)
+        assert weights @ coefficients[rows] == pytest.approx(float(expected(theta)), abs=1e-13)
+        assert slopes @ coefficients[rows] == pytest.approx(float(expected(theta, 1)), abs=1e-12)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("periodic", PERIODIC)
+def test_the_samples_that_a_scheme_wants(scheme: str, periodic: bool) -> None:
+    samples = samples_for(scheme, -0.5, 1.5, 9, periodic)
+    assert (samples.n, samples.lower, samples.upper, samples.periodic) == (9, -0.5, 1.5, periodic)
+    if scheme == "spectral" and not periodic:
+        np.testing.assert_allclose(samples.theta, 0.5 - np.cos(np.pi * np.arange(9) / 8), rtol=0, atol=1e-15)
+        assert not samples.is_uniform
+    else:
+        np.testing.assert_array_equal(samples.theta, np.linspace(-0.5, 1.5, 9, endpoint=not periodic))
+        assert samples.is_uniform
+    interpolant(samples, random_table(9), scheme)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "periodic", "message"),
+    [
+        ("overhauser", True, "Overhauser interpolation needs uniform samples"),
+        ("overhauser", False, "Overhauser interpolation needs uniform samples"),
+        ("spectral", True, "trigonometric interpolation needs uniform samples"),
+        ("linear", True, "interpolation 'linear'; known: overhauser, spline, spectral"),
+    ],
+)
+def test_samples_and_schemes_that_do_not_fit_are_refused(scheme: str, periodic: bool, message: str) -> None:
+    samples = uneven(12, periodic)
+    with pytest.raises(ValueError) as error:
+        interpolant(samples, smooth(samples.theta), scheme)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("shape", [(), (0,), (2, 0, 3)])
+def test_tables_of_any_shape(scheme: str, shape: tuple[int, ...]) -> None:
+    """Scenes without loads have empty tables."""
+    for periodic in PERIODIC:
+        samples = samples_for(scheme, 0.0, 1.0, 6, periodic)
+        found = interpolant(samples, random_table(6, *shape), scheme)
+        assert found(np.array([0.2, 0.3])).shape == found.slope(np.array([0.2, 0.3])).shape == (2, *shape)

@@ -144,15 +144,16 @@ def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
 def test_tables_without_inertia_coupling() -> None:
     from mpi4py import MPI
 
-    from pgmp_petsc.dynamics.reduced_system import coupling_of
+    from pgmp_petsc.dynamics.reduced_terms import coupling_of
     from pgmp_petsc.reduction.build import build_rom
     from pgmp_petsc.runtime.groups import RankGroup
     from pgmp_petsc.studies.paper_inertia import uncoupled
 
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
     tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
-    assert np.abs(coupling_of(tables)).max() > 0.0
-    np.testing.assert_array_equal(coupling_of(uncoupled(tables)), 0.0)
+    for scheme in ("overhauser", "spline", "spectral"):
+        assert np.abs(coupling_of(tables, scheme)).max() > 0.0
+        np.testing.assert_array_equal(coupling_of(uncoupled(tables, scheme), scheme), 0.0)
 
 
 def test_all_pictures_are_drawn(directory: Path) -> None:

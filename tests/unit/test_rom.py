@@ -17,6 +17,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, write_file
 from pgmp_petsc.runtime.groups import RankGroup
@@ -24,6 +25,12 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 
 GRAVITY = 'effects.weight={type="gravity"}'
 SCENE = slider_crank("reduction.modes=3", "reduction.angles=8", GRAVITY)
+PART = (
+    "reduction.angles=9",
+    "coordinates.theta.range=[0.2,1.4]",
+    "coordinates.theta.periodic=false",
+    "simulation.initial.theta.position=0.2",
+)
 BUILD_AGAIN = "build it again with pgmp build"
 
 
@@ -37,6 +44,13 @@ def built(scene: Scene) -> ReducedOrderModel:
 @pytest.fixture(scope="module")
 def rom() -> ReducedOrderModel:
     return built(SCENE)
+
+
+def assert_same_samples(found: Samples, expected: Samples) -> None:
+    """Check that samples are the same to the last bit."""
+    np.testing.assert_array_equal(found.theta, expected.theta)
+    for name in ("lower", "upper", "periodic"):
+        assert getattr(found, name) == getattr(expected, name), name
 
 
 @pytest.fixture
@@ -54,7 +68,7 @@ def test_every_table_is_the_projection_of_its_term(rom: ReducedOrderModel) -> No
     assert tables.load_weights == tuple(load.weight for load in loads)
     assert tables.load_effects == tuple(load.effect for load in loads) == ("motor", "weight", "weight")
     assert tables.mass_weights == mechanism.mass_weights
-    for k, theta in enumerate(tables.grid.theta):
+    for k, theta in enumerate(tables.samples.theta):
         poses = kinematics.poses(np.array([theta]))
         rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])
         flexible = rom.projection[k]
@@ -75,7 +89,7 @@ def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: Redu
     kinematics = kinematics_of(SCENE)
     mechanism, tables, step = kinematics.mechanism, rom.tables, 1e-3
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    for k, theta in enumerate(tables.grid.theta):
+    for k, theta in enumerate(tables.samples.theta):
         places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
         acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
         local = to_body(mechanism, kinematics.poses(np.array([theta]))[..., 0], acceleration)
@@ -89,7 +103,7 @@ def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: Redu
 def test_the_basis_obeys_the_constraints_and_is_orthonormal(rom: ReducedOrderModel) -> None:
     kinematics = kinematics_of(SCENE)
     values = {"r1": 5.6e-3}
-    for k, theta in enumerate(rom.tables.grid.theta):
+    for k, theta in enumerate(rom.tables.samples.theta):
         constraints = constraint_jacobian(kinematics.mechanism, kinematics.poses(np.array([theta]))[..., 0])
         np.testing.assert_allclose(constraints @ rom.projection[k], 0.0, rtol=0, atol=1e-12)
         mass = sum(m.evaluate(values) * table for m, table in zip(rom.tables.mass_weights, rom.tables.mass[k]))
@@ -109,7 +123,7 @@ def test_where_a_revolution_begins_does_not_matter(scene: Callable[..., Scene], 
     lower = 2 * np.pi * shift / n
     first = built(scene())
     second = built(scene(f"coordinates.theta.range=[{lower},{lower + 2 * np.pi}]"))
-    assert first.tables.grid.n == second.tables.grid.n == n_turns * n
+    assert first.tables.samples.n == second.tables.samples.n == n_turns * n
     np.testing.assert_allclose(second.frequencies_hz, np.roll(first.frequencies_hz, -shift, axis=0), rtol=1e-9)
     rolled = np.roll(first.projection, -shift, axis=0)
     rotation = np.linalg.lstsq(second.projection[0], rolled[0], rcond=None)[0]
@@ -130,9 +144,11 @@ def test_a_file_comes_back(rom: ReducedOrderModel, path: Path, with_projection: 
         expected, value = getattr(rom.tables, field.name), getattr(back.tables, field.name)
         if isinstance(expected, np.ndarray):
             np.testing.assert_array_equal(value, expected)
+        elif isinstance(expected, Samples):
+            assert_same_samples(value, expected)
         else:
             assert value == expected
-    expected = rom.projection if with_projection else np.empty((rom.tables.grid.n, 0, 3))
+    expected = rom.projection if with_projection else np.empty((rom.tables.samples.n, 0, 3))
     np.testing.assert_array_equal(back.projection, expected)
     np.testing.assert_array_equal(back.frequencies_hz, rom.frequencies_hz)
     np.testing.assert_array_equal(back.cosines, rom.cosines)
@@ -153,8 +169,20 @@ def test_a_model_without_effects_and_with_bodies_in_another_order_comes_back(tmp
     rom.write(tmp_path / "rom.h5")
     back = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert list(back.meshes) == ["rod", "crank"]
-    assert back.tables.load.shape == (back.tables.grid.n, 0, 3)
+    assert back.tables.load.shape == (back.tables.samples.n, 0, 3)
     assert back.tables.load_effects == back.tables.load_weights == ()
+
+
+def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
+    rom = built(slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'))
+    # three loads: the motor and the weights of both bodies
+    assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (5 + 3, (9, 5))
+    assert rom.tables.samples.theta[[0, -1]].tolist() == [0.2, 1.4] and not rom.tables.samples.is_uniform
+    rom.write(tmp_path / "rom.h5")
+    back = ReducedOrderModel.read(tmp_path / "rom.h5")
+    assert_same_samples(back.tables.samples, rom.tables.samples)
+    np.testing.assert_array_equal(back.tables.load, rom.tables.load)
+    np.testing.assert_array_equal(back.projection, rom.projection)
 
 
 def test_every_dataset_has_its_unit(path: Path) -> None:
@@ -212,7 +240,7 @@ def shorten(name: str) -> Callable[[h5py.File], None]:
     "name",
     [
         *(f"tables/{name}" for name in ("mass", "stiffness", "load", "inertia")),
-        *("tables", "grid", "grid/theta", "projection", "frequencies_hz", "cosines", "mesh", "mesh/rod/nodes"),
+        *("tables", "theta", "projection", "frequencies_hz", "cosines", "mesh", "mesh/rod/nodes"),
     ],
 )
 def test_a_file_without_one_of_its_entries_is_refused(path: Path, name: str) -> None:
@@ -232,10 +260,10 @@ def test_tables_of_different_lengths_are_refused(path: Path, name: str) -> None:
         ReducedOrderModel.read(path)
 
 
-@pytest.mark.parametrize("attribute", ["lower", "step", "periodic"])
-def test_a_grid_without_an_attribute_is_refused(path: Path, attribute: str) -> None:
+@pytest.mark.parametrize("attribute", ["lower", "upper", "periodic"])
+def test_samples_without_an_attribute_is_refused(path: Path, attribute: str) -> None:
     with h5py.File(path, "r+") as file:
-        del file["grid"].attrs[attribute]
+        del file["theta"].attrs[attribute]
     with pytest.raises(InputError, match=BUILD_AGAIN):
         ReducedOrderModel.read(path)
 

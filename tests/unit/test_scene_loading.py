@@ -84,7 +84,14 @@ def test_defaults(tmp_path: Path) -> None:
     assert scene.path_of("arm.msh") == tmp_path / "arm.msh"
     assert scene.ground.positions == {"origin": (0.0, 0.0)}
     assert (scene.parameters, scene.effects, scene.outputs, scene.values) == ({}, {}, {}, {})
-    assert scene.reduction.model_dump() == {"modes": 15, "angles": 629, "interpolation": "overhauser"}
+    assert scene.reduction.model_dump() == {
+        "modes": 15,
+        "angles": 629,
+        "sampling_tolerance": None,
+        "max_angles": 2000,
+        "static_modes": False,
+        "interpolation": "overhauser",
+    }
     assert scene.simulation.model_dump() == {
         "duration": 1.0,
         "step": 1e-3,

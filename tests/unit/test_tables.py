@@ -11,8 +11,8 @@ from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.interpolation import interpolate
-from pgmp_petsc.reduction.tables import Grid, ReducedTables
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.groups import RankGroup
 
 RADIUS = {"r1": np.array([5.6e-3])}
@@ -32,15 +32,8 @@ def rotations(n: int, m: int, seed: int = 0) -> np.ndarray:
     return np.linalg.qr(np.random.default_rng(seed).normal(size=(n, m, m)))[0]
 
 
-def test_a_grid_leaves_out_the_end_of_a_period() -> None:
-    periodic, open_ended = Grid.over(1.0, 3.0, 4, True), Grid.over(1.0, 3.0, 5, False)
-    np.testing.assert_allclose(periodic.theta, [1.0, 1.5, 2.0, 2.5], atol=1e-15)
-    np.testing.assert_allclose(open_ended.theta, [1.0, 1.5, 2.0, 2.5, 3.0], atol=1e-15)
-    assert periodic.upper == open_ended.upper == 3.0
-
-
 def test_numbers_of_coordinates(tables: ReducedTables) -> None:
-    assert (tables.n_coordinates, tables.n_modes, tables.grid.n) == (1, 4, 12)
+    assert (tables.n_coordinates, tables.n_modes, tables.samples.n) == (1, 4, 12)
     assert tables.mass.shape == (12, 3, 5, 5) and tables.stiffness.shape == (12, 3, 4, 4)
     assert tables.load.shape == (12, 1, 5)
 
@@ -58,7 +51,7 @@ def test_another_basis_is_a_congruence(tables: ReducedTables) -> None:
         np.testing.assert_allclose(turned.load[k], tables.load[k] @ whole, rtol=0, atol=1e-12)
     for table in (turned.mass, turned.stiffness):
         np.testing.assert_array_equal(table, np.swapaxes(table, -1, -2))
-    assert turned.grid == tables.grid and turned.mass_weights == tables.mass_weights
+    assert turned.samples is tables.samples and turned.mass_weights == tables.mass_weights
 
 
 def test_turning_there_and_back_changes_nothing(tables: ReducedTables) -> None:
@@ -92,33 +85,50 @@ def test_frequencies_are_those_of_the_dense_pencil(tables: ReducedTables) -> Non
 
 
 def test_the_second_turn_has_one_sign_changed(tables: ReducedTables) -> None:
-    twice = tables.over_two_turns(2)
-    assert twice.grid == replace(tables.grid, n=24)
-    assert twice.grid.upper == pytest.approx(4 * np.pi, rel=1e-15)
+    twice = tables.over_two_turns(np.array([2]))
+    assert (twice.samples.n, twice.samples.lower, twice.samples.periodic) == (24, tables.samples.lower, True)
+    assert twice.samples.upper == pytest.approx(4 * np.pi, rel=1e-15)
+    np.testing.assert_allclose(twice.samples.theta, np.arange(24) * np.pi / 6, rtol=0, atol=1e-14)
     signs = np.array([1, 1, -1, 1])
     eta_signs = np.array([1, 1, 1, -1, 1])
     np.testing.assert_array_equal(twice.mass[:12], tables.mass)
     np.testing.assert_array_equal(twice.stiffness[:12], tables.stiffness)
     np.testing.assert_array_equal(twice.load[:12], tables.load)
+    np.testing.assert_array_equal(twice.inertia[:12], tables.inertia)
     np.testing.assert_allclose(twice.mass[12:], tables.mass * np.outer(eta_signs, eta_signs), rtol=1e-15)
     np.testing.assert_allclose(twice.stiffness[12:], tables.stiffness * np.outer(signs, signs), rtol=1e-15)
     np.testing.assert_allclose(twice.load[12:], tables.load * eta_signs, rtol=1e-15)
-    for value in (getattr(twice, name) for name in ("mass", "stiffness", "load")):
-        assert len(value) == twice.grid.n
+    np.testing.assert_allclose(twice.inertia[12:], tables.inertia * signs, rtol=1e-15)
+    for value in (getattr(twice, name) for name in ("mass", "inertia", "stiffness", "load")):
+        assert len(value) == twice.samples.n
 
 
 def test_a_table_that_changes_its_sign_is_continuous_over_two_turns(tables: ReducedTables) -> None:
     # the last flexible coordinate is a half wave over a turn: what couples to it changes its sign, the rest does not
-    theta = tables.grid.theta
+    theta = tables.samples.theta
     mass, load = np.zeros_like(tables.mass), np.zeros_like(tables.load)
     mass[:, 0] = np.eye(5)
     mass[:, 0, 1, 4] = mass[:, 0, 4, 1] = 0.3 * np.cos(theta / 2)
     load[:, 0, 0], load[:, 0, 4] = np.cos(theta), np.sin(theta / 2)
-    twice = replace(tables, mass=mass, load=load).over_two_turns(3)
+    twice = replace(tables, mass=mass, load=load).over_two_turns(np.array([3]))
     long = np.linspace(0.0, 8 * np.pi, 200)
     # the error of Overhauser's interpolant, of third order in the step, 0.52: 1/60 of a wave's cube for the half wave
-    half_wave = interpolate(twice.grid, twice.load, long)[:, 0]
+    half_wave = interpolant(twice.samples, twice.load, "overhauser")(long)[:, 0]
     np.testing.assert_allclose(half_wave[:, 4], np.sin(long / 2), rtol=0, atol=1e-3)
     np.testing.assert_allclose(half_wave[:, 0], np.cos(long), rtol=0, atol=6e-3)
-    coupling = interpolate(twice.grid, twice.mass, long)[:, 0, 1, 4]
+    coupling = interpolant(twice.samples, twice.mass, "overhauser")(long)[:, 0, 1, 4]
     np.testing.assert_allclose(coupling, 0.3 * np.cos(long / 2), rtol=0, atol=1e-3)
+
+
+def test_several_coordinates_may_change_their_signs(tables: ReducedTables) -> None:
+    twice = tables.over_two_turns(np.array([0, 3]))
+    signs = np.array([-1, 1, 1, -1])
+    np.testing.assert_allclose(twice.stiffness[12:], tables.stiffness * np.outer(signs, signs), rtol=1e-15)
+    np.testing.assert_allclose(twice.load[12:, :, 1:], tables.load[:, :, 1:] * signs, rtol=1e-15)
+
+
+def test_turning_the_inertia_table(tables: ReducedTables) -> None:
+    turn = rotations(12, 4)
+    expected = np.einsum("ntabi,nij->ntabj", tables.inertia, turn)
+    size = np.abs(tables.inertia).max()
+    np.testing.assert_allclose(tables.turned(turn).inertia, expected, rtol=0, atol=1e-14 * size)

@@ -6,17 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runs import full_model, history, paper_rom, paper_scene, quick_return, reduced_model, rom_of, run_model, samples
+from runs import (
+    accurate_scene,
+    full_model,
+    history,
+    paper_rom,
+    paper_scene,
+    quick_return,
+    reduced_model,
+    rom_of,
+    run_model,
+    samples,
+)
 from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import State, integrate
-from pgmp_petsc.dynamics.reduced_system import coupling_of
+from pgmp_petsc.dynamics.reduced_terms import coupling_of, rigid_inertia
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
-from pgmp_petsc.reduction.interpolation import interpolate
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 SHARES = (0.9, 1.0, 1.1)
+WIDE_SHARES = (0.7, 0.85, 1.0, 1.15, 1.3)
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +48,29 @@ def test_the_papers_accuracy_with_the_papers_basis(comparison: tuple, k: int) ->
     for name, allowed in (("crank_angle", 3e-4), ("slider_deformation", 0.08)):
         one, other = full[name][:, k], reduced[name][:, k]
         assert np.abs(other - one).max() < allowed * np.abs(one).max(), name
+
+
+@pytest.fixture(scope="module")
+def accurate_comparison(accurate_rom: ReducedOrderModel) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the outputs of the full-order and the small accurate model for five radii, nominal within 30 %."""
+    n = len(WIDE_SHARES)
+    values = samples(accurate_scene(), n, r1=np.array(WIDE_SHARES) * RADIUS)
+    models = full_model(accurate_scene()), ReducedModel(accurate_scene(), accurate_rom)
+    return tuple(history(model, values, n)[1] for model in models)
+
+
+@pytest.mark.parametrize("k", range(len(WIDE_SHARES)), ids=map(str, WIDE_SHARES))
+def test_a_static_mode_and_splines_are_worth_more_than_many_modes(accurate_comparison: tuple, k: int) -> None:
+    """7 modes and a static one, 48 angles; measured: crank angle to 0.004 %, slider deformation to 0.21 %."""
+    full, reduced = accurate_comparison
+    for name, allowed in (("crank_angle", 1.2e-4), ("slider_deformation", 3e-3)):
+        one, other = full[name][:, k], reduced[name][:, k]
+        assert np.abs(other - one).max() < allowed * np.abs(one).max(), name
+
+
+def test_the_small_accurate_basis(accurate_rom: ReducedOrderModel) -> None:
+    assert (accurate_rom.tables.n_modes, accurate_rom.tables.samples.n) == (8, 48)
+    assert accurate_rom.frequencies_hz.shape == (48, 7)
 
 
 def test_both_models_start_alike(comparison: tuple) -> None:
@@ -108,32 +144,39 @@ def test_without_loads_and_motion_nothing_happens() -> None:
     np.testing.assert_array_equal(run.state.q, system.start().q)
 
 
-def energies(step: float) -> np.ndarray:
+def energies(step: float, scheme: str) -> np.ndarray:
     """Return the reduced model's energy over a free motion: of the tables at the nominal radius."""
     scene = slider_crank("effects={}", "simulation.initial.theta.velocity=12.0", "simulation.duration=0.2",
-                         f"simulation.step={step}", "simulation.spectral_radius=1.0", "reduction.angles=90")
+                         f"simulation.step={step}", "simulation.spectral_radius=1.0", "reduction.angles=90",
+                         f'reduction.interpolation="{scheme}"')
     rom = rom_of(scene)
     tables, found = rom.tables, []
     mass, stiffness, coupling = (
-        np.einsum("t,nt...->n...", evaluate_weights(weights, scene.nominal), table)
+        interpolant(tables.samples, np.einsum("t,nt...->n...", evaluate_weights(weights, scene.nominal), table), scheme)
         for weights, table in (
             (tables.mass_weights, tables.mass), (tables.stiffness_weights, tables.stiffness),
-            (tables.mass_weights, coupling_of(tables)),
+            (tables.mass_weights, coupling_of(tables, scheme)),
         )
     )
-    system = ReducedModel(scene, rom).batch(samples(scene, 1), 1)
+    model = ReducedModel(scene, rom)
+    weights = evaluate_weights(tables.mass_weights, scene.nominal)
+    rigid = rigid_inertia(tables, tables.mass_weights, model.kinematics)
+    system = model.batch(samples(scene, 1), 1)
 
     def record(number: int, time: float, state: State) -> None:
         q, v = state.q[0], state.v[0]
-        m, k, b = (interpolate(tables.grid, table, q[:1])[0] for table in (mass, stiffness, coupling))
+        m, k, b = (of(q[:1])[0] for of in (mass, stiffness, coupling))
+        # the rigid motion's own is not interpolated between the samples
+        m[0, 0] = weights @ rigid(q[:1])[0, :, 0]
         found.append(0.5 * v @ m @ v + v[0] ** 2 * b @ q[1:] + 0.5 * q[1:] @ k @ q[1:])
 
     integrate(system, scene.simulation, observer=record)
     return np.array(found)
 
 
-def test_energy_is_kept_without_loads_and_numerical_damping() -> None:
-    wrong = [np.abs(found / found[0] - 1).max() for found in (energies(1e-3), energies(5e-4))]
+@pytest.mark.parametrize("scheme", ["overhauser", "spline", "spectral"])
+def test_energy_is_kept_without_loads_and_numerical_damping(scheme: str) -> None:
+    wrong = [np.abs(found / found[0] - 1).max() for found in (energies(1e-3, scheme), energies(5e-4, scheme))]
     # the integrator's own error, of second order
     assert wrong[0] < 5e-3
     assert wrong[0] / wrong[1] > 3.0

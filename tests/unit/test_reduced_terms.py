@@ -1,0 +1,135 @@
+"""The interpolated terms of the reduced equations of motion: rigid inertia, coupling b, and where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runs import quick_return, rom_of
+from scenes import four_bar, kinematics_of, slider_crank, trammel
+
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack, rigid_inertia
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.scene import Scene
+
+PART = (
+    "coordinates.theta.range=[0.2,1.4]",
+    "coordinates.theta.periodic=false",
+    "simulation.initial.theta.position=0.2",
+)
+SCHEMES = ["overhauser", "spline", "spectral"]
+
+
+@pytest.fixture(scope="module")
+def rom() -> ReducedOrderModel:
+    return rom_of(slider_crank())
+
+
+def direct_inertia(scene: Scene, theta: float) -> dict:
+    """Return ``(d rho/d theta)^T M_i (d rho/d theta)`` of every term, from matrices and velocities."""
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.array([theta]))
+    velocity = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])[:, 0]
+    mass = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
+    return {weight: float(velocity @ (mass[weight] @ velocity)) for weight in mechanism.mass_weights}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [slider_crank, quick_return, lambda: four_bar(), lambda: trammel(*PART)],
+    ids=["slider-crank", "quick return", "two turns", "limited"],
+)
+def test_the_rigid_inertia_is_that_of_the_kinematics(scene: Callable[..., Scene]) -> None:
+    scene = scene()
+    kinematics, tables = kinematics_of(scene), rom_of(scene).tables
+    weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
+    inertia = rigid_inertia(tables, weights, kinematics)
+    samples = tables.samples
+    # neither samples nor points of the fine grid
+    for theta in samples.lower + (samples.upper - samples.lower) * np.array([0.0, 0.1234567, 0.5, 0.7654321, 0.9998]):
+        expected = direct_inertia(scene, theta)
+        size = max(expected.values())
+        found = inertia(np.array([theta]))[0, :, 0]
+        for weight, value in zip(weights, found):
+            assert value == pytest.approx(expected.get(weight, 0.0), abs=1e-9 * size), (theta, weight)
+    # at the samples it is the table's own, which knows it from the modes' basis; over two turns the step is double
+    own = np.array([weights.index(weight) for weight in tables.mass_weights])
+    of_tables = tables.mass[:, :, 0, 0]
+    np.testing.assert_allclose(inertia(samples.theta)[:, own, 0], of_tables, rtol=0, atol=4e-9 * of_tables.max())
+
+
+def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom: ReducedOrderModel) -> None:
+    scene, step = slider_crank(), 1e-4
+    weights = rom.tables.mass_weights
+    slope = rigid_inertia(rom.tables, weights, kinematics_of(scene)).slope
+    for theta in (0.3, 2.0, 4.4):
+        ahead, behind = direct_inertia(scene, theta + step), direct_inertia(scene, theta - step)
+        expected = np.array([(ahead[w] - behind[w]) / (2 * step) for w in weights])
+        np.testing.assert_allclose(slope(np.array([theta]))[0, :, 0], expected, rtol=0, atol=1e-7 * max(ahead.values()))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_coupling_is_that_of_the_changing_modes(rom: ReducedOrderModel, scheme: str) -> None:
+    """Against ``(d rho/d theta)^T M_i (d Psi/d theta)`` with the modes' own slope in frames that turn."""
+    kinematics, tables = kinematics_of(slider_crank()), rom.tables
+    matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
+    fine = replace(rom, projection=interpolant(tables.samples, rom.projection, scheme).slope(tables.samples.theta))
+    found = coupling_of(tables, scheme)
+    assert found.shape == (24, len(tables.mass_weights), 5)
+    poses = kinematics.poses(tables.samples.theta)
+    rates = kinematics.rates(poses)
+    for k in range(0, 24, 5):
+        pose, rate = poses[..., k], rates[..., k]
+        velocity = rigid_velocities(kinematics.mechanism, pose, rate)[:, 0]
+        # body frames turn with the bodies: d(R psi)/d theta = R (psi' + omega x psi)
+        slope = fine.projection[k].reshape(-1, 3, 5).copy()
+        psi = rom.projection[k].reshape(-1, 3, 5)
+        for number, body in enumerate(kinematics.mechanism.bodies):
+            inside = slice(body.nodes.start, body.nodes.stop)
+            slope[inside, 0] -= rate[number, 2] * psi[inside, 1]
+            slope[inside, 1] += rate[number, 2] * psi[inside, 0]
+        for i, weight in enumerate(tables.mass_weights):
+            expected = velocity @ (matrices[weight] @ slope.reshape(-1, 5))
+            size = np.abs(found[:, i]).max()
+            # the same derivative but for the error of interpolating 24 samples, which modes 4 and 5 feel most
+            np.testing.assert_allclose(found[k, i, :3], expected[:3], rtol=0, atol=0.05 * size)
+
+
+def test_terms_stand_where_the_layout_says(rom: ReducedOrderModel) -> None:
+    tables = rom.tables
+    terms = ReducedTerms.of(tables, kinematics_of(slider_crank()), rom.projection, "overhauser")
+    assert set(terms.weights) == {*tables.mass_weights, *tables.stiffness_weights}
+    layout = terms.layout
+    assert (layout.n_eta, layout.coupling, layout.stiffness, layout.end) == (6, 21, 26, 41)
+    assert terms.terms.rows.shape == (24, len(terms.weights), 41)
+    for t, weight in enumerate(terms.weights):
+        parts = np.split(terms.terms.rows[:, t], [21, 26], axis=1)
+        if weight in tables.mass_weights:
+            i = tables.mass_weights.index(weight)
+            np.testing.assert_array_equal(parts[0], pack(tables.mass[:, i]))
+            np.testing.assert_array_equal(parts[1], coupling_of(tables, "overhauser")[:, i])
+        else:
+            assert not parts[0].any() and not parts[1].any()
+        if weight in tables.stiffness_weights:
+            np.testing.assert_array_equal(parts[2], pack(tables.stiffness[:, tables.stiffness_weights.index(weight)]))
+        else:
+            assert not parts[2].any()
+    np.testing.assert_array_equal(terms.load.rows, tables.load)
+    assert terms.scale[0] == 1.0
+    np.testing.assert_array_equal(
+        terms.scale[1:], displacement_scale(rom.projection, kinematics_of(slider_crank()).size)
+    )
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_loads_are_absent_where_the_scene_has_none(scheme: str) -> None:
+    scene = slider_crank("effects={}", "reduction.angles=8", "reduction.modes=2")
+    rom = rom_of(scene)
+    terms = ReducedTerms.of(rom.tables, kinematics_of(scene), rom.projection, scheme)
+    assert terms.load(np.array([0.1, 0.2])).shape == (2, 0, 3)
