@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.load import Effect, Load
@@ -24,4 +26,10 @@ def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load,
     return tuple(load for effect in effects for load in effect.loads(matrices))
 
 
-__all__ = ["Effect", "Load", "effects_of", "loads_of"]
+def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> np.ndarray:
+    """Return the load patterns of all effects in body frames, shape (n_rows, n_patterns)."""
+    vectors = [vector for effect in effects for vector in effect.patterns(matrices)]
+    return np.array(vectors).reshape(len(vectors), len(matrices.rows)).T
+
+
+__all__ = ["Effect", "Load", "effects_of", "loads_of", "patterns_of"]

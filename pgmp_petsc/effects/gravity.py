@@ -20,6 +20,7 @@ class Gravity:
         direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
         self._acceleration = Quantity.of(entry.acceleration)
         self._translational = {body.section.line_density.monomial for body in mechanism.bodies}
+        self._bodies = mechanism.bodies
         self._field = np.zeros((mechanism.n_nodes, DOFS_PER_NODE))
         self._field[:, :2] = direction * self._acceleration.coefficient
 
@@ -32,6 +33,16 @@ class Gravity:
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the weight of every body along the two axes of its own frame: gravity turns in it."""
+        vectors = []
+        for body in self._bodies:
+            for axis in range(2):
+                field = np.zeros_like(self._field)
+                field[body.nodes, axis] = 1.0
+                vectors.append(matrices.mass[body.section.line_density.monomial] @ field.ravel())
+        return vectors
 
     def amplitude(self, time: float) -> float:
         """Return 1: gravity does not change."""

@@ -45,3 +45,9 @@ class Effect(Protocol):
 
     def amplitude(self, time: float) -> float:
         """Return the common factor of the load terms at a time (s)."""
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return nodal vectors in body frames, for the rows of `matrices`, that span the loads in any configuration.
+
+        The static answers to them extend the reduced basis. They do not change with the configuration.
+        """

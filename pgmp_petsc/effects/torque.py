@@ -34,6 +34,10 @@ class Torque:
                 vector[dof - matrices.rows.start] += sign * self._scale.coefficient
         return [Load(self.name, self._scale.monomial, vector)]
 
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the couples, which are the same in every frame of the plane."""
+        return [load.vector for load in self.loads(matrices)]
+
     def amplitude(self, time: float) -> float:
         """Return the torque of the table, N m."""
         return float(np.interp(time, self._times, self._values))

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from petsc4py import PETSc
 
 MAX_REFINEMENTS = 60
+REFINEMENT_FLOOR = 1e-6
+DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
 
 
@@ -136,6 +138,24 @@ class ModalProblem:
         flexible = self._deflate(vectors[:, n_theta:], rigid)
         return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
 
+    def independent(self, loads: np.ndarray) -> np.ndarray:
+        """Leave out the loads that are combinations of those before them.
+
+        Parameters
+        ----------
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+        """
+        chosen = np.empty((len(loads), 0))
+        for load in loads.T[..., None]:
+            rest = load / np.sqrt(self.inner(load, load)[0, 0])
+            for _ in range(2):
+                rest = rest - chosen @ self.inner(chosen, rest)
+            size = np.sqrt(self.inner(rest, rest)[0, 0])
+            if size > DEPENDENT_TOLERANCE:
+                chosen = np.hstack([chosen, rest / size])
+        return chosen
+
     def static_modes(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
         """Return the static answers to loads that the modes miss.
 
@@ -153,34 +173,48 @@ class ModalProblem:
         Returns
         -------
         ndarray, shape (n_local, n_static)
-            M-orthonormal, and M-orthogonal to `modes`; a load whose answer lies in the span of what is there already
-            gives none, and this is the same at every configuration.
+            M-orthonormal, and M-orthogonal to `modes`.
+
+        Raises
+        ------
+        RunError
+            If an answer vanishes beside the others: the basis would not be continuous there.
         """
         kept = np.hstack([modes.rigid, modes.flexible])
         answers = kept
         for load in loads.T:
             answer = self._static_answer(kept, load[:, None])
+            before = self._norm(answer)
             for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
                 answer = answer - self._onto(answers, answer)
-            norm = float(np.sqrt(self.inner(answer, self.times_mass(answer))[0, 0]))
-            answers = np.hstack([answers, answer / norm])
+            after = self._norm(answer)
+            if not after > DEPENDENT_TOLERANCE * before:
+                raise RunError(
+                    f"reduction.static_modes at {self.kinematics.coordinate.name} = {modes.theta:.6g} rad: a load's static "
+                    "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
+                )
+            answers = np.hstack([answers, answer / after])
         return answers[:, kept.shape[1] :]
 
     def _static_answer(self, kept: np.ndarray, load: np.ndarray) -> np.ndarray:
         m_kept = self.times_mass(kept)
         balanced = load - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, load))
         answer = np.zeros_like(load)
-        scale = np.sqrt(self.inner(balanced, balanced)[0, 0])
+        last = np.inf
         for _ in range(MAX_REFINEMENTS):
             residual = balanced - times(self.stiffness, answer)
             step = times(self._null, self._solver.apply_inverse(transposed_times(self._null, residual)))
             step -= self._onto(kept, step)
             answer += step
-            if self._norm(step) <= 1e-13 * self._norm(answer):
+            size, whole = self._norm(step), self._norm(answer)
+            # round-off of stiff directions may hold the steps up before that, but never far above
+            stalled = size > 0.5 * last and size <= REFINEMENT_FLOOR * whole
+            if size <= 1e-13 * whole or stalled:
                 return answer
+            last = size
         raise RunError(
-            f"static mode: {MAX_REFINEMENTS} refinements did not converge (load of size {scale:.3g}); "
-            "the shift is too far from the kept modes"
+            f"static mode: {MAX_REFINEMENTS} refinements left a step of {size / whole:.2g} of the answer; the mesh may "
+            "be too fine for double precision"
         )
 
     def _onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -201,13 +235,27 @@ class ModalProblem:
 
         return self.comm.allreduce(left.T @ right, op=MPI.SUM)
 
+    def check_basis(self, n_static: int) -> None:
+        """Refuse more vectors than the mesh has flexible degrees of freedom.
+
+        Raises
+        ------
+        InputError
+            If modes and static modes together are too many.
+        """
+        if self.n_modes + n_static > self._available:
+            raise InputError(
+                f"reduction.modes = {self.n_modes}: with {n_static} static modes, more than the mesh's "
+                f"{self._available} flexible modes; take fewer modes or a finer mesh"
+            )
+
     def _check_size(self) -> None:
         start = self.kinematics.poses(np.array([self.kinematics.coordinate.lower]))[..., 0]
         null = null_space(constraint_jacobian(self.mechanism, start))
-        available = null.independent.size - self.kinematics.n_coordinates
-        if self.n_modes > available:
+        self._available = null.independent.size - self.kinematics.n_coordinates
+        if self.n_modes > self._available:
             raise InputError(
-                f"reduction.modes = {self.n_modes}: the mesh has only {available} flexible modes; "
+                f"reduction.modes = {self.n_modes}: the mesh has only {self._available} flexible modes; "
                 "take fewer modes or a finer mesh"
             )
         self.n_redundant = null.n_redundant

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
-from pgmp_petsc.effects import Load, effects_of, loads_of
+from pgmp_petsc.effects import Load, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -70,9 +70,11 @@ def build_rom(
         mechanism = Mechanism.from_scene(scene, meshes)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
-        loads = loads_of(effects_of(scene, mechanism), assemble(mechanism.bodies, rows))
+        matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
+        loads = loads_of(effects, matrices)
+        patterns = patterns_of(effects if scene.reduction.static_modes else (), matrices)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, group, scramble)
+    setting = _Setting(scene, kinematics, loads, patterns, group, scramble)
     n_redundant, joined, previous = 0, None, None
     while True:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
@@ -106,6 +108,7 @@ class _Setting:
     scene: Scene
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
+    patterns: np.ndarray
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]
 
@@ -119,7 +122,7 @@ class _Setting:
             progress(len(missing), "eigenproblems", self.group.world) as bar,
             ModalProblem(self.kinematics, self.scene.nominal, reduction.modes, self.group.comm) as problem,
         ):
-            sampler = Sampler(problem, self.loads, reduction.static_modes)
+            sampler = Sampler(problem, self.loads, self.patterns)
             for number, theta in missing.items():
                 store.put(number, sampler.sample(theta, self.scramble))
                 bar.update()

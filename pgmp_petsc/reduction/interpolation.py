@@ -21,7 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator, CubicSpline
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.signal import resample
 
@@ -152,4 +152,17 @@ def _spectral_on_fine_grid(samples: Samples, table: np.ndarray) -> np.ndarray:
             raise ValueError("trigonometric interpolation needs uniform samples")
         return resample(table, count, axis=0)
     fine = Samples.uniform(samples.lower, samples.upper, count, False)
-    return BarycentricInterpolator(samples.theta, table)(fine.theta)
+    return _barycentric(samples.theta, table, fine.theta)
+
+
+def _barycentric(points: np.ndarray, table: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Evaluate the polynomial through Chebyshev points of the second kind (Berrut and Trefethen 2004, eq. (4.2))."""
+    weights = (-1.0) ** np.arange(points.size)
+    weights[[0, -1]] *= 0.5
+    distance = theta[:, None] - points
+    hit = np.abs(distance) < 1e-14 * (points[-1] - points[0])
+    terms = weights / np.where(hit, 1.0, distance)
+    terms[hit.any(axis=1)] = 0.0
+    terms[hit] = 1.0
+    flat = table.reshape(points.size, -1)
+    return (terms @ flat / terms.sum(axis=1)[:, None]).reshape(theta.size, *table.shape[1:])

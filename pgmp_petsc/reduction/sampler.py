@@ -56,17 +56,18 @@ class Sampler:
         Eigenproblem at the nominal parameters.
     loads
         Load terms of the scene, local rows, inertial frame.
-    static_modes
-        Whether the static answers to the loads extend the basis.
+    patterns
+        Load patterns in body frames, local rows, shape (n_local, n_patterns), whose static answers extend the basis.
     """
 
-    def __init__(self, problem: ModalProblem, loads: Sequence[Load], static_modes: bool) -> None:
+    def __init__(self, problem: ModalProblem, loads: Sequence[Load], patterns: np.ndarray) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = [problem.matrices.mass[w] for w in mechanism.mass_weights]
         self._stiffness = [problem.matrices.stiffness[w] for w in mechanism.stiffness_weights]
         self._loads = loads
-        self._static_modes = static_modes
+        self._patterns = problem.independent(patterns)
+        problem.check_basis(self._patterns.shape[1])
 
     def sample(self, theta: float, scramble: Scramble) -> Sample:
         """Sample one configuration (rad).
@@ -79,10 +80,7 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._turned_loads(theta)
-        statics = np.empty((len(modes.rigid), 0))
-        if self._static_modes:
-            statics = problem.static_modes(modes, loads)
-        shape = np.hstack([modes.flexible, statics])
+        shape = np.hstack([modes.flexible, problem.static_modes(modes, self._patterns)])
         basis = np.hstack([modes.rigid, shape])
         return Sample(
             eigenvalues=modes.eigenvalues,

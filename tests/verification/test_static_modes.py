@@ -11,14 +11,14 @@ from runs import quick_return, rom_of
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sampler import Sampler
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
 
 GRAVITY = 'effects.weight={type="gravity"}'
@@ -136,26 +136,28 @@ def test_static_modes_are_wanted_only_where_asked_for() -> None:
     scene = slider_crank(GRAVITY)
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
-    loads = loads_of(effects_of(scene, kinematics.mechanism), matrices)
+    effects = effects_of(scene, kinematics.mechanism)
+    loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
+    assert patterns.shape == (36, 5)  # the torque, and two directions of each body's weight
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
-        plain = Sampler(problem, loads, False).sample(0.7, lambda modes: modes)
-        extended = Sampler(problem, loads, True).sample(0.7, lambda modes: modes)
-    assert (plain.shape.shape[1], extended.shape.shape[1]) == (3, 6)
+        plain = Sampler(problem, loads, patterns[:, :0]).sample(0.7, lambda modes: modes)
+        extended = Sampler(problem, loads, patterns).sample(0.7, lambda modes: modes)
+    assert (plain.shape.shape[1], extended.shape.shape[1]) == (3, 8)
     np.testing.assert_array_equal(extended.shape[:, :3], plain.shape)
     np.testing.assert_array_equal(extended.load[:, :4], plain.load)
     assert plain.eigenvalues.shape == extended.eigenvalues.shape == (3,)
     # the signs of static modes are those of their loads
-    np.testing.assert_array_equal(extended.canonical[3:, 3:], np.eye(3))
+    np.testing.assert_array_equal(extended.canonical[3:, 3:], np.eye(5))
 
 
 def test_the_tables_hold_the_static_modes_after_the_others() -> None:
     rom, plain = rom_of(slider_crank(GRAVITY, STATIC)), rom_of(slider_crank(GRAVITY))
-    assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (8, (24, 5))
+    assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (10, (24, 5))
     np.testing.assert_allclose(rom.frequencies_hz, plain.frequencies_hz, rtol=1e-12)
     values = {"r1": RADIUS}
     for k in range(24):
         mass = sum(w.evaluate(values) * table for w, table in zip(rom.tables.mass_weights, rom.tables.mass[k]))
-        np.testing.assert_allclose(mass[1:, 1:], np.eye(8), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(mass[1:, 1:], np.eye(10), rtol=0, atol=1e-9)
         np.testing.assert_allclose(mass[0, 1:], 0.0, rtol=0, atol=1e-9)
 
 
@@ -180,5 +182,41 @@ def test_a_refinement_that_does_not_converge_is_noticed(monkeypatch: pytest.Monk
     from pgmp_petsc.modes import problem as problem_module
 
     monkeypatch.setattr(problem_module, "MAX_REFINEMENTS", 1)
-    with pytest.raises(RunError, match="static mode: 1 refinements did not converge"):
+    with pytest.raises(RunError, match="static mode: 1 refinements left a step"):
         sampled(slider_crank(), 1.0, 3)
+
+
+def test_a_load_that_others_make_up_gives_no_static_mode_of_its_own() -> None:
+    twice = 'effects.second={type="torque", joint="crank_hinge", table=[[0.0, 2.0]]}'
+    once, both = rom_of(slider_crank(STATIC)), rom_of(slider_crank(STATIC, twice))
+    assert both.tables.n_modes == once.tables.n_modes == 6
+    np.testing.assert_allclose(both.tables.stiffness, once.tables.stiffness, rtol=1e-9, atol=0)
+
+
+def test_static_answers_to_gravity_are_continuous() -> None:
+    """Gravity turns in the bodies' frames; its two directions in each body do not, nor do their answers vanish."""
+    cosines = [
+        rom_of(slider_crank(GRAVITY, STATIC, "reduction.modes=7", f"reduction.angles={n}")).cosines.min()
+        for n in (96, 192)
+    ]
+    # measured: 0.77 and 0.92; half the step, half the angle
+    assert np.arccos(cosines[1]) < 0.6 * np.arccos(cosines[0])
+
+
+def test_more_vectors_than_the_mesh_has_are_refused() -> None:
+    with pytest.raises(InputError, match="reduction.modes = 30: with 1 static modes"):
+        rom_of(slider_crank(STATIC, "reduction.modes=30"))
+    with pytest.raises(InputError, match="reduction.modes = 31: the mesh has only 30"):
+        rom_of(slider_crank("reduction.modes=31"))
+
+
+def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
+    from mpi4py import MPI
+
+    kinematics = kinematics_of(slider_crank())
+    with ModalProblem(kinematics, {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
+        modes = problem.solve(1.0)
+        load = np.zeros((36, 1))
+        load[2] = 1.0
+        with pytest.raises(RunError, match="reduction.static_modes at theta = 1 rad"):
+            problem.static_modes(modes, np.hstack([load, load]))
