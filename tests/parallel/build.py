@@ -38,6 +38,9 @@ CASES = {
     "static": lambda: slider_crank(GRAVITY, STATIC, "reduction.angles=12", "reduction.modes=3"),
     "static_reflected": lambda: four_bar(GRAVITY, STATIC),
     "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
+    "adaptive": lambda: slider_crank(
+        'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6", "reduction.modes=3"
+    ),
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),

@@ -13,11 +13,11 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 # all cases of one number of ranks in one run: "name:ranks_per_group:seed of the scrambling"
 RUNS = {
     1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0",
-        "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0"),
+        "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0", "adaptive:1:0"),
     2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0", "static:1:0", "static:2:0",
         "static_reflected:2:0", "chebyshev:1:0"),
     3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0",
-        "static:3:2", "chebyshev:3:0"),
+        "static:3:2", "chebyshev:3:0", "adaptive:1:0"),
     5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0", "static:2:0", "static_reflected:1:0"),
 }
 CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]

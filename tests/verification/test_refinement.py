@@ -1,0 +1,76 @@
+"""Adaptive sampling: the interpolated tables meet the tolerance at angles that took no part, with no more than needed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import rom_of
+from scenes import RADIUS, kinematics_of, slider_crank
+
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.studies.modes_table import reduced_frequencies
+
+SPLINE = 'reduction.interpolation="spline"'
+
+
+def adaptive(tolerance: float, *more: str) -> ReducedOrderModel:
+    return rom_of(
+        slider_crank("reduction.angles=12", SPLINE, f"reduction.sampling_tolerance={tolerance}", *more)
+    )
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_midpoints(periodic: bool) -> None:
+    samples = Samples(np.array([0.0, 1.0, 4.0]), 0.0, 4.0 if not periodic else 5.0, periodic)
+    expected = [0.5, 2.5, 4.5] if periodic else [0.5, 2.5]
+    np.testing.assert_array_equal(midpoints(samples), expected)
+    chosen = np.zeros(len(expected), dtype=bool)
+    chosen[1] = True
+    np.testing.assert_array_equal(midpoints(samples, chosen), [2.5])
+
+
+def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
+    from mpi4py import MPI
+
+    counts, errors = [], []
+    elsewhere = np.random.default_rng(0).uniform(0.0, 2 * np.pi, 20)
+    with ModalProblem(kinematics_of(slider_crank()), {"r1": RADIUS}, 5, MPI.COMM_SELF) as problem:
+        exact = np.array([problem.solve(theta).frequencies_hz for theta in elsewhere])
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        rom = adaptive(tolerance)
+        found = reduced_frequencies(rom.tables, "spline", {"r1": RADIUS}, elsewhere)
+        counts.append(rom.tables.samples.n)
+        errors.append(np.max(np.abs(found / exact - 1)))
+        # an eigenvalue is the square of a frequency, and the tables' entries add up; the check is at middles only
+        assert errors[-1] < 3 * tolerance
+    assert counts[0] < counts[1] < counts[2] and errors[2] < 0.1 * errors[0]
+
+
+def test_angles_come_where_the_modes_change_fast() -> None:
+    theta = adaptive(1e-2).tables.samples.theta
+    gaps = np.diff(np.append(theta, 2 * np.pi))
+    # the frequencies of the slider-crank change fastest beside the dead centre at 0
+    assert gaps[0] < 1.01 * gaps.min() and gaps[0] < 0.6 * gaps.max()
+
+
+def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
+    rom = rom_of(slider_crank("reduction.angles=48", SPLINE))
+    basis = ContinuousBasis(rom.tables, rom.projection, [np.array([k]) for k in range(rom.tables.n_modes)])
+    some = rom.tables.samples.theta[[3, 17]]
+    errors = interpolation_errors(basis, basis, some, {"r1": RADIUS})
+    np.testing.assert_allclose(errors, 0.0, atol=1e-9)
+
+
+def test_a_tolerance_that_needs_too_many_angles_is_said() -> None:
+    with pytest.raises(RunError, match="reduction.sampling_tolerance = 1e-06: with 2[0-9] angles .* raise"):
+        adaptive(1e-6, "reduction.max_angles=20")
+
+
+@pytest.mark.parametrize("scheme", ["overhauser", "spectral"])
+def test_only_splines_take_samples_anywhere(scheme: str) -> None:
+    with pytest.raises(InputError, match='reduction.sampling_tolerance = 0.01: needs interpolation = "spline"'):
+        slider_crank(f'reduction.interpolation="{scheme}"', "reduction.sampling_tolerance=0.01")
