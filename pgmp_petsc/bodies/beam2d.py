@@ -124,6 +124,53 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
     return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
 
 
+def third_derivative(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Contract the third derivative of the strain energy at rest with pairs of vectors, in the mesh's own frame.
+
+    At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
+    e''[c, a] e'[b])`` over them, times the length. With extension ``u`` and deflection ``w`` of the second node against
+    the first, along and across the element, and ``psi`` the mean rotation of the nodes::
+
+        eps'   = u / L           eps''[a, b]   = (psi_a w_b + w_a psi_b) / L - psi_a psi_b
+        gamma' = w / L - psi     gamma''[a, b] = -(psi_a u_b + u_a psi_b) / L
+
+    The curvature kappa is linear, so bending takes no part.
+
+    Parameters
+    ----------
+    lengths, alphas
+        Shape (n_elements,): m and rad.
+    section
+        ``(EA, k_s GA, EI)``, shape (3,).
+    vectors
+        Element unknowns, shape (n_elements, 6, m).
+
+    Returns
+    -------
+    ndarray, shape (n_elements, 6, m (m + 1) / 2)
+        ``K3[v_i, v_j]`` for i >= j, packed as ``np.tril_indices`` orders them.
+    """
+    cos, sin, zero = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas)
+    half = np.full_like(alphas, 0.5)
+    along = np.array([-cos, -sin, zero, cos, sin, zero]).T / lengths[:, None]
+    across = np.array([sin, -cos, zero, -sin, cos, zero]).T / lengths[:, None]
+    mean = np.array([zero, zero, half, zero, zero, half]).T
+    i, j = np.tril_indices(vectors.shape[2])
+    u, w, psi = (np.einsum("ek,ekm->em", row, vectors)[:, None] for row in (along, across, mean))
+    along, across, mean = along[..., None], across[..., None], mean[..., None]
+    # e'' applied to one vector: its gradient in the other, shape (n_elements, 6, m)
+    curved_eps = mean * (w - psi) + across * psi
+    curved_gamma = -(mean * u + along * psi)
+    result = np.zeros((len(lengths), 6, i.size))
+    for stiffness, slope, gradient, curved in (
+        (section[0], u, along, curved_eps),
+        (section[1], w - psi, across - mean, curved_gamma),
+    ):
+        second = np.einsum("ekp,ekp->ep", curved[:, :, i], vectors[:, :, j])[:, None]
+        result += stiffness * (gradient * second + slope[..., i] * curved[..., j] + slope[..., j] * curved[..., i])
+    return lengths[:, None, None] * result
+
+
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:
     """Return consistent mass matrices, constant in any frame.
 

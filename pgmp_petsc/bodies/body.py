@@ -68,6 +68,27 @@ class Body:
             for monomial, coefficients in self.section.stiffness_terms().items()
         }
 
+    def cubic_entries(self, chosen: np.ndarray, vectors: np.ndarray) -> dict[Monomial, np.ndarray]:
+        """Return third derivatives of the strain energy at rest, times pairs of vectors, by weight.
+
+        Parameters
+        ----------
+        chosen
+            Numbers of elements, n_chosen of them.
+        vectors
+            Their unknowns in the body's frame, shape (n_chosen, 6, m).
+
+        Returns
+        -------
+        dict
+            Each of shape (n_chosen, 6, m (m + 1) / 2), pairs as in `beam2d.third_derivative`.
+        """
+        lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
+        return {
+            monomial: beam2d.third_derivative(lengths, directions, np.array(coefficients), vectors)
+            for monomial, coefficients in self.section.stiffness_terms().items()
+        }
+
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), by weight."""
         lengths = self.mesh.lengths[chosen]

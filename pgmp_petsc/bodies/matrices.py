@@ -64,11 +64,9 @@ def _assemble_terms(
     entries_of: Callable[[Body, np.ndarray], dict[Monomial, np.ndarray]],
 ) -> dict[Monomial, sp.csr_matrix]:
     n_dofs = DOFS_PER_NODE * sum(body.n_nodes for body in bodies)
-    first_node, last_node = rows.start // DOFS_PER_NODE, rows.stop // DOFS_PER_NODE
     row_parts, column_parts, value_parts = [], [], []
     for body in bodies:
-        touches = (body.elements >= first_node) & (body.elements < last_node)
-        chosen = np.flatnonzero(touches.any(axis=1))
+        chosen = touching(body, rows)
         dofs = element_dofs(body.elements[chosen])
         row_parts.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
         column_parts.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
@@ -85,6 +83,13 @@ def _assemble_terms(
         coo = sp.coo_matrix((values[owned], (row[owned] - rows.start, column[owned])), shape=shape)
         terms[monomial] = coo.tocsr()
     return terms
+
+
+def touching(body: Body, rows: range) -> np.ndarray:
+    """Return the numbers of the body's elements that touch the given rows, shape (n_chosen,)."""
+    first_node, last_node = rows.start // DOFS_PER_NODE, rows.stop // DOFS_PER_NODE
+    touches = (body.elements >= first_node) & (body.elements < last_node)
+    return np.flatnonzero(touches.any(axis=1))
 
 
 def element_dofs(elements: np.ndarray) -> np.ndarray:

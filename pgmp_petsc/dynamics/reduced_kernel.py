@@ -17,9 +17,8 @@ M, b, K and Q are interpolated at the sample's own theta and weighted with its o
 leaves out second derivatives of the tables alone; its flexible block is symmetric positive definite at reasonable
 steps and is factorised so, row and column of theta border it.
 
-Samples are taken LANES at a time: each lane interpolates at its own theta, along the contiguous entries of the tables;
-all that follows runs over the lanes side by side, where it vectorises. Symmetric matrices are packed as lower triangles
-row by row. A lane never touches another's numbers.
+Where a scene asks for them, the terms of second order in delta follow; see `second_order_kernel`. Samples are taken
+LANES at a time, side by side; see `lanes` and `cells`.
 """
 
 from __future__ import annotations
@@ -29,123 +28,78 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pgmp_petsc.reduction.stencil import N_ROWS, stencil
-
-LANES = 8  # samples side by side: one AVX-512 register, or two of AVX2
+from pgmp_petsc.dynamics.cells import evaluate, evaluate_one, locate, refill
+from pgmp_petsc.dynamics.lanes import LANES, eliminate_border, multiply, solve_bordered
+from pgmp_petsc.dynamics.second_order_kernel import add_second_order, add_second_order_tangent
 
 
 class Layout(NamedTuple):
-    """Where the parts of a table row begin: packed mass, coupling b, packed stiffness; and their end."""
+    """Where the parts of a table row begin.
+
+    Packed mass, coupling b, packed stiffness; with terms of second order the packed cubic energy and the packed ``c``
+    (see `second_order_kernel`); and the end. A load row has n_eta entries, and with terms of second order packed ones
+    after them.
+    """
 
     n_eta: int
     coupling: int
     stiffness: int
+    cubic: int
+    swing: int
     end: int
+    load_end: int
+
+    @property
+    def second_order(self) -> bool:
+        """Whether there are terms of second order."""
+        return self.cubic < self.end
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def combine(table, rows, weights, slopes, term_weights, value, slope):
-    """Sum ``table[rows[r], t]`` with factors ``weights[r] w[t]`` into value, and with ``slopes[r] w[t]`` into slope."""
-    value[:] = 0.0
-    slope[:] = 0.0
-    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-    s0, s1, s2, s3 = slopes[0], slopes[1], slopes[2], slopes[3]
-    for t in range(term_weights.size):
-        w = term_weights[t]
-        row_0, row_1, row_2, row_3 = table[rows[0], t], table[rows[1], t], table[rows[2], t], table[rows[3], t]
-        # the four rows in one pass: each entry of the table is read once, each sum written once
-        for e in range(value.size):
-            a, b, c, d = row_0[e], row_1[e], row_2[e], row_3[e]
-            value[e] += w * (w0 * a + w1 * b + w2 * c + w3 * d)
-            slope[e] += w * (s0 * a + s1 * b + s2 * c + s3 * d)
+class Tables(NamedTuple):
+    """Polynomials of the rigid inertia, of all other terms and of the loads; each (n_cells, n_terms, 4, n_entries)."""
+
+    rigid: np.ndarray
+    terms: np.ndarray
+    loads: np.ndarray
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def multiply(packed, first, n, x, skip, result):
-    """Multiply packed symmetric matrices, from row `first` on, with ``x[skip:]``: (n, LANES) each."""
-    for i in range(n):
-        for lane in range(LANES):
-            result[i, lane] = 0.0
-    at = first
-    for i in range(n):
-        for j in range(i):
-            for lane in range(LANES):
-                result[i, lane] += packed[at, lane] * x[skip + j, lane]
-                result[j, lane] += packed[at, lane] * x[skip + i, lane]
-            at += 1
-        for lane in range(LANES):
-            result[i, lane] += packed[at, lane] * x[skip + i, lane]
-        at += 1
+class Weights(NamedTuple):
+    """Of the terms and of the load terms, shapes (n_samples, n); and the number of the effect of each load term."""
 
-
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def factorise(packed, n):
-    """Replace packed positive definite matrices by their Cholesky factors, diagonals inverted; NaN where not."""
-    for i in range(n):
-        row_i = i * (i + 1) // 2
-        for j in range(i + 1):
-            row_j = j * (j + 1) // 2
-            for k in range(j):
-                for lane in range(LANES):
-                    packed[row_i + j, lane] -= packed[row_i + k, lane] * packed[row_j + k, lane]
-            if i == j:
-                for lane in range(LANES):
-                    packed[row_i + i, lane] = 1.0 / np.sqrt(packed[row_i + i, lane])
-            else:
-                for lane in range(LANES):
-                    packed[row_i + j, lane] *= packed[row_j + j, lane]
-
-
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def substitute(packed, n, x):
-    """Solve ``L L^T y = x`` in place, x of shape (n, LANES)."""
-    for i in range(n):
-        row = i * (i + 1) // 2
-        for j in range(i):
-            for lane in range(LANES):
-                x[i, lane] -= packed[row + j, lane] * x[j, lane]
-        for lane in range(LANES):
-            x[i, lane] *= packed[row + i, lane]
-    for i in range(n - 1, -1, -1):
-        row = i * (i + 1) // 2
-        for lane in range(LANES):
-            x[i, lane] *= packed[row + i, lane]
-        for j in range(i):
-            for lane in range(LANES):
-                x[j, lane] -= packed[row + j, lane] * x[i, lane]
+    terms: np.ndarray
+    loads: np.ndarray
+    effects: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
-def interpolate_lanes(first, count, q, layout, grids, tables, weights, amplitudes, terms, slopes, load, load_slope):
+def interpolate(block, first, count, q, layout, grids, tables, weights, amplitudes, cache, terms, slopes, load, load_slope):
     """Fill all terms and their derivatives at the thetas of samples first to first + count - 1, lane by lane."""
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    value, slope = np.empty(N_ROWS), np.empty(N_ROWS)
-    entries, entry_slopes = np.empty(layout.end), np.empty(layout.end)
-    forces, force_slopes = np.empty(layout.n_eta), np.empty(layout.n_eta)
-    load_weights = np.empty(amplitudes.size)
-    for lane in range(LANES):
+    n_lanes = terms.shape[1]
+    place = np.empty(LANES)
+    none = np.zeros(weights.terms.shape[1], dtype=np.int64)
+    for lane in range(n_lanes):
         b = first + min(lane, count - 1)
         theta = q[b, 0]
         if not abs(theta) < 1e9:
-            theta = grids[0][0]
-        stencil(theta, *grids[1], rows, value, slope)
-        combine(tables[1], rows, value, slope, weights[0][b], entries, entry_slopes)
-        if amplitudes.size > 0:
-            for t in range(amplitudes.size):
-                load_weights[t] = amplitudes[t] * weights[1][b, t]
-            combine(tables[2], rows, value, slope, load_weights, forces, force_slopes)
-            for i in range(layout.n_eta):
-                load[i, lane], load_slope[i, lane] = forces[i], force_slopes[i]
-        stencil(theta, *grids[0], rows, value, slope)
-        entries[0], entry_slopes[0] = 0.0, 0.0
-        for r in range(N_ROWS):
-            inertia = 0.0
-            for t in range(weights[0].shape[1]):
-                inertia += weights[0][b, t] * tables[0][rows[r], t, 0]
-            entries[0] += value[r] * inertia
-            entry_slopes[0] += slope[r] * inertia
-        for e in range(layout.end):
-            terms[e, lane], slopes[e, lane] = entries[e], entry_slopes[e]
+            theta = grids[1].lower
+        cell, place[lane] = locate(theta, grids[1])
+        if cell != cache.cells[block, lane]:
+            cache.cells[block, lane] = cell
+            refill(tables.terms, cell, weights.terms[b], none, layout.end, lane, cache.terms[block])
+            if amplitudes.size > 0:
+                refill(tables.loads, cell, weights.loads[b], weights.effects, layout.load_end, lane, cache.loads[block])
+        terms[0, lane], slopes[0, lane] = evaluate_one(tables.rigid, grids[0], theta, weights.terms[b])
+    evaluate(cache.terms[block, 1:], layout.end - 1, place, grids[1].step, terms[1:], slopes[1:])
+    load[:] = 0.0
+    load_slope[:] = 0.0
+    value, slope = np.empty((layout.load_end, LANES)), np.empty((layout.load_end, LANES))
+    for effect in range(amplitudes.size):
+        kept = cache.loads[block, effect * layout.load_end :]
+        evaluate(kept, layout.load_end, place, grids[1].step, value, slope)
+        for i in range(layout.load_end):
+            for lane in range(n_lanes):
+                load[i, lane] += amplitudes[effect] * value[i, lane]
+                load_slope[i, lane] += amplitudes[effect] * slope[i, lane]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -155,31 +109,32 @@ def residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, moved, tu
     ``(dM/dtheta) eta'`` is left in `moved` (n_eta, LANES), ``(dK/dtheta) delta - dQ_delta/dtheta`` in `turned`
     (n_delta, LANES).
     """
+    n_lanes = r.shape[1]
     n, m = layout.n_eta, layout.n_eta - 1
     multiply(slopes, 0, n, v, 0, moved)
     multiply(terms, 0, n, a, 0, r)
     multiply(terms, layout.stiffness, m, q, 1, turned)
     for i in range(n):
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             r[i, lane] += v[0, lane] * moved[i, lane]
             r[0, lane] -= 0.5 * v[i, lane] * moved[i, lane]
     for i in range(m):
         b = layout.coupling + i
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             speed, delta = v[0, lane], q[1 + i, lane]
             r[1 + i, lane] += turned[i, lane] - terms[b, lane] * speed * speed
             r[0, lane] += 2.0 * terms[b, lane] * (delta * a[0, lane] + v[1 + i, lane] * speed)
             r[0, lane] += slopes[b, lane] * delta * speed * speed
     multiply(slopes, layout.stiffness, m, q, 1, turned)
     for i in range(m):
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             r[0, lane] += 0.5 * q[1 + i, lane] * turned[i, lane]
     if loaded:
         for i in range(n):
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 r[i, lane] -= load[i, lane]
         for i in range(m):
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 r[0, lane] -= load_slope[1 + i, lane] * q[1 + i, lane]
                 turned[i, lane] -= load_slope[1 + i, lane]
 
@@ -191,11 +146,12 @@ def iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain
     Its flexible block ``S = gain_a M + gain_v theta' dM/dtheta + K`` is symmetric; the inertia forces of the rigid
     motion make row and column of theta differ.
     """
+    n_lanes = border.shape[1]
     m = layout.n_eta - 1
     at, of, into = 1, layout.stiffness, 0
     for i in range(m):
         b = layout.coupling + i
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             speed = v[0, lane]
             coupled = gain_a * terms[at, lane]
             rate = 2.0 * gain_v * speed * (slopes[at, lane] - terms[b, lane])
@@ -205,50 +161,24 @@ def iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain
             border[1 + m + i, lane] += 2.0 * terms[b, lane] * (gain_v * speed + a[0, lane])
             border[1 + m + i, lane] += slopes[b, lane] * speed * speed + turned[i, lane]
         for j in range(i + 1):
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 inertia = gain_a * terms[at + 1 + j, lane] + gain_v * v[0, lane] * slopes[at + 1 + j, lane]
                 factor[into + j, lane] = inertia + terms[of + j, lane]
         at += i + 2
         of += i + 1
         into += i + 1
-    for lane in range(LANES):
+    for lane in range(n_lanes):
         border[0, lane] = gain_a * terms[0, lane] + slopes[0, lane] * (gain_v * v[0, lane] + a[0, lane])
     for i in range(m):
         b = layout.coupling + i
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             stretched = gain_a * q[1 + i, lane] + gain_v * v[1 + i, lane]
             turning = gain_v * q[1 + i, lane] * v[0, lane] + q[1 + i, lane] * a[0, lane] + v[1 + i, lane] * v[0, lane]
             border[0, lane] += 2.0 * (terms[b, lane] * stretched + slopes[b, lane] * turning)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def eliminate_border(factor, border, m):
-    """Factorise S and turn the border into ``(1 / (s - r^T S^-1 c), S^-1 c, r)``."""
-    factorise(factor, m)
-    substitute(factor, m, border[1 : 1 + m])
-    for i in range(m):
-        for lane in range(LANES):
-            border[0, lane] -= border[1 + m + i, lane] * border[1 + i, lane]
-    for lane in range(LANES):
-        border[0, lane] = 1.0 / border[0, lane]
-
-
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def solve_bordered(factor, border, m, x):
-    """Solve with the iteration matrix in place, x of shape (1 + m, LANES)."""
-    substitute(factor, m, x[1:])
-    for i in range(m):
-        for lane in range(LANES):
-            x[0, lane] -= border[1 + m + i, lane] * x[1 + i, lane]
-    for lane in range(LANES):
-        x[0, lane] *= border[0, lane]
-    for i in range(m):
-        for lane in range(LANES):
-            x[1 + i, lane] -= border[1 + i, lane] * x[0, lane]
-
-
 @njit(cache=True, error_model="numpy")
-def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, active, fresh, factors, size):
+def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, active, fresh, factors, cache, size):
     """Do one Newton correction of every active sample in place.
 
     Parameters
@@ -256,13 +186,11 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
     layout
         Parts of a table row.
     grids
-        Of the rigid inertia and of all other terms; see `Interpolant.grid`.
-    tables
-        Rows of ``(rigid, terms, load)``; see `ReducedTerms`.
-    weights
-        ``(terms, load)`` of every sample, shapes (n_samples, n_terms).
+        `Grid` of the rigid inertia, and of all other terms.
+    tables, weights
+        See `Tables`, `Weights`.
     amplitudes
-        Of the load terms at the end of the step, shape (n_load_terms,).
+        Of the effects at the end of the step, shape (n_effects,).
     scale
         Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
     state
@@ -276,32 +204,42 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
     factors
         ``(packed Cholesky factors, borders)``, shapes (n_blocks, n_packed_delta, LANES) and (n_blocks, 1 + 2 n_delta,
         LANES).
+    cache
+        Polynomials of the cells that the samples are in.
     size
         Result: size of the correction, shape (n_samples,).
     """
     n = layout.n_eta
     gain_v, gain_a = gains
+    second_order = layout.cubic < layout.end
     terms, slopes = np.empty((layout.end, LANES)), np.empty((layout.end, LANES))
-    load, load_slope = np.empty((n, LANES)), np.empty((n, LANES))
+    load, load_slope = np.empty((layout.load_end, LANES)), np.empty((layout.load_end, LANES))
     q, v, a = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
     r, moved, turned = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n - 1, LANES))
+    bent, swung = np.empty((n * (n - 1) // 2, LANES)), np.empty((n - 1, LANES))
+    loaded = amplitudes.size > 0
     for block in range(factors[0].shape[0]):
         first = block * LANES
         count = min(LANES, size.size - first)
         size[first : first + count] = 0.0
         if not active[first : first + count].any():
             continue
-        interpolate_lanes(
-            first, count, state[0], layout, grids, tables, weights, amplitudes, terms, slopes, load, load_slope
-        )
+        interpolate(
+            block, first, count, state[0], layout, grids, tables, weights, amplitudes, cache,
+            terms, slopes, load, load_slope,
+        )  # fmt: skip
         for i in range(n):
             for lane in range(LANES):
                 b = first + min(lane, count - 1)
                 q[i, lane], v[i, lane], a[i, lane] = state[0][b, i], state[1][b, i], state[2][b, i]
-        residual(layout, q, v, a, terms, slopes, load, load_slope, amplitudes.size > 0, moved, turned, r)
+        residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, moved, turned, r)
+        if second_order:
+            add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, r)
         factor, border = factors[0][block], factors[1][block]
         if fresh:
             iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain_a, factor, border)
+            if second_order:
+                add_second_order_tangent(layout, q, v, a, bent, swung, gain_v, gain_a, factor, border)
             eliminate_border(factor, border, n - 1)
         solve_bordered(factor, border, n - 1, r)
         for lane in range(count):

@@ -8,8 +8,10 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
-from pgmp_petsc.dynamics.reduced_kernel import LANES, correct
+from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.reduced_kernel import Weights, correct
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect
 
@@ -48,20 +50,24 @@ class ReducedSystem:
         self.n_samples = n_samples
         self._initial = initial
         self._layout = terms.layout
-        self._grids = (terms.rigid.grid, terms.terms.grid)
-        self._rows = tuple(part.rows for part in (terms.rigid, terms.terms, terms.load))
-        self._weights = tuple(
+        self._grids = terms.grids
+        self._polynomials = terms.polynomials
+        by_name = {effect.name: effect for effect in effects}
+        self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
+        names = [effect.name for effect in self._load_effects]
+        of_terms, of_loads = (
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))))
             for w in (terms.weights, tables.load_weights)
         )
-        by_name = {effect.name: effect for effect in effects}
-        self._load_effects = [by_name[name] for name in tables.load_effects]
+        effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
+        self._weights = Weights(of_terms, of_loads, effects_of_loads)
         self._scale = terms.scale
         n_blocks, n_delta = -(-n_samples // LANES), terms.layout.n_eta - 1
         self._factors = (
             np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
             np.empty((n_blocks, 1 + 2 * n_delta, LANES)),
         )
+        self._cache = Cache.empty(n_blocks, terms.layout.end, len(names) * terms.layout.load_end)
         self._size = np.empty(n_samples)
 
     @property
@@ -88,7 +94,7 @@ class ReducedSystem:
         correct(
             self._layout,
             self._grids,
-            self._rows,
+            self._polynomials,
             self._weights,
             amplitudes,
             self._scale,
@@ -97,6 +103,7 @@ class ReducedSystem:
             active,
             fresh,
             self._factors,
+            self._cache,
             self._size,
         )
         return self._size.copy()

@@ -8,12 +8,14 @@ between the samples.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.dynamics.reduced_kernel import Layout
+from pgmp_petsc.dynamics.cells import Grid
+from pgmp_petsc.dynamics.reduced_kernel import Layout, Tables
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -37,12 +39,12 @@ class ReducedTerms:
         Rigid inertia of every term, rows of shape (n_terms, 1).
     terms
         Packed mass, ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` and packed stiffness of every term side by side,
-        rows of shape (n_terms, n_entries); zero where a term has no mass or no stiffness. The first entry, the rigid
-        inertia, is not used.
+        and what there is of second order, rows of shape (n_terms, n_entries); zero where a term has no mass or no
+        stiffness. The first entry, the rigid inertia, is not used.
     layout
-        Where these three begin.
+        Where these parts begin.
     load
-        Load terms, rows of shape (n_load_terms, n_eta).
+        Load terms, rows of shape (n_load_terms, layout.load_end).
     scale
         Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
     """
@@ -70,21 +72,40 @@ class ReducedTerms:
         """
         samples = tables.samples
         weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
-        mass = _spread(pack(tables.mass), tables.mass_weights, weights)
-        coupling = _spread(coupling_of(tables, scheme), tables.mass_weights, weights)
-        stiffness = _spread(pack(tables.stiffness), tables.stiffness_weights, weights)
-        ends = np.cumsum([part.shape[2] for part in (mass, coupling, stiffness)])
+        parts = [
+            _spread(pack(tables.mass), tables.mass_weights, weights),
+            _spread(coupling_of(tables, scheme), tables.mass_weights, weights),
+            _spread(pack(tables.stiffness), tables.stiffness_weights, weights),
+        ]
+        load = tables.load
+        if tables.second_order is not None:
+            bent = tables.second_order
+            parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
+            parts.append(_spread(pack(bent.curved_inertia), tables.mass_weights, weights))
+            load = np.concatenate([load, pack(bent.curved_load)], axis=2)
+        ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
+        swing, end = (ends[3], ends[4]) if tables.second_order is not None else (ends[2], ends[2])
+        n_eta = tables.n_coordinates + tables.n_modes
         return cls(
             tables=tables,
             weights=weights,
             rigid=rigid_inertia(tables, weights, kinematics),
-            terms=interpolant(samples, np.concatenate([mass, coupling, stiffness], axis=2), scheme),
-            layout=Layout(tables.n_coordinates + tables.n_modes, *map(int, ends)),
-            load=interpolant(samples, tables.load, scheme),
-            scale=np.concatenate(
-                [np.ones(tables.n_coordinates), displacement_scale(projection, kinematics.size)]
-            ),
+            terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
+            layout=Layout(n_eta, ends[0], ends[1], ends[2], swing, end, load.shape[2]),
+            load=interpolant(samples, load, scheme),
+            scale=np.concatenate([np.ones(tables.n_coordinates), displacement_scale(projection, kinematics.size)]),
         )
+
+    @property
+    def grids(self) -> tuple[Grid, Grid]:
+        """Cells of the rigid inertia, and of all other terms."""
+        return tuple(Grid(part.lower, part.step, part.n_cells, part.periodic) for part in (self.rigid, self.terms))
+
+    @cached_property
+    def polynomials(self) -> Tables:
+        """All terms as the kernel takes them."""
+        parts = (self.rigid, self.terms, self.load)
+        return Tables(*(np.ascontiguousarray(np.swapaxes(part.polynomials(), 1, 2)) for part in parts))
 
 
 def rigid_inertia(
@@ -126,6 +147,13 @@ def pack(matrices: np.ndarray) -> np.ndarray:
     """Pack symmetric matrices (..., n, n) as lower triangles row by row."""
     rows, columns = np.tril_indices(matrices.shape[-1])
     return np.ascontiguousarray(matrices[..., rows, columns])
+
+
+def pack_cubic(tensors: np.ndarray) -> np.ndarray:
+    """Pack symmetric tensors (..., n, n, n) over ``i >= j >= k``, k fastest."""
+    i, j, k = np.indices(tensors.shape[-3:]).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    return np.ascontiguousarray(tensors[..., i[chosen], j[chosen], k[chosen]])
 
 
 def displacement_scale(projection: np.ndarray, size: float) -> np.ndarray:

@@ -6,8 +6,11 @@ constraint Jacobian alone does, through the directions in which the bodies meet.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import block_diag
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.body_frames import rotation
@@ -48,3 +51,36 @@ def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray) -> sp.csr_matri
     return sp.coo_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
     ).tocsr()
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintHessian:
+    """Second derivatives of one joint's constraints in body frames.
+
+    Attributes
+    ----------
+    rows
+        Numbers of the constraints, n_c of them.
+    dofs
+        The nodal unknowns that they depend on, shape (k,).
+    values
+        Shape (n_c, k, k).
+    """
+
+    rows: slice
+    dofs: np.ndarray
+    values: np.ndarray
+
+
+def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
+    """Return the second derivatives of the joints that are not linear, at poses (n_bodies, 3) of the rigid mechanism."""
+    hessians = []
+    for connection in mechanism.connections:
+        if not connection.joint.linear:
+            dofs, columns = mechanism.constraint_dofs(connection)
+            sides = [side for side in (connection.a, connection.b) if not side.on_ground]
+            turn = block_diag(*(rotation(poses[side.body, 2]) for side in sides))
+            frames = connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
+            values = connection.joint.hessian(*frames)[:, columns][:, :, columns]
+            hessians.append(ConstraintHessian(connection.rows, dofs, turn.T @ values @ turn))
+    return hessians

@@ -90,6 +90,7 @@ class ModalProblem:
         self.mechanism = kinematics.mechanism
         self.comm = comm
         self.n_modes = n_modes
+        self.values = dict(values)
         rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
         self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
         self.rows = rows
@@ -183,11 +184,11 @@ class ModalProblem:
         kept = np.hstack([modes.rigid, modes.flexible])
         answers = kept
         for load in loads.T:
-            answer = self._static_answer(kept, load[:, None])
-            before = self._norm(answer)
+            answer = self.static_answers(kept, load[:, None])
+            before = self._norms(answer)[0]
             for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-                answer = answer - self._onto(answers, answer)
-            after = self._norm(answer)
+                answer = answer - self.onto(answers, answer)
+            after = self._norms(answer)[0]
             if not after > DEPENDENT_TOLERANCE * before:
                 raise RunError(
                     f"reduction.static_modes at {self.kinematics.coordinate.name} = {modes.theta:.6g} rad: a load's static "
@@ -196,34 +197,63 @@ class ModalProblem:
             answers = np.hstack([answers, answer / after])
         return answers[:, kept.shape[1] :]
 
-    def _static_answer(self, kept: np.ndarray, load: np.ndarray) -> np.ndarray:
+    def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
+        """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
+
+        Parameters
+        ----------
+        kept
+            Rigid motion and modes at the configuration that was solved last, local rows, shape (n_local, n_kept).
+        loads
+            In body frames, local rows, shape (n_local, n_loads).
+        what
+            What is being computed, for messages.
+
+        Returns
+        -------
+        ndarray, shape (n_local, n_loads)
+            In the null space of the constraints and M-orthogonal to `kept`.
+
+        Raises
+        ------
+        RunError
+            If the refinement does not converge.
+        """
         m_kept = self.times_mass(kept)
-        balanced = load - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, load))
-        answer = np.zeros_like(load)
-        last = np.inf
+        balanced = loads - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, loads))
+        answers = np.zeros_like(loads)
+        last = np.full(loads.shape[1], np.inf)
+        active = np.arange(loads.shape[1])
         for _ in range(MAX_REFINEMENTS):
-            residual = balanced - times(self.stiffness, answer)
+            residual = balanced[:, active] - times(self.stiffness, answers[:, active])
             step = times(self._null, self._solver.apply_inverse(transposed_times(self._null, residual)))
-            step -= self._onto(kept, step)
-            answer += step
-            size, whole = self._norm(step), self._norm(answer)
+            step -= self.onto(kept, step)
+            answers[:, active] += step
+            size, whole = self._norms(step), self._norms(answers[:, active])
             # round-off of stiff directions may hold the steps up before that, but never far above
-            stalled = size > 0.5 * last and size <= REFINEMENT_FLOOR * whole
-            if size <= 1e-13 * whole or stalled:
-                return answer
-            last = size
+            stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
+            last[active] = size
+            going = (size > 1e-13 * whole) & ~stalled
+            if not going.any():
+                return answers
+            worst = np.max(size[going] / whole[going])
+            active = active[going]
         raise RunError(
-            f"static mode: {MAX_REFINEMENTS} refinements left a step of {size / whole:.2g} of the answer; the mesh may "
+            f"{what}: {MAX_REFINEMENTS} refinements left a step of {worst:.2g} of the answer; the mesh may "
             "be too fine for double precision"
         )
 
-    def _onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    def onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the M-orthogonal projection of vectors onto a basis."""
         m_basis = self.times_mass(basis)
         return basis @ np.linalg.solve(self.inner(basis, m_basis), self.inner(m_basis, vectors))
 
-    def _norm(self, vector: np.ndarray) -> float:
-        return float(np.sqrt(self.inner(vector, self.times_mass(vector))[0, 0]))
+    def _norms(self, vectors: np.ndarray) -> np.ndarray:
+        """Return the M-norms of local columns (n_local, k), shape (k,)."""
+        from mpi4py import MPI
+
+        squares = np.einsum("dk,dk->k", vectors, self.times_mass(vectors))
+        return np.sqrt(self.comm.allreduce(squares, op=MPI.SUM))
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times local columns (n_local, k)."""
@@ -234,6 +264,12 @@ class ModalProblem:
         from mpi4py import MPI
 
         return self.comm.allreduce(left.T @ right, op=MPI.SUM)
+
+    def all_rows(self, columns: np.ndarray) -> np.ndarray:
+        """Gather local columns (n_local, k) of all ranks, shape (n_dofs, k)."""
+        if self.comm.size == 1:
+            return columns
+        return np.concatenate(self.comm.allgather(columns))
 
     def check_basis(self, n_static: int) -> None:
         """Refuse more vectors than the mesh has flexible degrees of freedom.
@@ -309,7 +345,7 @@ class ModalProblem:
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Make vectors M-orthogonal to the rigid motion to the last digits."""
-        return vectors - self._onto(rigid, vectors)
+        return vectors - self.onto(rigid, vectors)
 
     def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
         n_theta = zeros.shape[1]

@@ -25,6 +25,7 @@ from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_error
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.second_order import pair_rotations
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -98,6 +99,7 @@ def build_rom(
         meshes=dict(meshes),
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
+        curvature=current.curvature,
     )
 
 
@@ -122,7 +124,7 @@ class _Setting:
             progress(len(missing), "eigenproblems", self.group.world) as bar,
             ModalProblem(self.kinematics, self.scene.nominal, reduction.modes, self.group.comm) as problem,
         ):
-            sampler = Sampler(problem, self.loads, self.patterns)
+            sampler = Sampler(problem, self.loads, self.patterns, reduction.second_order)
             for number, theta in missing.items():
                 store.put(number, sampler.sample(theta, self.scramble))
                 bar.update()
@@ -167,14 +169,20 @@ def _continuous_tables(
         load_weights=tuple(load.weight for load in loads),
         load_effects=tuple(load.effect for load in loads),
         **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
+        second_order=joined.second_order,
     ).turned(joined.rotations)
-    projection = joined.shapes @ joined.rotations
+    projection, curvature = joined.shapes @ joined.rotations, joined.curvatures
+    if curvature is not None:
+        curvature = curvature @ pair_rotations(joined.rotations)
     if not joined.flipped.size:
-        return ContinuousBasis(tables, projection, joined.groups)
+        return ContinuousBasis(tables, projection, joined.groups, curvature)
     signs = np.ones(tables.n_modes)
     signs[joined.flipped] = -1.0
-    twice = np.concatenate([projection, projection * signs])
-    return ContinuousBasis(tables.over_two_turns(joined.flipped), twice, joined.groups)
+    projection = np.concatenate([projection, projection * signs])
+    if curvature is not None:
+        i, j = np.tril_indices(tables.n_modes)
+        curvature = np.concatenate([curvature, curvature * (signs[i] * signs[j])])
+    return ContinuousBasis(tables.over_two_turns(joined.flipped), projection, joined.groups, curvature)
 
 
 def _samples(scene: Scene, kinematics: RigidKinematics) -> Samples:

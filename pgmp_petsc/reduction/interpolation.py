@@ -26,8 +26,10 @@ from scipy.linalg import solve_banded
 from scipy.signal import resample
 
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, stencil
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, cell_stencil, stencil
 
+# coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
+_HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
 
 
@@ -54,6 +56,23 @@ class Interpolant:
     def grid(self) -> tuple[float, float, int, bool, int]:
         """The grid as the kernels take it."""
         return self.lower, self.step, self.n, self.periodic, self.basis
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the grid."""
+        return self.n if self.periodic else self.n - 1
+
+    def polynomials(self) -> np.ndarray:
+        """Return the coefficients of ``s^0`` to ``s^3`` in every cell, s from 0 to 1, shape (n_cells, 4, ...)."""
+        rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
+        result = np.empty((self.n_cells, 4, *self.rows.shape[1:]))
+        for cell in range(self.n_cells):
+            for end in (0, 1):
+                value, slope = matrix[2 * end], matrix[2 * end + 1]
+                cell_stencil(cell, float(end), self.step, self.n, self.periodic, self.basis, rows, value, slope)
+                slope *= self.step
+            result[cell] = np.tensordot(_HERMITE @ matrix, self.rows[rows], axes=1)
+        return result
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Return the values at theta of shape (k,), shape (k, ...)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from pgmp_petsc.modes.continuity import close_revolution, group_modes, transport
 from pgmp_petsc.reduction.sampler import TABLES, Sample
+from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.runtime.groups import RankGroup
 
 
@@ -26,6 +27,10 @@ class JoinedSamples:
         `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases.
     shapes
         Flexible vectors, all rows, shape (n, n_dofs, n_delta).
+    curvatures
+        Their second derivatives, pairs packed, all rows, shape (n, n_dofs, n_pairs), or None.
+    second_order
+        Tables of second order in the eigensolver's own bases, or None.
     rotations
         ``Psi_continuous = Psi Q``, shape (n, n_delta, n_delta).
     cosines
@@ -38,6 +43,8 @@ class JoinedSamples:
 
     tables: dict[str, np.ndarray]
     shapes: np.ndarray
+    curvatures: np.ndarray | None
+    second_order: SecondOrderTables | None
     rotations: np.ndarray
     cosines: np.ndarray
     flipped: np.ndarray
@@ -64,11 +71,12 @@ def join_samples(
         On the first rank, None elsewhere.
     """
     overlaps = _overlaps(group, owners, own)
-    rows = {k: group.comm.gather(sample.shape) for k, sample in sorted(own.items())}
+    nodal = {k: np.hstack([sample.shape, sample.curvature]) for k, sample in own.items()}
+    rows = {k: group.comm.gather(nodal[k]) for k in sorted(own)}
     if group.roots is None:
         return None
     found = {
-        k: ({name: getattr(sample, name) for name in TABLES}, np.concatenate(rows[k]), overlaps[k])
+        k: ({name: getattr(sample, name) for name in (*TABLES, "second_order")}, np.concatenate(rows[k]), overlaps[k])
         for k, sample in own.items()
     }
     everything = group.roots.gather(found)
@@ -76,21 +84,24 @@ def join_samples(
         return None
     ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
+    curved = [table["second_order"] for table, _, _ in ordered]
     overlaps = np.array([overlap for _, _, overlap in ordered])
-    shapes = np.array([shape for _, shape, _ in ordered])
-    return _continuous(tables, shapes, overlaps, periodic)
+    shapes, curvatures = np.split(np.array([nodal for _, nodal, _ in ordered]), [overlaps.shape[-1]], axis=2)
+    second_order = SecondOrderTables.joined(curved) if curvatures.size else None
+    found = _continuous(tables, overlaps, periodic)
+    return JoinedSamples(tables, shapes, curvatures if curvatures.size else None, second_order, *found)
 
 
 def _continuous(
-    tables: dict[str, np.ndarray], shapes: np.ndarray, overlaps: np.ndarray, periodic: bool
-) -> JoinedSamples:
-    """Work out the rotations; ``overlaps[0]`` closes the revolution."""
+    tables: dict[str, np.ndarray], overlaps: np.ndarray, periodic: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Work out rotations, cosines, flipped coordinates and groups; ``overlaps[0]`` closes the revolution."""
     groups = group_modes(tables["eigenvalues"], overlaps if periodic else overlaps[1:])
     rotations, cosines = transport(overlaps[1:], groups, tables["canonical"][0])
     flipped = np.zeros(0, dtype=int)
     if periodic:
         rotations, flipped, cosines[0] = close_revolution(rotations, overlaps[0], groups)
-    return JoinedSamples(tables, shapes, rotations, cosines, flipped, groups)
+    return rotations, cosines, flipped, groups
 
 
 def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -> dict[int, np.ndarray]:

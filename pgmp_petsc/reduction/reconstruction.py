@@ -1,8 +1,9 @@
 """Back-transformation: nodal motion from reduced coordinates (Naets et al. 2015, eq. (4)).
 
-    q = rho(theta) + R(theta) Psi(theta) delta
+    q = rho(theta) + R(theta) (Psi(theta) delta + 1/2 chi(theta) delta delta)
 
-with rho and the bodies' rotations R from the exact rigid kinematics and Psi, in body frames, interpolated.
+with rho and the bodies' rotations R from the exact rigid kinematics and Psi, in body frames, interpolated; the same for
+the curvature chi, if the model has one.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import place_points
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.second_order import pair_products
 
 
 class Reconstruction:
@@ -39,14 +41,18 @@ class Reconstruction:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         rows = (DOFS_PER_NODE * self._nodes[:, None] + np.arange(DOFS_PER_NODE)).ravel()
-        self._projection = interpolant(rom.tables.samples, rom.projection[:, rows], scheme)
+        self._curved = rom.curvature is not None
+        shapes = [rom.projection[:, rows]]
+        if self._curved:
+            shapes.append(rom.curvature[:, rows])
+        self._shapes = interpolant(rom.tables.samples, np.concatenate(shapes, axis=2), scheme)
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta)."""
         n_theta = self._kinematics.n_coordinates
         theta, delta = eta[:, 0], eta[:, n_theta:]
-        psi = self._projection(theta)
-        local = np.einsum("ndm,nm->dn", psi, delta).reshape(self._nodes.size, DOFS_PER_NODE, len(theta))
+        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
+        local = np.einsum("ndm,nm->dn", self._shapes(theta), factors).reshape(self._nodes.size, DOFS_PER_NODE, len(theta))
         poses = self._kinematics.poses(theta)
         frames = np.empty_like(local)
         for pose, body in zip(poses, self._kinematics.mechanism.bodies):

@@ -32,11 +32,14 @@ class ContinuousBasis:
         The basis, shape (n, n_dofs, n_delta).
     groups
         Numbers of the vectors that turn among themselves.
+    curvature
+        Second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted.
     """
 
     tables: ReducedTables
     projection: np.ndarray
     groups: list[np.ndarray]
+    curvature: np.ndarray | None = None
 
 
 def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:

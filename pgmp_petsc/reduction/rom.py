@@ -11,11 +11,13 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
 
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
+CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,9 @@ class ReducedOrderModel:
         Number of redundant constraints that were dropped.
     record
         Scene and circumstances of the build.
+    curvature
+        chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs (i, j), i >= j,
+        in the order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
     """
 
     tables: ReducedTables
@@ -48,6 +53,7 @@ class ReducedOrderModel:
     meshes: Mapping[str, LineMesh]
     n_redundant: int
     record: RunRecord = field(repr=False)
+    curvature: np.ndarray | None = None
 
     def write(self, path: str | Path) -> None:
         """Write the file ROM.h5 (one process)."""
@@ -63,8 +69,13 @@ class ReducedOrderModel:
             _put_terms(group, "stiffness", tables.stiffness, tables.stiffness_weights, "Psi^T K_i Psi, eq. (14)")
             _put_terms(group, "load", tables.load, tables.load_weights, "Psi^T f_j")
             group["load"].attrs["effects"] = list(tables.load_effects)
+            if tables.second_order is not None:
+                _put_second_order(group.create_group("second_order"), tables)
             about = "flexible modes in body frames, (theta, unknown, mode)"
             put(file, "projection", self.projection, NODE_UNITS, about)
+            if self.curvature is not None:
+                about = "their second derivatives chi, (theta, unknown, pair of modes i >= j, each once)"
+                put(file, "curvature", self.curvature, CURVATURE_UNITS, about)
             put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
             put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
             meshes = file.create_group("mesh", track_order=True)
@@ -107,6 +118,7 @@ class ReducedOrderModel:
             inertia=take(group, "inertia", 5),
             stiffness=take(group, "stiffness", 4),
             load=take(group, "load", 3),
+            second_order=_second_order(group["second_order"]) if "second_order" in group else None,
         )
         _check_shapes(tables, file.filename)
         meshes = {
@@ -117,7 +129,13 @@ class ReducedOrderModel:
             )
             for name, body in file["mesh"].items()
         }
-        projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, tables.n_modes))
+        n_modes, curvature = tables.n_modes, None
+        projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
+        if tables.second_order is not None:
+            n_pairs = n_modes * (n_modes + 1) // 2
+            curvature = take(file, "curvature", 3) if with_projection else np.empty((samples.n, 0, n_pairs))
+            if curvature.shape != (*projection.shape[:2], n_pairs):
+                raise InputError(f"file '{file.filename}': curvature has shape {curvature.shape}; build it again")
         return cls(
             tables=tables,
             projection=projection,
@@ -126,6 +144,7 @@ class ReducedOrderModel:
             meshes=meshes,
             n_redundant=int(file.attrs["n_redundant"]),
             record=RunRecord.read(file),
+            curvature=curvature,
         )
 
 
@@ -140,10 +159,31 @@ def _check_shapes(tables: ReducedTables, filename: str) -> None:
         "stiffness": (n, n_stiffness, n_delta, n_delta),
         "load": (n, n_load, n_eta),
     }
+    found_shapes = {name: getattr(tables, name).shape for name in wanted}
+    if tables.second_order is not None:
+        curved = {
+            "cubic": (n, n_stiffness, n_delta, n_delta, n_delta),
+            "curved_load": (n, n_load, n_delta, n_delta),
+            "curved_inertia": (n, n_mass, n_delta, n_delta),
+        }
+        found_shapes |= {name: getattr(tables.second_order, name).shape for name in curved}
+        wanted |= curved
     for name, shape in wanted.items():
-        found = getattr(tables, name).shape
+        found = found_shapes[name]
         if found != shape or len(tables.load_effects) != n_load:
             raise InputError(f"file '{filename}': table {name} has shape {found}, not {shape}; build it again")
+
+
+def _put_second_order(group, tables: ReducedTables) -> None:
+    curved = tables.second_order
+    about = "third derivative of the strain energy along the curved modes"
+    _put_terms(group, "cubic", curved.cubic, tables.stiffness_weights, about)
+    _put_terms(group, "curved_load", curved.curved_load, tables.load_weights, "f_j.chi")
+    _put_terms(group, "curved_inertia", curved.curved_inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i chi")
+
+
+def _second_order(group) -> SecondOrderTables:
+    return SecondOrderTables(take(group, "cubic", 5), take(group, "curved_load", 4), take(group, "curved_inertia", 4))
 
 
 def _put_terms(group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str) -> None:

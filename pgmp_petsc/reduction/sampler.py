@@ -10,7 +10,9 @@ import numpy as np
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.continuity import canonical_rotation
+from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.second_order import SecondOrderTables, symmetric, unpacked
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
@@ -35,6 +37,11 @@ class Sample:
         Flexible vectors V in body frames, local rows, shape (n_local, n_delta).
     mass_shape
         M V, local rows, shape (n_local, n_delta).
+    curvature
+        Second derivatives chi in body frames, pairs packed, local rows, shape (n_local, n_pairs); (n_local, 0) where
+        the scene does not ask for them.
+    second_order
+        The tables of second order, one sample; None where the scene does not ask for them.
     """
 
     eigenvalues: np.ndarray
@@ -45,6 +52,8 @@ class Sample:
     canonical: np.ndarray
     shape: np.ndarray
     mass_shape: np.ndarray
+    curvature: np.ndarray
+    second_order: SecondOrderTables | None
 
 
 class Sampler:
@@ -58,9 +67,13 @@ class Sampler:
         Load terms of the scene, local rows, inertial frame.
     patterns
         Load patterns in body frames, local rows, shape (n_local, n_patterns), whose static answers extend the basis.
+    second_order
+        Whether what is of second order in the flexible coordinates is wanted.
     """
 
-    def __init__(self, problem: ModalProblem, loads: Sequence[Load], patterns: np.ndarray) -> None:
+    def __init__(
+        self, problem: ModalProblem, loads: Sequence[Load], patterns: np.ndarray, second_order: bool = False
+    ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = [problem.matrices.mass[w] for w in mechanism.mass_weights]
@@ -68,6 +81,7 @@ class Sampler:
         self._loads = loads
         self._patterns = problem.independent(patterns)
         problem.check_basis(self._patterns.shape[1])
+        self._curvature = CurvatureProblem(problem) if second_order else None
 
     def sample(self, theta: float, scramble: Scramble) -> Sample:
         """Sample one configuration (rad).
@@ -80,8 +94,10 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._turned_loads(theta)
-        shape = np.hstack([modes.flexible, problem.static_modes(modes, self._patterns)])
+        static = problem.static_modes(modes, self._patterns)
+        shape = np.hstack([modes.flexible, static])
         basis = np.hstack([modes.rigid, shape])
+        chi, second_order = self._second_order(modes, static, loads)
         return Sample(
             eigenvalues=modes.eigenvalues,
             mass=self._project(self._mass, basis),
@@ -91,6 +107,30 @@ class Sampler:
             canonical=self._canonical(modes, shape.shape[1]),
             shape=shape,
             mass_shape=problem.times_mass(shape),
+            curvature=chi,
+            second_order=second_order,
+        )
+
+    def _second_order(
+        self, modes: ModeSet, static: np.ndarray, loads: np.ndarray
+    ) -> tuple[np.ndarray, SecondOrderTables | None]:
+        """Return chi and its tables, where they are wanted."""
+        problem = self.problem
+        if self._curvature is None:
+            return np.empty((len(static), 0)), None
+        curvature = self._curvature.solve(modes, static, self._patterns)
+        shape, everywhere = np.hstack([modes.flexible, static]), problem.all_rows(curvature.chi)
+        # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij
+        thirds = [
+            problem.inner(shape, curvature.third[weight] / 3.0 + term @ everywhere)
+            for weight, term in zip(problem.mechanism.stiffness_weights, self._stiffness)
+        ]
+        acceleration = modes.rigid_curvature[:, 0, :1]
+        inertia = np.concatenate([problem.inner(acceleration, term @ everywhere) for term in self._mass])
+        return curvature.chi, SecondOrderTables(
+            cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
+            curved_load=unpacked(problem.inner(loads, curvature.chi))[None],
+            curved_inertia=unpacked(inertia)[None],
         )
 
     def _canonical(self, modes: ModeSet, n_delta: int) -> np.ndarray:
@@ -105,13 +145,13 @@ class Sampler:
         return rotation
 
     def _project(self, terms: Sequence, basis: np.ndarray) -> np.ndarray:
-        everywhere = _all_rows(self.problem, basis)
+        everywhere = self.problem.all_rows(basis)
         products = [self.problem.inner(basis, term @ everywhere) for term in terms]
         return np.array([0.5 * (product + product.T) for product in products])
 
     def _project_inertia(self, curvature: np.ndarray, shape: np.ndarray) -> np.ndarray:
         n_theta = curvature.shape[1]
-        everywhere = _all_rows(self.problem, shape)
+        everywhere = self.problem.all_rows(shape)
         columns = curvature.reshape(len(curvature), n_theta**2)
         products = [self.problem.inner(columns, term @ everywhere) for term in self._mass]
         return np.array(products).reshape(len(self._mass), n_theta, n_theta, -1)
@@ -122,7 +162,7 @@ class Sampler:
         if not self._loads:
             return np.zeros((len(problem.rows), 0))
         poses = problem.kinematics.poses(np.array([theta]))[..., 0]
-        vectors = _all_rows(problem, np.array([load.vector for load in self._loads]).T)
+        vectors = problem.all_rows(np.array([load.vector for load in self._loads]).T)
         return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
 
 
@@ -130,9 +170,3 @@ def _ascending(modes: ModeSet) -> ModeSet:
     order = np.argsort(modes.eigenvalues, kind="stable")
     return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])
 
-
-def _all_rows(problem: ModalProblem, columns: np.ndarray) -> np.ndarray:
-    """Gather local rows (n_local, k) of all ranks of the group."""
-    if problem.comm.size == 1:
-        return columns
-    return np.concatenate(problem.comm.allgather(columns))

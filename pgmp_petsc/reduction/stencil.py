@@ -33,7 +33,12 @@ def stencil(theta, lower, step, n, periodic, basis, rows, weights, slopes):
     cell = int(np.floor(position))
     if not periodic:
         cell = min(max(cell, 0), n - 2)
-    s = position - cell
+    cell_stencil(cell, position - cell, step, n, periodic, basis, rows, weights, slopes)
+
+
+@njit(cache=True, error_model="numpy")
+def cell_stencil(cell, s, step, n, periodic, basis, rows, weights, slopes):
+    """Fill the rows, weights and derivative weights for a place s, from 0 to 1, in a cell; see `stencil`."""
     if basis == B_SPLINE:
         _b_spline(s, step, weights, slopes)
         first = cell - 1 if periodic else cell

@@ -18,6 +18,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.second_order import SecondOrderTables, congruent
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class ReducedTables:
         Shape (n, n_stiffness_terms, n_delta, n_delta).
     load
         Shape (n, n_load_terms, n_eta).
+    second_order
+        Tables of second order in the flexible coordinates, None where the scene does not ask for them.
     """
 
     samples: Samples
@@ -51,6 +54,7 @@ class ReducedTables:
     inertia: np.ndarray
     stiffness: np.ndarray
     load: np.ndarray
+    second_order: SecondOrderTables | None = None
 
     @property
     def n_modes(self) -> int:
@@ -71,6 +75,7 @@ class ReducedTables:
             inertia=self.inertia[rows],
             stiffness=self.stiffness[rows],
             load=self.load[rows],
+            second_order=None if self.second_order is None else self.second_order.at(rows),
         )
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
@@ -87,10 +92,11 @@ class ReducedTables:
         whole[:, self.n_coordinates :, self.n_coordinates :] = rotations
         return replace(
             self,
-            mass=_congruent(whole, self.mass),
+            mass=congruent(whole, self.mass),
             inertia=np.einsum("nij,ntkli->ntklj", rotations, self.inertia),
-            stiffness=_congruent(rotations, self.stiffness),
+            stiffness=congruent(rotations, self.stiffness),
             load=np.einsum("nij,nti->ntj", whole, self.load),
+            second_order=None if self.second_order is None else self.second_order.turned(rotations),
         )
 
     def over_two_turns(self, flipped: np.ndarray) -> ReducedTables:
@@ -98,6 +104,7 @@ class ReducedTables:
         signs = np.eye(self.n_modes)
         signs[flipped, flipped] = -1.0
         second = self.turned(np.broadcast_to(signs, (self.samples.n, *signs.shape)))
+        curved = self.second_order
         return replace(
             self,
             samples=self.samples.over_two_turns(),
@@ -105,6 +112,7 @@ class ReducedTables:
             inertia=np.concatenate([self.inertia, second.inertia]),
             stiffness=np.concatenate([self.stiffness, second.stiffness]),
             load=np.concatenate([self.load, second.load]),
+            second_order=None if curved is None else SecondOrderTables.joined([curved, second.second_order]),
         )
 
     def frequencies_hz(self, mass_weights: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:
@@ -128,9 +136,3 @@ class ReducedTables:
         lower = np.linalg.inv(np.linalg.cholesky(flexible))
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
-
-
-def _congruent(left: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Return ``Q^T A Q`` for Q (n, i, j) and A (n, terms, i, i), exactly symmetric."""
-    product = np.einsum("nki,ntkl,nlj->ntij", left, matrices, left, optimize=True)
-    return 0.5 * (product + np.swapaxes(product, -1, -2))

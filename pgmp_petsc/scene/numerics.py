@@ -24,6 +24,11 @@ class Reduction(Table):
     )
     max_angles: Integer = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
+    second_order: bool = Field(
+        False,
+        description="add what is of second order in the deformation: the curvature of the mode shapes (static modal "
+        "derivatives) and the cubic strain energy",
+    )
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
         description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's), "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from runs import quick_return, reduced_model, rom_of, run_model, samples
@@ -9,12 +11,14 @@ from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.dynamics.cells import Grid, evaluate, locate, refill
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
-from pgmp_petsc.dynamics.reduced_kernel import (
-    LANES, combine, eliminate_border, factorise, multiply, solve_bordered, substitute,
+from pgmp_petsc.dynamics.lanes import (
+    LANES, contract, eliminate_border, factorise, multiply, solve_bordered, substitute,
 )
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack, pack_cubic
+from pgmp_petsc.dynamics.second_order_kernel import cubic_form
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -81,15 +85,44 @@ def test_bordered_matrices_are_solved(m: int) -> None:
     np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
 
 
-def test_tables_are_combined_over_rows_and_terms() -> None:
+@pytest.mark.parametrize("n", [1, 2, 5, 8])
+def test_packed_tensors_are_contracted(n: int) -> None:
+    random = np.random.default_rng(5)
+    tensors = random.normal(size=(LANES, n, n, n))
+    tensors = sum(tensors.transpose(0, *(1 + np.array(order))) for order in itertools.permutations(range(3)))
+    x = random.normal(size=(n, LANES))
+    entries = np.ascontiguousarray(pack_cubic(tensors).T)
+    result, form = np.empty((n * (n + 1) // 2, LANES)), np.empty(LANES)
+    contract(entries, 0, n, x, 0, result)
+    expected = np.einsum("lijk,kl->lij", tensors, x)
+    np.testing.assert_allclose(result.T, pack(expected), rtol=0, atol=1e-12)
+    cubic_form(entries, 0, n, x, 0, form)
+    np.testing.assert_allclose(form, np.einsum("lij,il,jl->l", expected, x, x), rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
+    """Kept polynomials against numpy; two groups of rows, and thetas at cells' ends and beyond a revolution."""
     random = np.random.default_rng(2)
-    table, rows = random.normal(size=(7, 3, 5)), np.array([6, 0, 1, 2])
-    weights, slopes, factors = random.normal(size=4), random.normal(size=4), random.normal(size=3)
-    value, slope = np.empty(5), np.empty(5)
-    combine(table, rows, weights, slopes, factors, value, slope)
-    for found, of_rows in ((value, weights), (slope, slopes)):
-        expected = np.einsum("r,t,rte->e", of_rows, factors, table[rows])
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    grid = Grid(0.5, 0.25, 7, periodic)
+    table, weights, slots = random.normal(size=(7, 3, 4, 5)), random.normal(size=3), np.array([1, 0, 1])
+    kept = np.empty((10, 4, LANES))
+    values, slopes = np.empty((10, LANES)), np.empty((10, LANES))
+    place, expected, rates = np.empty(LANES), np.empty((10, LANES)), np.empty((10, LANES))
+    for lane in range(LANES):
+        theta = random.uniform(-2.0, 5.0) if periodic else random.uniform(0.5, 2.25)
+        cell, place[lane] = locate(theta, grid)
+        assert 0 <= cell < 7 and 0.0 <= place[lane] <= 1.0
+        refill(table, cell, weights, slots, 5, lane, kept)
+        s = np.mod((theta - 0.5) / 0.25, 1.0)
+        for group in range(2):
+            chosen = slots == group
+            c = np.einsum("t,tke->ke", weights[chosen], table[int((theta - 0.5) // 0.25) % 7, chosen])
+            expected[5 * group : 5 * group + 5, lane] = c.T @ s ** np.arange(4)
+            rates[5 * group : 5 * group + 5, lane] = c[1:].T @ (np.arange(1, 4) * s ** np.arange(3)) / 0.25
+    evaluate(kept, 10, place, grid.step, values, slopes)
+    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slopes, rates, rtol=0, atol=1e-11)
 
 
 def whole(entries: np.ndarray) -> np.ndarray:

@@ -90,6 +90,7 @@ def test_defaults(tmp_path: Path) -> None:
         "sampling_tolerance": None,
         "max_angles": 2000,
         "static_modes": False,
+        "second_order": False,
         "interpolation": "overhauser",
     }
     assert scene.simulation.model_dump() == {

@@ -1,0 +1,152 @@
+"""Curvature of the flexible shapes: static modal derivatives (Wu and Tiso 2016, quadratic manifold).
+
+A deformed mechanism is, in body frames and to second order in the flexible coordinates,
+
+    u = Psi delta + 1/2 sum_ij chi_ij delta_i delta_j.
+
+Psi answers loads F statically, ``K psi_i + C^T mu_i = f_i``: modes answer their inertia forces ``lambda_i M psi_i``, static
+modes the loads that they were made of. chi continues this answer to second order, at the nominal parameters,
+
+    K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
+
+with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero but
+for joints that turn with a body). So the manifold holds, to second order, the nonlinear static answers to all loads
+that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
+M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians, constraint_jacobian
+from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
+from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.runtime.matrices import times
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them.
+
+    Attributes
+    ----------
+    chi
+        Second derivatives of the displacement in body frames, shape (n_local, n_pairs).
+    third
+        ``K3_t[psi_i, psi_j]`` for every affine term t, each of shape (n_local, n_pairs).
+    """
+
+    chi: np.ndarray
+    third: dict[Monomial, np.ndarray]
+
+
+class CurvatureProblem:
+    """Static modal derivatives at any configuration. Collective on the communicator of `problem`.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    """
+
+    def __init__(self, problem: ModalProblem) -> None:
+        self._problem = problem
+        self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
+
+    def solve(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> Curvature:
+        """Compute the curvature of modes and static modes.
+
+        Parameters
+        ----------
+        modes
+            Modes at the configuration that was solved last.
+        static
+            Static modes, local rows, shape (n_local, n_static).
+        loads
+            The loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static).
+
+        Raises
+        ------
+        RunError
+            If the refinement of an answer does not converge.
+        """
+        problem = self._problem
+        shape = np.hstack([modes.flexible, static])
+        everywhere = problem.all_rows(shape)
+        third = self._third.times(everywhere)
+        forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
+        chi = np.zeros_like(forces)
+        poses = problem.kinematics.poses(np.array([modes.theta]))[..., 0]
+        hessians = constraint_hessians(problem.mechanism, poses)
+        if hessians:
+            inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
+            answered = np.hstack([inertia, self._answered(modes, static, loads)])
+            reactions = problem.all_rows(answered - times(problem.stiffness, shape))
+            joints = _TurningJoints(constraint_jacobian(problem.mechanism, poses), hessians, everywhere)
+            own = slice(problem.rows.start, problem.rows.stop)
+            chi = joints.displacements()[own]
+            forces = forces + joints.forces(reactions)[own] + times(problem.stiffness, chi)
+        kept = np.hstack([modes.rigid, modes.flexible])
+        where = f"{problem.kinematics.coordinate.name} = {modes.theta:.6g} rad"
+        chi = chi + problem.static_answers(kept, -forces, f"static modal derivatives at {where}")
+        return Curvature(chi - problem.onto(np.hstack([kept, static]), chi), third)
+
+    def _answered(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Return the loads that static modes answer: combinations of the given ones, balanced by inertia forces."""
+        problem = self._problem
+        if not static.shape[1]:
+            return static
+        kept = np.hstack([modes.rigid, modes.flexible])
+        m_kept = problem.times_mass(kept)
+        balanced = loads - m_kept @ np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
+        # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
+        stiffness = problem.inner(static, times(problem.stiffness, static))
+        return balanced @ np.linalg.solve(problem.inner(static, balanced), stiffness)
+
+
+class _TurningJoints:
+    """What joints that turn with a body do to the displacements and forces of second order; all rows, every rank.
+
+    Parameters
+    ----------
+    jacobian
+        C in body frames, shape (n_constraints, n_dofs).
+    hessians
+        Second derivatives of the joints that are not linear.
+    shape
+        Psi in body frames, shape (n_dofs, m).
+    """
+
+    def __init__(self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray) -> None:
+        self._touched = np.unique(jacobian.indices)
+        self._jacobian = jacobian[:, self._touched].toarray()
+        self._hessians = hessians
+        self._shape = shape
+        self._pairs = np.tril_indices(shape.shape[1])
+
+    def displacements(self) -> np.ndarray:
+        """Return some vectors with ``C x_ij = -c''[psi_i, psi_j]``, shape (n_dofs, n_pairs)."""
+        i, j = self._pairs
+        closing = np.zeros((len(self._jacobian), i.size))
+        for hessian in self._hessians:
+            psi = self._shape[hessian.dofs]
+            closing[hessian.rows] = -np.einsum("ckl,kp,lp->cp", hessian.values, psi[:, i], psi[:, j])
+        result = np.zeros((len(self._shape), i.size))
+        result[self._touched] = np.linalg.lstsq(self._jacobian, closing, rcond=RANK_TOLERANCE)[0]
+        return result
+
+    def forces(self, reactions: np.ndarray) -> np.ndarray:
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs), for reactions ``C^T mu_i``, (n_dofs, m)."""
+        i, j = self._pairs
+        multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
+        result = np.zeros((len(self._shape), i.size))
+        for hessian in self._hessians:
+            turned = np.einsum("cm,ckl,ln->kmn", multipliers[hessian.rows], hessian.values, self._shape[hessian.dofs])
+            result[hessian.dofs] += turned[:, i, j] + turned[:, j, i]
+        return result
