@@ -2,7 +2,7 @@
 
 The iteration matrices of a batch of full-order samples differ in their numbers only. Ordering and fill-in are found
 once; the numeric factorisation ``L D L^T`` then runs over the common pattern, with the samples of a block side by side
-in the innermost loop (lanes), where they vectorise. A sample never touches another's numbers.
+in the innermost loop (see `lanes`), where they vectorise. A sample never touches another's numbers.
 
 There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]`` with S positive definite at reasonable
 steps, and the ordering puts every constraint behind all unknowns that it acts on; each leading block is then
@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numba import njit
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-LANES = 8  # samples side by side: one AVX-512 register, or two of AVX2
+from pgmp_petsc.dynamics.lanes import LANES
 
 
 @dataclass(frozen=True)
@@ -124,19 +124,20 @@ def factorise(starts, targets, diagonal, lower):
     lower
         Entries below the diagonal, shape (n_entries, LANES).
     """
+    n_lanes = diagonal.shape[1]
     at = 0
     for k in range(diagonal.shape[0]):
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             diagonal[k, lane] = 1.0 / diagonal[k, lane]
         for a in range(starts[k], starts[k + 1]):
             for b in range(starts[k], a):
                 target = targets[at]
                 at += 1
-                for lane in range(LANES):
+                for lane in range(n_lanes):
                     lower[target, lane] -= lower[a, lane] * lower[b, lane]
             row = -1 - targets[at]
             at += 1
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 scaled = lower[a, lane] * diagonal[k, lane]
                 diagonal[row, lane] -= lower[a, lane] * scaled
                 lower[a, lane] = scaled
@@ -145,16 +146,17 @@ def factorise(starts, targets, diagonal, lower):
 @njit(cache=True, error_model="numpy")
 def substitute(starts, rows, diagonal, lower, x):
     """Solve ``L D L^T y = x`` in place, x of shape (n, LANES) in elimination order."""
+    n_lanes = x.shape[1]
     n = diagonal.shape[0]
     for k in range(n):
         for a in range(starts[k], starts[k + 1]):
             row = rows[a]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 x[row, lane] -= lower[a, lane] * x[k, lane]
     for k in range(n - 1, -1, -1):
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             x[k, lane] *= diagonal[k, lane]
         for a in range(starts[k], starts[k + 1]):
             row = rows[a]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 x[k, lane] -= lower[a, lane] * x[row, lane]

@@ -11,9 +11,10 @@ from mpi4py import MPI
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
 from pgmp_petsc.bodies.matrices import assemble, element_dofs
-from pgmp_petsc.dynamics.batched_ldl import LANES, analyse
+from pgmp_petsc.dynamics.batched_ldl import analyse
 from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Pattern, correct
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.effects import Effect, loads_of
 from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

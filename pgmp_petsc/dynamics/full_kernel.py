@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, force_and_tangent
-from pgmp_petsc.dynamics.batched_ldl import LANES, factorise, substitute
+from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
+from pgmp_petsc.dynamics.lanes import LANES
 
 
 class Elements(NamedTuple):
@@ -52,17 +53,19 @@ class Pattern(NamedTuple):
 @njit(cache=True, error_model="numpy")
 def add_entry(position, factor, values, diagonal, lower):
     """Add ``factor * values`` (LANES,) at a stored position."""
+    n_lanes = diagonal.shape[1]
     if position < 0:
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             diagonal[-1 - position, lane] += factor * values[lane]
     else:
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             lower[position, lane] += factor * values[lane]
 
 
 @njit(cache=True, error_model="numpy")
 def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
+    n_lanes = x.shape[1]
     gain_a, gain_k = gains
     u, acceleration = np.empty((6, LANES)), np.empty((6, LANES))
     force, tangent = np.empty((6, LANES)), np.empty((N_PACKED, LANES))
@@ -70,7 +73,7 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
         length, properties = elements.length[e], section[elements.body[e]]
         for i in range(6):
             dof = elements.dofs[e, i]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 u[i, lane] = q[dof, lane]
                 acceleration[i, lane] = a[dof, lane]
         force_and_tangent(u, length, elements.direction[e], properties[:3], force, tangent)
@@ -79,20 +82,20 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
             other = (i + 3) % 6
             row = place[elements.dofs[e, i]]
             third = length / 3.0
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 inertia = third * density[lane] * (acceleration[i, lane] + 0.5 * acceleration[other, lane])
                 x[row, lane] += force[i, lane] + inertia
         if fresh:
             for t in range(N_PACKED):
-                for lane in range(LANES):
+                for lane in range(n_lanes):
                     tangent[t, lane] *= gain_k
             for i in range(6):
                 density = properties[3] if i % 3 < 2 else properties[4]
                 here = i * (i + 1) // 2 + i
-                for lane in range(LANES):
+                for lane in range(n_lanes):
                     tangent[here, lane] += gain_a * length / 3.0 * density[lane]
                 if i >= 3:
-                    for lane in range(LANES):
+                    for lane in range(n_lanes):
                         tangent[here - 3, lane] += gain_a * length / 6.0 * density[lane]
             for t in range(N_PACKED):
                 add_entry(elements.positions[e, t], 1.0, tangent[t], diagonal, lower)
@@ -101,18 +104,19 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
 @njit(cache=True, error_model="numpy")
 def add_constraints(jacobian, values, residual, multipliers, first_row, scale, fresh, x, place, diagonal, lower):
     """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` to the matrix; `values` are the entries of C, by lane."""
+    n_lanes = x.shape[1]
     scaled = np.empty(LANES)
     for k in range(jacobian.rows.size):
         row, at = jacobian.rows[k], place[jacobian.columns[k]]
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             x[at, lane] += values[k, lane] * multipliers[row, lane]
         if fresh:
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 scaled[lane] = scale[lane] * values[k, lane]
             add_entry(jacobian.positions[k], 1.0, scaled, diagonal, lower)
     for row in range(residual.shape[0]):
         at = place[first_row + row]
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             x[at, lane] += scale[lane] * residual[row, lane]
 
 
@@ -155,6 +159,7 @@ def correct(
     size
         Result, shape (n_blocks, LANES).
     """
+    n_lanes = active.shape[1]
     q, v, a, multipliers = state
     residual, jacobian_values, curvature_values, load_values = constraint
     gain_v, gain_a, gain_k = gains
@@ -162,7 +167,7 @@ def correct(
     x = np.empty((n_dofs + n_constraints, LANES))
     for block in range(q.shape[0]):
         if not active[block].any():
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 size[block, lane] = 0.0
             continue
         diagonal, lower = factors[0][block], factors[1][block]
@@ -175,7 +180,7 @@ def correct(
         )
         for k in range(loads.rows.size):
             at, value, factor = pattern.place[loads.columns[k]], load_values[k], load_factors[block, loads.rows[k]]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 x[at, lane] -= value * factor[lane]
         add_constraints(
             jacobian, jacobian_values[block], residual[block], multipliers[block], n_dofs, scale[block], fresh, x,
@@ -186,11 +191,11 @@ def correct(
                 add_entry(curvature.positions[k], gain_k, curvature_values[block, k], diagonal, lower)
             factorise(pattern.starts, pattern.targets, diagonal, lower)
         substitute(pattern.starts, pattern.rows, diagonal, lower, x)
-        for lane in range(LANES):
+        for lane in range(n_lanes):
             size[block, lane] = 0.0
         for dof in range(n_dofs):
             at, unit = pattern.place[dof], units[dof]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 step = x[at, lane] if active[block, lane] else 0.0
                 q[block, dof, lane] -= step
                 v[block, dof, lane] -= gain_v * step
@@ -201,6 +206,6 @@ def correct(
                     size[block, lane] = moved
         for row in range(n_constraints):
             at = pattern.place[n_dofs + row]
-            for lane in range(LANES):
+            for lane in range(n_lanes):
                 if active[block, lane]:
                     multipliers[block, row, lane] -= scale[block, lane] * x[at, lane]
