@@ -43,6 +43,7 @@ class StaticEquilibrium:
             dofs = element_dofs(body.elements)
             self._elements += [(*part, section) for part in zip(dofs, body.mesh.lengths, body.directions)]
         self._constraints = ConstraintSet(mechanism)
+        self.linear_joints = self._constraints.linear
 
     def energy(self, u: np.ndarray) -> float:
         """Return the strain energy, J, for u of shape (n_dofs,)."""
@@ -76,7 +77,7 @@ class StaticEquilibrium:
         """Return C in body frames, shape (n_constraints, n_dofs)."""
         rows, columns = self._constraints.jacobian_pattern
         jacobian = np.zeros((self._constraints.n_constraints, u.size))
-        jacobian[rows, columns] = self._constraints.jacobian_values(self._nodal(u))
+        np.add.at(jacobian, (rows, columns), self._constraints.jacobian_values(self._nodal(u)))
         return self._from_inertial(jacobian.T).T
 
     def solve(self, load: np.ndarray) -> np.ndarray:

@@ -59,5 +59,5 @@ class ThirdDerivative:
         for body, chosen, dofs, gather in self._parts:
             for monomial, entries in body.cubic_entries(chosen, vectors[dofs]).items():
                 total = result.setdefault(monomial, np.zeros((self._n_rows, n_pairs)))
-                total += gather @ entries.reshape(-1, n_pairs)
+                total += gather @ entries.reshape(dofs.size, n_pairs)
         return result

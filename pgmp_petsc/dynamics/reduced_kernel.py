@@ -36,8 +36,8 @@ from pgmp_petsc.dynamics.second_order_kernel import add_second_order, add_second
 class Layout(NamedTuple):
     """Where the parts of a table row begin.
 
-    Packed mass, coupling b, packed stiffness; with terms of second order the packed cubic energy and the packed ``c``
-    (see `second_order_kernel`); and the end. A load row has n_eta entries, and with terms of second order packed ones
+    Packed mass, coupling b, packed stiffness; with terms of second order packed V, c and A (see `second_order_kernel`);
+    and the end. A load row has n_eta entries, and with terms of second order packed ones
     after them.
     """
 
@@ -46,6 +46,7 @@ class Layout(NamedTuple):
     stiffness: int
     cubic: int
     swing: int
+    gyroscopic: int
     end: int
     load_end: int
 
@@ -216,7 +217,7 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
     load, load_slope = np.empty((layout.load_end, LANES)), np.empty((layout.load_end, LANES))
     q, v, a = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n, LANES))
     r, moved, turned = np.empty((n, LANES)), np.empty((n, LANES)), np.empty((n - 1, LANES))
-    bent, swung = np.empty((n * (n - 1) // 2, LANES)), np.empty((n - 1, LANES))
+    bent, swung, skewed = np.empty((n * (n - 1) // 2, LANES)), np.empty((n - 1, LANES)), np.empty((n - 1, LANES))
     loaded = amplitudes.size > 0
     for block in range(factors[0].shape[0]):
         first = block * LANES
@@ -234,12 +235,12 @@ def correct(layout, grids, tables, weights, amplitudes, scale, state, gains, act
                 q[i, lane], v[i, lane], a[i, lane] = state[0][b, i], state[1][b, i], state[2][b, i]
         residual(layout, q, v, a, terms, slopes, load, load_slope, loaded, moved, turned, r)
         if second_order:
-            add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, r)
+            add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, skewed, r)
         factor, border = factors[0][block], factors[1][block]
         if fresh:
             iteration_matrix(layout, q, v, a, terms, slopes, moved, turned, gain_v, gain_a, factor, border)
             if second_order:
-                add_second_order_tangent(layout, q, v, a, bent, swung, gain_v, gain_a, factor, border)
+                add_second_order_tangent(layout, q, v, a, bent, swung, skewed, gain_v, gain_a, factor, border)
             eliminate_border(factor, border, n - 1)
         solve_bordered(factor, border, n - 1, r)
         for lane in range(count):

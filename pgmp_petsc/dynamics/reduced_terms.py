@@ -79,19 +79,21 @@ class ReducedTerms:
         ]
         load = tables.load
         if tables.second_order is not None:
-            bent = tables.second_order
+            bent, changes = tables.second_order, tables.changes
             parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
-            parts.append(_spread(pack(bent.curved_inertia), tables.mass_weights, weights))
+            parts.append(_spread(pack(bent.curved_inertia - changes.spread), tables.mass_weights, weights))
+            parts.append(_spread(pack_skew(changes.gyroscopic), tables.mass_weights, weights))
             load = np.concatenate([load, pack(bent.curved_load)], axis=2)
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
-        swing, end = (ends[3], ends[4]) if tables.second_order is not None else (ends[2], ends[2])
+        # without terms of second order these parts are empty and stand at the end
+        swing, gyroscopic, end = ends[3:] or [ends[2]] * 3
         n_eta = tables.n_coordinates + tables.n_modes
         return cls(
             tables=tables,
             weights=weights,
             rigid=rigid_inertia(tables, weights, kinematics),
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
-            layout=Layout(n_eta, ends[0], ends[1], ends[2], swing, end, load.shape[2]),
+            layout=Layout(n_eta, *ends[:3], swing, gyroscopic, end, load.shape[2]),
             load=interpolant(samples, load, scheme),
             scale=np.concatenate([np.ones(tables.n_coordinates), displacement_scale(projection, kinematics.size)]),
         )
@@ -146,6 +148,12 @@ def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomia
 def pack(matrices: np.ndarray) -> np.ndarray:
     """Pack symmetric matrices (..., n, n) as lower triangles row by row."""
     rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(matrices[..., rows, columns])
+
+
+def pack_skew(matrices: np.ndarray) -> np.ndarray:
+    """Pack skew matrices (..., n, n) as strict lower triangles row by row."""
+    rows, columns = np.tril_indices(matrices.shape[-1], -1)
     return np.ascontiguousarray(matrices[..., rows, columns])
 
 

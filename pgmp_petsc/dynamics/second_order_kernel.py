@@ -1,14 +1,18 @@
 """Terms of second order in the deformation, for LANES samples at once, compiled.
 
-The displacement ``1/2 chi_ij delta_i delta_j`` and the cubic strain energy add to the Lagrangian (Wu and Tiso 2016, for
-free bodies; here about the rigid motion of a mechanism)::
+The displacement ``1/2 chi_ij delta_i delta_j``, the cubic strain energy (Wu and Tiso 2016, there for free bodies) and the
+change of the mode shapes with theta add to the Lagrangian::
 
-    L_2 = -1/6 V_ijk delta_i delta_j delta_k - 1/2 theta'^2 c_ij delta_i delta_j + 1/2 Q_ij delta_i delta_j
+    L_2 = -1/6 V_ijk delta_i delta_j delta_k + 1/2 Q_ij delta_i delta_j - 1/2 theta'^2 c_ij delta_i delta_j
+          + theta' A_ij delta_i delta_j'
 
-with ``c = (d2 rho/d theta2)^T M chi`` and ``Q = sum amplitude f^T chi``: the work of inertia forces and loads on the
-second-order displacement, which is what is called geometric stiffness. ``(d rho/d theta)^T M chi`` vanishes where chi is
-M-orthogonal to the rigid motion, that is at the nominal parameters, and is left out elsewhere, as are products of
-``theta' delta delta'``.
+    Q = sum amplitude f^T chi
+    c = (d2 rho/d theta2)^T M chi - D^T M D,   A = skew part of D^T M Psi,   D = d(R Psi)/d theta
+
+Q and the first part of c are the work of loads and inertia forces on the second-order displacement, which is called
+geometric stiffness; the rest is the kinetic energy of modes that change with theta, their gyroscopic terms. Left out is
+what vanishes at the nominal parameters, where chi is M-orthogonal to the basis and Psi is M-orthonormal:
+``(d rho/d theta)^T M chi``, ``Psi^T M chi`` and the symmetric part of ``D^T M Psi``.
 """
 
 from __future__ import annotations
@@ -35,7 +39,23 @@ def cubic_form(packed, first, n, x, skip, result):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, r):
+def multiply_skew(packed, first, n, x, skip, result):
+    """Multiply skew matrices with ``x[skip:]``; packed as strict lower triangles row by row, from row `first` on."""
+    n_lanes = result.shape[1]
+    for i in range(n):
+        for lane in range(n_lanes):
+            result[i, lane] = 0.0
+    at = first
+    for i in range(n):
+        for j in range(i):
+            for lane in range(n_lanes):
+                result[i, lane] += packed[at, lane] * x[skip + j, lane]
+                result[j, lane] -= packed[at, lane] * x[skip + i, lane]
+            at += 1
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, skewed, r):
     """Add the second-order terms to the residual r (n_eta, LANES).
 
     Parameters
@@ -44,8 +64,8 @@ def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, b
         As for `residual`.
     bent
         Result: what they add to the stiffness, packed, shape (n_packed_delta, LANES).
-    swung
-        Result: ``c delta``, shape (n_delta, LANES).
+    swung, skewed
+        Results: ``c delta`` and ``A delta``, shape (n_delta, LANES).
     """
     n_lanes = r.shape[1]
     n, m = layout.n_eta, layout.n_eta - 1
@@ -76,6 +96,22 @@ def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, b
             r[1 + i, lane] += v[0, lane] * v[0, lane] * swung[i, lane]
             rate = a[0, lane] * q[1 + i, lane] + 2.0 * v[0, lane] * v[1 + i, lane]
             r[0, lane] -= rate * swung[i, lane]
+    multiply_skew(terms, layout.gyroscopic, m, a, 1, skewed)
+    for i in range(m):
+        for lane in range(n_lanes):
+            r[0, lane] += q[1 + i, lane] * skewed[i, lane]
+    multiply_skew(slopes, layout.gyroscopic, m, q, 1, skewed)
+    for i in range(m):
+        for lane in range(n_lanes):
+            r[1 + i, lane] -= v[0, lane] * v[0, lane] * skewed[i, lane]
+    multiply_skew(terms, layout.gyroscopic, m, v, 1, skewed)
+    for i in range(m):
+        for lane in range(n_lanes):
+            r[1 + i, lane] -= 2.0 * v[0, lane] * skewed[i, lane]
+    multiply_skew(terms, layout.gyroscopic, m, q, 1, skewed)
+    for i in range(m):
+        for lane in range(n_lanes):
+            r[1 + i, lane] -= a[0, lane] * skewed[i, lane]
     for entry in range(m * (m + 1) // 2):
         for lane in range(n_lanes):
             bent[entry, lane] += v[0, lane] * v[0, lane] * terms[layout.swing + entry, lane]
@@ -84,8 +120,11 @@ def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, b
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_second_order_tangent(layout, q, v, a, bent, swung, gain_v, gain_a, factor, border):
-    """Add the tangents of what `add_second_order` gave to the iteration matrix; see `iteration_matrix`."""
+def add_second_order_tangent(layout, q, v, a, bent, swung, skewed, gain_v, gain_a, factor, border):
+    """Add the tangents of what `add_second_order` gave to the iteration matrix; see `iteration_matrix`.
+
+    The flexible block stays symmetric: its gyroscopic part, of size ``theta' A`` beside ``gain_v M``, is left out.
+    """
     n_lanes = border.shape[1]
     m = layout.n_eta - 1
     for entry in range(m * (m + 1) // 2):
@@ -94,6 +133,7 @@ def add_second_order_tangent(layout, q, v, a, bent, swung, gain_v, gain_a, facto
     for i in range(m):
         for lane in range(n_lanes):
             speed, swing = v[0, lane], swung[i, lane]
-            border[1 + i, lane] += 2.0 * gain_v * speed * swing
+            border[1 + i, lane] += 2.0 * gain_v * speed * swing - gain_a * skewed[i, lane]
+            border[1 + m + i, lane] -= gain_a * skewed[i, lane]
             border[1 + m + i, lane] -= 2.0 * (gain_v * speed + a[0, lane]) * swing
             border[0, lane] -= (gain_a * q[1 + i, lane] + 2.0 * gain_v * v[1 + i, lane]) * swing

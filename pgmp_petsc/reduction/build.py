@@ -9,7 +9,7 @@ rounds of further configurations follow where the interpolated tables differ fro
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joining import JoinedSamples
+from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
@@ -91,8 +92,12 @@ def build_rom(
     timings = timings.maximum(group.world)
     if joined is None:
         return None
+    tables = current.tables
+    if scene.reduction.second_order:
+        changes = mode_changes(kinematics, tables.samples, current.projection, scene.reduction.interpolation)
+        tables = replace(tables, changes=changes)
     return ReducedOrderModel(
-        tables=current.tables,
+        tables=tables,
         projection=current.projection,
         frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,

@@ -3,7 +3,8 @@
 After each round the tables that were interpolated before are compared with the samples that came since. Where they
 differ by more than the tolerance, both halves of the interval are sampled in the next round. Differences are relative
 to what they act beside: mass to the modes' unit mass, stiffness entry (i, j) to the geometric mean of the diagonal
-ones, loads and inertia forces to their own largest values.
+ones, loads and inertia forces to their own largest values. Tables of second order in the deformation follow, but are
+not compared: they correct the others by small amounts, and may vanish but for round-off.
 """
 
 from __future__ import annotations

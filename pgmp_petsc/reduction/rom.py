@@ -10,6 +10,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -119,6 +120,7 @@ class ReducedOrderModel:
             stiffness=take(group, "stiffness", 4),
             load=take(group, "load", 3),
             second_order=_second_order(group["second_order"]) if "second_order" in group else None,
+            changes=_changes(group["second_order"]) if "second_order" in group else None,
         )
         _check_shapes(tables, file.filename)
         meshes = {
@@ -166,8 +168,10 @@ def _check_shapes(tables: ReducedTables, filename: str) -> None:
             "curved_load": (n, n_load, n_delta, n_delta),
             "curved_inertia": (n, n_mass, n_delta, n_delta),
         }
+        changed = dict.fromkeys(("gyroscopic", "spread"), (n, n_mass, n_delta, n_delta))
         found_shapes |= {name: getattr(tables.second_order, name).shape for name in curved}
-        wanted |= curved
+        found_shapes |= {name: getattr(tables.changes, name).shape for name in changed}
+        wanted |= curved | changed
     for name, shape in wanted.items():
         found = found_shapes[name]
         if found != shape or len(tables.load_effects) != n_load:
@@ -180,10 +184,16 @@ def _put_second_order(group, tables: ReducedTables) -> None:
     _put_terms(group, "cubic", curved.cubic, tables.stiffness_weights, about)
     _put_terms(group, "curved_load", curved.curved_load, tables.load_weights, "f_j.chi")
     _put_terms(group, "curved_inertia", curved.curved_inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i chi")
+    _put_terms(group, "gyroscopic", tables.changes.gyroscopic, tables.mass_weights, "skew part of D^T M_i Psi")
+    _put_terms(group, "spread", tables.changes.spread, tables.mass_weights, "D^T M_i D, D = d(R Psi)/d theta")
 
 
 def _second_order(group) -> SecondOrderTables:
     return SecondOrderTables(take(group, "cubic", 5), take(group, "curved_load", 4), take(group, "curved_inertia", 4))
+
+
+def _changes(group) -> ModeChanges:
+    return ModeChanges(take(group, "gyroscopic", 4), take(group, "spread", 4))
 
 
 def _put_terms(group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str) -> None:

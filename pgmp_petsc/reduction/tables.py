@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables, congruent
 
@@ -43,6 +44,9 @@ class ReducedTables:
         Shape (n, n_load_terms, n_eta).
     second_order
         Tables of second order in the flexible coordinates, None where the scene does not ask for them.
+    changes
+        Kinetic energy of the modes' change with theta, which comes with them. It is known once the whole basis is
+        continuous; what makes other tables of these leaves it out.
     """
 
     samples: Samples
@@ -55,6 +59,7 @@ class ReducedTables:
     stiffness: np.ndarray
     load: np.ndarray
     second_order: SecondOrderTables | None = None
+    changes: ModeChanges | None = None
 
     @property
     def n_modes(self) -> int:
@@ -76,6 +81,7 @@ class ReducedTables:
             stiffness=self.stiffness[rows],
             load=self.load[rows],
             second_order=None if self.second_order is None else self.second_order.at(rows),
+            changes=None,
         )
 
     def turned(self, rotations: np.ndarray) -> ReducedTables:
@@ -97,6 +103,7 @@ class ReducedTables:
             stiffness=congruent(rotations, self.stiffness),
             load=np.einsum("nij,nti->ntj", whole, self.load),
             second_order=None if self.second_order is None else self.second_order.turned(rotations),
+            changes=None,
         )
 
     def over_two_turns(self, flipped: np.ndarray) -> ReducedTables:
@@ -113,6 +120,7 @@ class ReducedTables:
             stiffness=np.concatenate([self.stiffness, second.stiffness]),
             load=np.concatenate([self.load, second.load]),
             second_order=None if curved is None else SecondOrderTables.joined([curved, second.second_order]),
+            changes=None,
         )
 
     def frequencies_hz(self, mass_weights: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:

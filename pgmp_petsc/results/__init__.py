@@ -1,7 +1,8 @@
-"""Results as data: trajectories, ensembles and tables of modes, and the HDF5 files that hold them."""
+"""Results as data: trajectories, ensembles, tables of modes and trade-off studies, and the HDF5 files that hold them."""
 
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
 from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.tradeoff import MeshErrors, References, Tradeoff
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 
-__all__ = ["Ensemble", "Frames", "ModesTable", "Statistics", "Trajectory"]
+__all__ = ["Ensemble", "Frames", "MeshErrors", "ModesTable", "References", "Statistics", "Tradeoff", "Trajectory"]

@@ -1,4 +1,4 @@
-"""What the three kinds of result file have in common: groups of named arrays, and checks of shapes."""
+"""What the kinds of result file have in common: groups of named arrays, and checks of shapes."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ attribute             meaning
 ===================== ==========================================================================
 ``format_version``    integer, :data:`FORMAT_VERSION`
 ``program_version``   version of pgmp_petsc that wrote it
-``kind``              ``rom``, ``trajectory``, ``ensemble`` or ``modes``
+``kind``              ``rom``, ``trajectory``, ``ensemble``, ``modes`` or ``tradeoff``
 ``scene``             the resolved scene as TOML
 ``parameters``        parameter values as a JSON object, SI units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none
@@ -44,6 +44,7 @@ KINDS = {
     "trajectory": "trajectory",
     "ensemble": "ensemble",
     "modes": "table of modes",
+    "tradeoff": "trade-off study",
 }
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks")
 

@@ -39,6 +39,23 @@ def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     return _apply(matrix.multTranspose, x, y, columns)
 
 
+def solve_columns(factor: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
+    """Return the inverse of a factorised matrix times local columns (n_local, k)."""
+    from petsc4py import PETSc
+
+    size = ((columns.shape[0], factor.getSize()[0]), (None, columns.shape[1]))
+    right = PETSc.Mat().createDense(size, array=np.asfortranarray(columns), comm=factor.getComm())
+    left = PETSc.Mat().createDense(size, comm=factor.getComm())
+    for matrix in (right, left):
+        matrix.setUp()
+        matrix.assemble()
+    factor.matSolve(right, left)
+    result = np.array(left.getDenseArray())
+    right.destroy()
+    left.destroy()
+    return result
+
+
 def _apply(product: Callable, x: PETSc.Vec, y: PETSc.Vec, columns: np.ndarray) -> np.ndarray:
     result = np.empty((y.getLocalSize(), columns.shape[1]))
     for i in range(columns.shape[1]):

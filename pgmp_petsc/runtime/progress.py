@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
 
 class Progress(Protocol):
@@ -44,8 +49,18 @@ def progress(total: int, description: str, comm: MPI.Comm) -> Progress:
     It is shown on rank 0 if stderr is a terminal; elsewhere (other ranks, batch jobs, pipes) nothing is
     printed.
     """
-    if comm.rank > 0 or not sys.stderr.isatty():
+    if comm.rank > 0 or _quiet.get() or not sys.stderr.isatty():
         return Silent()
     from tqdm import tqdm
 
     return tqdm(total=total, desc=description, leave=False, dynamic_ncols=True, file=sys.stderr)
+
+
+@contextmanager
+def without_progress() -> Iterator[None]:
+    """Show no bar within the block: its work is a small part of what a bar outside counts."""
+    before = _quiet.set(True)
+    try:
+        yield
+    finally:
+        _quiet.reset(before)

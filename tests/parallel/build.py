@@ -18,6 +18,8 @@ petsc4py.init([])
 
 from mpi4py import MPI  # noqa: E402
 
+from runs import quick_return  # noqa: E402
+
 from pgmp_petsc.modes.problem import ModeSet  # noqa: E402
 from pgmp_petsc.reduction.build import build_rom  # noqa: E402
 from pgmp_petsc.runtime.errors import PgmpError, RunError  # noqa: E402
@@ -25,6 +27,7 @@ from pgmp_petsc.runtime.groups import RankGroup  # noqa: E402
 
 GRAVITY = 'effects.weight={type="gravity"}'
 STATIC = "reduction.static_modes=true"
+SECOND = "reduction.second_order=true"
 PART = (
     "coordinates.theta.range=[0.2,1.4]",
     "coordinates.theta.periodic=false",
@@ -37,6 +40,9 @@ CASES = {
     "reflected": lambda: four_bar(GRAVITY),
     "static": lambda: slider_crank(GRAVITY, STATIC, "reduction.angles=12", "reduction.modes=3"),
     "static_reflected": lambda: four_bar(GRAVITY, STATIC),
+    "curved": lambda: slider_crank(GRAVITY, STATIC, SECOND, "reduction.angles=12", "reduction.modes=3"),
+    "curved_reflected": lambda: four_bar(GRAVITY, SECOND),
+    "curved_turning": lambda: quick_return(STATIC, SECOND, "reduction.angles=12", "reduction.modes=3"),
     "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
     "adaptive": lambda: slider_crank(
         'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6", "reduction.modes=3"

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.second_order import pair_rotations
 
 # all cases of one number of ranks in one run: "name:ranks_per_group:seed of the scrambling"
 RUNS = {
     1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0",
-        "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0", "adaptive:1:0"),
+        "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0", "adaptive:1:0", "curved:1:0", "curved:1:1",
+        "curved_reflected:1:0", "curved_reflected:1:1", "curved_turning:1:0"),
     2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0", "static:1:0", "static:2:0",
-        "static_reflected:2:0", "chebyshev:1:0"),
+        "static_reflected:2:0", "chebyshev:1:0", "curved:1:0", "curved:2:0", "curved_turning:2:0"),
     3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0",
-        "static:3:2", "chebyshev:3:0", "adaptive:1:0"),
+        "static:3:2", "chebyshev:3:0", "adaptive:1:0", "curved:3:2", "curved_reflected:2:4", "curved_turning:1:3"),
     5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0", "static:2:0", "static_reflected:1:0"),
 }
 CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]
@@ -75,6 +77,14 @@ def test_tables_are_the_same_but_for_one_constant_rotation(model: Callable, n: i
     np.testing.assert_allclose(
         rom.projection @ rotation, expected.projection, rtol=0, atol=1e-7 * np.abs(expected.projection).max()
     )
+    assert (rom.curvature is None) == (tables.second_order is None) == (not case.startswith("curved"))
+    if rom.curvature is None:
+        return
+    for name in ("cubic", "curved_load", "curved_inertia"):
+        one, other = getattr(expected.tables.second_order, name), getattr(tables.second_order, name)
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * np.abs(one).max(initial=0.0), err_msg=name)
+    curvature = rom.curvature @ pair_rotations(rotation[None])[0]
+    np.testing.assert_allclose(curvature, expected.curvature, rtol=0, atol=1e-9 * np.abs(expected.curvature).max())
 
 
 @pytest.mark.parametrize(("n", "case"), [(n, case) for n, case in CASES if case.startswith("plain")])

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from runs import quick_return
-from scenes import four_bar, mechanism_of, pendulum, slider_crank, trammel
+from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
+from pgmp_petsc.mechanism.body_frames import to_inertial
 from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraints import constraint_hessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 SCENES = {"slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
@@ -116,3 +118,22 @@ def test_the_patterns_hold_no_entry_twice(mechanism: Mechanism) -> None:
     rows, columns = constraints.jacobian_pattern
     assert len(set(zip(rows, columns))) == rows.size
     assert rows.max() < mechanism.n_constraints and columns.max() < mechanism.n_dofs
+
+
+@pytest.mark.parametrize("scene", [quick_return, slider_crank])
+def test_the_hessians_in_body_frames_are_second_differences(scene) -> None:
+    kinematics = kinematics_of(scene())
+    mechanism = kinematics.mechanism
+    constraints, poses = ConstraintSet(mechanism), kinematics.poses(np.array([0.9]))[..., 0]
+    left, right = np.random.default_rng(4).normal(size=(2, mechanism.n_dofs))
+    rho, step = mechanism.place(poses), 1e-4
+    moved = [to_inertial(mechanism, poses, vector) for vector in (left + right, left - right)]
+    plus, minus = (
+        constraints.residual(rho + step * vector) + constraints.residual(rho - step * vector) for vector in moved
+    )
+    found = np.zeros(mechanism.n_constraints)
+    for hessian in constraint_hessians(mechanism, poses):
+        found[hessian.rows] = np.einsum("cij,i,j->c", hessian.values, left[hessian.dofs], right[hessian.dofs])
+    # fourth derivatives of order ten times the square of the step, and round-off over it
+    np.testing.assert_allclose(found, (plus - minus) / (4 * step**2), rtol=0, atol=1e-6)
+    assert np.any(found) == (scene is quick_return)

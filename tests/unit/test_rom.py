@@ -277,3 +277,54 @@ def test_a_table_with_another_number_of_terms_than_weights_is_refused(path: Path
 
 def test_the_weights_are_those_of_the_mechanism(rom: ReducedOrderModel) -> None:
     assert rom.tables.stiffness_weights == mechanism_of(SCENE).stiffness_weights
+
+
+CURVED = ("cubic", "curved_load", "curved_inertia")
+
+
+@pytest.fixture(scope="module")
+def curved() -> ReducedOrderModel:
+    """Return a model with tables of second order, static modes, a reflection and thus two turns."""
+    torque = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.0]]}'
+    more = ("reduction.static_modes=true", "reduction.second_order=true", "reduction.angles=12")
+    return built(four_bar(GRAVITY, torque, *more))
+
+
+@pytest.mark.parametrize("with_projection", [True, False])
+def test_what_is_of_second_order_comes_back(curved: ReducedOrderModel, tmp_path: Path, with_projection: bool) -> None:
+    curved.write(tmp_path / "rom.h5")
+    back = ReducedOrderModel.read(tmp_path / "rom.h5", with_projection)
+    for name in CURVED:
+        expected = getattr(curved.tables.second_order, name)
+        np.testing.assert_array_equal(getattr(back.tables.second_order, name), expected)
+    n, n_dofs, m = curved.projection.shape
+    assert curved.curvature.shape == (n, n_dofs, m * (m + 1) // 2)
+    expected = curved.curvature if with_projection else np.empty((n, 0, m * (m + 1) // 2))
+    np.testing.assert_array_equal(back.curvature, expected)
+
+
+def test_without_second_order_nothing_of_it_is_in_the_file(path: Path) -> None:
+    with h5py.File(path) as file:
+        assert "curvature" not in file and set(file["tables"]) == {"mass", "inertia", "stiffness", "load"}
+    back = ReducedOrderModel.read(path)
+    assert back.curvature is None and back.tables.second_order is None
+
+
+def test_on_the_second_turn_the_curvature_is_that_of_the_flipped_modes(curved: ReducedOrderModel) -> None:
+    n, m = curved.tables.samples.n // 2, curved.tables.n_modes
+    signs = np.sign(np.sum(curved.projection[:n] * curved.projection[n:], axis=(0, 1)))
+    assert np.any(signs < 0)
+    i, j = np.tril_indices(m)
+    np.testing.assert_array_equal(curved.curvature[n:], curved.curvature[:n] * (signs[i] * signs[j]))
+
+
+@pytest.mark.parametrize("name", ["curvature", *(f"tables/second_order/{name}" for name in CURVED)])
+@pytest.mark.parametrize("change", [remove, shorten])
+def test_a_damaged_second_order_is_refused(
+    curved: ReducedOrderModel, tmp_path: Path, name: str, change: Callable
+) -> None:
+    curved.write(tmp_path / "rom.h5")
+    with h5py.File(tmp_path / "rom.h5", "r+") as file:
+        change(name)(file)
+    with pytest.raises(InputError, match="missing" if change is remove else "has shape"):
+        ReducedOrderModel.read(tmp_path / "rom.h5")

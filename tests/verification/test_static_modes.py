@@ -220,3 +220,18 @@ def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
         load[2] = 1.0
         with pytest.raises(RunError, match="reduction.static_modes at theta = 1 rad"):
             problem.static_modes(modes, np.hstack([load, load]))
+
+
+def test_a_solver_of_the_users_own_gives_the_same_answers() -> None:
+    """With another method than the direct one the factor is none to be used by itself."""
+    from petsc4py import PETSc
+
+    expected = sampled(slider_crank(), 1.0, 3)[1]
+    options = PETSc.Options("pgmp_modes_st_")
+    options["ksp_type"], options["ksp_rtol"] = "cg", 1e-14
+    try:
+        found = sampled(slider_crank(), 1.0, 3)[1]
+    finally:
+        for name in ("ksp_type", "ksp_rtol"):
+            options.delValue(name)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())

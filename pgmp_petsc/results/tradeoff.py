@@ -1,0 +1,298 @@
+"""What accuracy costs: errors and times of many settings of both models, and of response surfaces.
+
+Layout of the file (kind ``tradeoff``; root attributes ``samples``: number of samples that total costs are for, ``batch``:
+samples that were timed together, ``repeats``: how often each time was taken, the least of them is kept, ``quick``):
+
+=============================== ========================= ==========================================================
+dataset                         shape                     content
+=============================== ========================= ==========================================================
+``/settings/family``            (n)                       ``reduced``, ``full`` or ``surface`` (response surface)
+``/settings/<column>``          (n)                       what was set: ``step`` (s), ``refinement`` (parts that every
+                                                          cell of the scene's meshes is cut into), ``nodes`` of a
+                                                          surface, and every entry of the scene's [reduction]; 0, false
+                                                          or empty where it has no meaning; ``coordinates``: unknowns
+``/settings/flags``             (n)                       options of ``pgmp`` that turn the scene into the setting
+``/settings/reason``            (n)                       why it failed; empty where it did not
+``/errors``                     (n, n_outputs)            largest error over time and test values, as a share of the
+                                                          output's largest value; NaN where the setting failed;
+                                                          attribute ``names`` (JSON): the outputs
+``/offline``                    (n)                       wall time before the first sample, s
+``/online/batch``               (n)                       wall time a sample, in a batch, s
+``/online/single``              (n)                       wall time of one sample alone, s
+``/pareto``                     (n, n_outputs)            1 where no setting of its kind is both cheaper online and more
+                                                          accurate; simulations and surfaces are two kinds
+``/parameters/<name>``          (n_test)                  test values
+``/reference/refinement``       (n_references)            a reference for every mesh that settings were run on
+``/reference/step``             (n_references)            its last step, s
+``/reference/moved``            (n_references, n_outputs) by how much the last halving of the step moved it
+``/reference/reason``           (n_references)            why it was not refined further
+``/mesh/refinement``, ``cells`` (n_meshes)                meshes that were compared, all with the scene's step
+``/mesh/errors``                (n_meshes, n_outputs)     difference to the finest of them, 0 for that
+``/advice``                     (n_sentences)             which setting to take
+=============================== ========================= ==========================================================
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from pgmp_petsc.results.layout import check_shape, put_named, shapes_of, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+
+FAMILIES = ("reduced", "full", "surface")
+_COLUMN_UNITS = {"step": "s"}
+
+
+@dataclass(frozen=True)
+class References:
+    """The converged full-order runs that errors are measured against, one for every mesh.
+
+    Parameters
+    ----------
+    refinement : ndarray of int, shape (n_references,)
+        Parts that every cell of the scene's meshes is cut into.
+    step : ndarray, shape (n_references,)
+        Last step, s.
+    moved : ndarray, shape (n_references, n_outputs)
+        Change at the last halving of the step, as a share of the output's largest value.
+    reason : tuple of str
+        Why the step was not halved again.
+    """
+
+    refinement: np.ndarray
+    step: np.ndarray
+    moved: np.ndarray
+    reason: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MeshErrors:
+    """Discretisation errors: full-order runs on refined meshes.
+
+    Parameters
+    ----------
+    refinement, cells : ndarray of int, shape (n_meshes,)
+        Parts of every cell, rising, and the number of cells of all bodies.
+    errors : ndarray, shape (n_meshes, n_outputs)
+        Difference to the finest mesh, as a share of the output's largest value.
+    """
+
+    refinement: np.ndarray
+    cells: np.ndarray
+    errors: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Errors and times of n settings.
+
+    Parameters
+    ----------
+    record : RunRecord
+    units : dict of str to str
+        Unit of every output, in the order of the columns of `errors`.
+    test_values : dict of str to ndarray, shape (n_test,)
+        Parameter values at which errors were measured; empty where the scene has no parameters.
+    parameter_units : dict of str to str
+    families : tuple of str
+        See :data:`FAMILIES`.
+    columns : dict of str to ndarray, shape (n,)
+        What was set; numbers, booleans or texts. The first setting is the scene's own.
+    flags, reasons : tuple of str
+        Options of ``pgmp``, and reasons of failure.
+    errors : ndarray, shape (n, n_outputs)
+    offline, batch_seconds, single_seconds : ndarray, shape (n,)
+        Wall times: before the first sample, of a sample in a batch, of a sample alone, s.
+    references : References
+    mesh : MeshErrors
+    advice : tuple of str
+    samples, batch, repeats : int
+    quick : bool
+    """
+
+    record: RunRecord
+    units: dict[str, str]
+    test_values: dict[str, np.ndarray]
+    parameter_units: dict[str, str]
+    families: tuple[str, ...]
+    columns: dict[str, np.ndarray]
+    flags: tuple[str, ...]
+    reasons: tuple[str, ...]
+    errors: np.ndarray
+    offline: np.ndarray
+    batch_seconds: np.ndarray
+    single_seconds: np.ndarray
+    references: References
+    mesh: MeshErrors
+    advice: tuple[str, ...]
+    samples: int
+    batch: int
+    repeats: int
+    quick: bool
+
+    def __post_init__(self) -> None:
+        n, n_outputs = len(self.families), len(self.units)
+        unknown = set(self.families) - set(FAMILIES)
+        if unknown:
+            raise ValueError(f"families {sorted(unknown)}; allowed: {', '.join(FAMILIES)}")
+        check_shape("errors", self.errors, (n, n_outputs))
+        times = {"offline": self.offline, "batch": self.batch_seconds, "single": self.single_seconds}
+        for name, data in (*self.columns.items(), *times.items()):
+            check_shape(f"'{name}'", data, (n,))
+        for name, texts in (("flags", self.flags), ("reasons", self.reasons)):
+            check_shape(name, np.array(texts, dtype=object), (n,))
+        check_shape("moved", self.references.moved, (len(self.references.refinement), n_outputs))
+        check_shape("mesh errors", self.mesh.errors, (len(self.mesh.refinement), n_outputs))
+
+    @property
+    def outputs(self) -> list[str]:
+        """Names of the outputs."""
+        return list(self.units)
+
+    @property
+    def simulated(self) -> np.ndarray:
+        """Settings of one of the two models, not of a response surface, shape (n,)."""
+        return np.array([family != "surface" for family in self.families], dtype=bool)
+
+    @property
+    def own_mesh(self) -> np.ndarray:
+        """Settings on the scene's own meshes, whose errors are against the same reference, shape (n,)."""
+        return self.columns["refinement"] == 1
+
+    @property
+    def pareto(self) -> np.ndarray:
+        """Settings on the scene's meshes than which none of its kind is cheaper online and better, (n, n_outputs)."""
+        return self.fronts(self.batch_seconds)
+
+    def fronts(self, cost: np.ndarray) -> np.ndarray:
+        """Return the fronts as `pareto` does, for any cost of shape (n,)."""
+        result = np.zeros(self.errors.shape, dtype=bool)
+        for kind in (self.simulated & self.own_mesh, ~self.simulated):
+            for column in range(self.errors.shape[1]):
+                result[kind, column] = pareto_front(cost[kind], self.errors[kind, column])
+        return result
+
+    def total_seconds(self, n_samples: int) -> np.ndarray:
+        """Return the wall time of n samples, build and preparation included, shape (n,), s."""
+        return self.offline + n_samples * self.batch_seconds
+
+    def name(self, row: int) -> str:
+        """Return a setting in words: ``reduced, 7 + 1 modes, 48 angles, spline, 1 ms``."""
+        at = {name: values[row] for name, values in self.columns.items()}
+        if self.families[row] == "surface":
+            return f"response surface, {at['nodes']} full-order runs"
+        words = ["full order"]
+        if self.families[row] == "reduced":
+            words = ["reduced", f"{self.modes(row)} modes", f"{at['angles']} angles", str(at["interpolation"])]
+            words += ["second order"] if at["second_order"] else []
+        words.append(f"{1e3 * at['step']:.4g} ms")
+        words += [f"cells / {at['refinement']}"] if at["refinement"] > 1 else []
+        return ", ".join(words)
+
+    def modes(self, row: int) -> str:
+        """Return ``7 + 1``: modes and static modes of a reduced setting; ``7`` where it has no static ones."""
+        n_modes = int(self.columns["modes"][row])
+        n_static = int(self.columns["coordinates"][row]) - 1 - n_modes
+        return f"{n_modes} + {n_static}" if n_static > 0 else str(n_modes)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
+        attributes = {name: getattr(self, name) for name in ("samples", "batch", "repeats", "quick")}
+        with write_file(path, "tradeoff", attributes) as file:
+            self.record.write(file)
+            settings = file.create_group("settings", track_order=True)
+            _put_texts(settings, "family", self.families, "reduced or full-order model, or response surface")
+            for name, values in self.columns.items():
+                about = f"{name.replace('_', ' ')} of the setting"
+                if values.dtype.kind in "OU":
+                    _put_texts(settings, name, values.tolist(), about)
+                else:
+                    put(settings, name, values, _COLUMN_UNITS.get(name, "1"), about)
+            _put_texts(settings, "flags", self.flags, "options of pgmp that turn the scene into the setting")
+            _put_texts(settings, "reason", self.reasons, "why the setting failed; empty where it did not")
+            about = "largest error over time and test values, as a share of the output's largest value"
+            errors = put(file, "errors", self.errors, "1", about)
+            errors.attrs["names"], errors.attrs["units"] = json.dumps(self.outputs), json.dumps(self.units)
+            put(file, "offline", self.offline, "s", "wall time before the first sample")
+            put(file, "online/batch", self.batch_seconds, "s", f"wall time a sample, {self.batch} together")
+            put(file, "online/single", self.single_seconds, "s", "wall time of one sample alone")
+            put(file, "pareto", self.pareto.astype(np.int8), "1", "1 where none of its kind is cheaper and better")
+            put_named(file, "parameters", self.test_values, self.parameter_units, "test values of '{name}'")
+            put(file, "reference/refinement", self.references.refinement, "1", "parts of every cell")
+            put(file, "reference/step", self.references.step, "s", "last step of the reference")
+            put(file, "reference/moved", self.references.moved, "1", "change at the last halving of the step")
+            _put_texts(file, "reference/reason", self.references.reason, "why it was not refined further")
+            put(file, "mesh/refinement", self.mesh.refinement, "1", "parts of every cell")
+            put(file, "mesh/cells", self.mesh.cells, "1", "cells of all bodies")
+            put(file, "mesh/errors", self.mesh.errors, "1", "difference to the finest mesh")
+            _put_texts(file, "advice", self.advice, "which setting to take")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Tradeoff:
+        """Read a file; raises `InputError` where it is not a whole trade-off study."""
+        with open_file(path, "tradeoff") as file, shapes_of(file):
+            settings = file["settings"]
+            names = [name for name in settings if name not in ("family", "flags", "reason")]
+            references = References(
+                take(file, "reference/refinement", 1),
+                take(file, "reference/step", 1),
+                take(file, "reference/moved", 2),
+                _take_texts(file, "reference/reason"),
+            )
+            mesh = (take(file, "mesh/refinement", 1), take(file, "mesh/cells", 1), take(file, "mesh/errors", 2))
+            return cls(
+                record=RunRecord.read(file),
+                units=json.loads(file["errors"].attrs["units"]),
+                test_values=take_named(file, "parameters", 1),
+                parameter_units=units_of(file, "parameters"),
+                families=_take_texts(settings, "family"),
+                columns={name: _take_column(settings, name) for name in names},
+                flags=_take_texts(settings, "flags"),
+                reasons=_take_texts(settings, "reason"),
+                errors=take(file, "errors", 2),
+                offline=take(file, "offline", 1),
+                batch_seconds=take(file, "online/batch", 1),
+                single_seconds=take(file, "online/single", 1),
+                references=references,
+                mesh=MeshErrors(*mesh),
+                advice=_take_texts(file, "advice"),
+                samples=int(file.attrs["samples"]),
+                batch=int(file.attrs["batch"]),
+                repeats=int(file.attrs["repeats"]),
+                quick=bool(file.attrs["quick"]),
+            )
+
+
+def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return which points no other one dominates: is at most as dear and at most as wrong, and less of one of them.
+
+    Parameters
+    ----------
+    cost, error
+        Shape (n,); a point with a number that is not finite is never on the front.
+    """
+    known = np.isfinite(cost) & np.isfinite(error)
+    at_most = (cost[:, None] <= cost) & (error[:, None] <= error)
+    less = (cost[:, None] < cost) | (error[:, None] < error)
+    return known & ~np.any(at_most & less & known[:, None], axis=0)
+
+
+def _put_texts(group: h5py.Group, name: str, texts: Sequence[str], description: str) -> None:
+    data = np.array(list(texts), dtype=h5py.string_dtype())
+    put(group, name, data, "1", description)
+
+
+def _take_texts(group: h5py.Group, name: str) -> tuple[str, ...]:
+    return tuple(text.decode() for text in take(group, name, 1))
+
+
+def _take_column(group: h5py.Group, name: str) -> np.ndarray:
+    if h5py.check_string_dtype(group[name].dtype) is None:
+        return take(group, name, 1)
+    return np.array(_take_texts(group, name), dtype=object)

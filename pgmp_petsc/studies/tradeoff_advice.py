@@ -1,0 +1,131 @@
+"""Which setting to take: the cheapest one measured that meets an error, in sentences with options to paste.
+
+Cheap is what takes the least wall time for the study's number of samples, build included. Settings on refined meshes are
+left out, because their errors are against another reference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pgmp_petsc.results.tradeoff import Tradeoff
+
+THRESHOLDS = (0.05, 0.01, 0.001)
+NOT_KNOWN = 0.1  # share of an error by which the reference may have moved
+
+
+def advise(study: Tradeoff) -> tuple[str, ...]:
+    """Return the sentences: for all outputs together, for each of them, and what to keep in mind.
+
+    Parameters
+    ----------
+    study
+        Measurements; its own advice is not looked at.
+    """
+    sentences = []
+    if len(study.outputs) > 1:
+        sentences += _sentences(study, "every output", study.errors.max(axis=1))
+    for column, name in enumerate(study.outputs):
+        sentences += _sentences(study, name, study.errors[:, column])
+    return (*sentences, *_mesh_sentences(study), *_reference_sentences(study))
+
+
+def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
+    """Return the cheapest setting whose error is at most `threshold`, None where there is none.
+
+    Parameters
+    ----------
+    errors
+        Error of every setting, shape (n,); NaN where it failed.
+    among
+        Settings to choose from, a mask of shape (n,).
+    """
+    total = study.total_seconds(study.samples)
+    good = among & (errors <= threshold) & np.isfinite(total)
+    return int(np.argmin(np.where(good, total, np.inf))) if good.any() else None
+
+
+def _sentences(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
+    """Return a sentence for each choice; thresholds with the same choice share one."""
+    own_models = study.simulated & study.own_mesh
+    choices: dict[int | None, list[float]] = {}
+    for threshold in THRESHOLDS:
+        choices.setdefault(cheapest(study, errors, threshold, own_models), []).append(threshold)
+    sentences = []
+    for row, thresholds in choices.items():
+        aim = f"For {_joined([f'{100 * t:g} %' for t in thresholds])} in {target}"
+        if row is None:
+            sentences.append(f"{aim} no setting is good enough{_nearest(study, errors, own_models)}.")
+        else:
+            sentences.append(f"{aim} take {_take(study, row)}.")
+        surface = cheapest(study, errors, min(thresholds), ~study.simulated)
+        if surface is not None:
+            others = "would do it" if row is None else "does it too"
+            sentences[-1] += f" A {study.name(surface)}, {others}: {_price(study, surface)}."
+    return sentences
+
+
+def _take(study: Tradeoff, row: int) -> str:
+    flags = study.flags[row]
+    what = f"the scene as it is ({study.name(row)})" if not flags else f"{study.name(row)}"
+    return f"{what}: {_price(study, row)}" + (f": {flags}" if flags else "")
+
+
+def _nearest(study: Tradeoff, errors: np.ndarray, among: np.ndarray) -> str:
+    """Return what comes nearest."""
+    known = among & np.isfinite(errors)
+    if not known.any():
+        return ": none could be measured"
+    row = int(np.argmin(np.where(known, errors, np.inf)))
+    flags = f": {study.flags[row]}" if study.flags[row] else ""
+    return f"; the best is {study.name(row)}, with {100 * errors[row]:.2g} %, {_price(study, row)}{flags}"
+
+
+def _price(study: Tradeoff, row: int) -> str:
+    """Return ``1.2 ms a sample after 0.7 s``."""
+    online, offline = study.batch_seconds[row], study.offline[row]
+    after = "preparation" if study.families[row] == "full" else "build" if study.simulated[row] else "runs"
+    total = study.total_seconds(study.samples)[row]
+    return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({total:.3g} s for {study.samples} samples)"
+
+
+def _mesh_sentences(study: Tradeoff) -> list[str]:
+    """Say where the mesh is worse than the best settings on it."""
+    mesh, own = study.mesh, study.own_mesh & study.simulated
+    if not own.any():
+        return []
+    best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)
+    worse = [
+        f"{100 * error:.2g} % in {name}" for name, error, floor in zip(study.outputs, mesh.errors[0], best) if error > floor
+    ]
+    if not worse:
+        return []
+    return [
+        f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; where "
+        "that matters, refine them before anything else."
+    ]
+
+
+def _reference_sentences(study: Tradeoff) -> list[str]:
+    """Say where the reference is no better than the errors that are asked for."""
+    own = study.references.refinement == 1
+    if not own.any():
+        return []
+    moved = study.references.moved[own][0]
+    poor = [
+        f"{100 * move:.2g} % in {name}"
+        for name, move, errors in zip(study.outputs, moved, study.errors[study.own_mesh].T)
+        if np.isfinite(errors).any() and move > NOT_KNOWN * np.nanmin(errors)
+    ]
+    if not poor:
+        return []
+    return [
+        f"The reference is not settled: halving its step the last time moved it by {_joined(poor)}; errors that small "
+        "are not known."
+    ]
+
+
+def _joined(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

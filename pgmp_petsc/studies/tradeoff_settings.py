@@ -1,0 +1,305 @@
+"""Which settings the trade-off study measures: lines through two settings, and a small tensor.
+
+The first lines go through the scene's own setting, and a tensor of modes, static modes and steps lies where few angles
+and splines are. The best reduced settings of these give the second lines. What is best is told by errors and by the
+number of operations, never by measured times: the settings are the same in every run.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.studies.tradeoff_history import step_of
+from pgmp_petsc.studies.tradeoff_surface import node_counts
+from pgmp_petsc.studies.tradeoff_values import uncertain_names
+
+AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
+GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One way to compute the outputs of samples.
+
+    Attributes
+    ----------
+    family
+        ``reduced``, ``full`` or ``surface``.
+    n_steps
+        Time steps over the scene's duration.
+    refinement
+        Parts that every cell of the scene's meshes is cut into.
+    nodes
+        Full-order runs that a response surface goes through, 0 for the models.
+    reduction
+        Entries of the reduced model, None for the others.
+    """
+
+    family: str
+    n_steps: int
+    refinement: int = 1
+    nodes: int = 0
+    reduction: Reduction | None = None
+
+    @property
+    def build(self) -> tuple[str, int, int, Reduction | None]:
+        """What is done before the first sample; settings that differ in the step of a model alone share it."""
+        return self.family, self.refinement, self.nodes, self.reduction
+
+    def with_reduction(self, **entries: Any) -> Setting:
+        """Return the setting with other entries of the reduction."""
+        return replace(self, reduction=self.reduction.model_copy(update=entries))
+
+    def overrides(self, scene: Scene) -> list[str]:
+        """Return what to override in a scene, ``dotted.key=VALUE``; a refined mesh is not among it."""
+        changes = []
+        if self.reduction is not None:
+            for key, value in self.reduction.model_dump(exclude_none=True).items():
+                if value != getattr(scene.reduction, key):
+                    changes.append(f"reduction.{key}={json.dumps(value)}")
+        simulation = scene.simulation
+        if self.n_steps != count_steps(simulation.duration, simulation.step):
+            changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
+        return changes
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """How far each line goes.
+
+    Attributes
+    ----------
+    modes, angles
+        Of the lines through the best settings.
+    own_modes, own_angles
+        Of the lines through the scene's setting: factors on its number of modes, and angles.
+    own_others
+        Whether lines of static modes and interpolation go through the scene's setting too.
+    finer, coarser
+        Halvings and doublings of the scene's step, of the reduced and the full-order model.
+    tensor_modes
+        Of the tensor; with and without static modes, with the scene's step and the one twice as long.
+    tensor_angles
+        Of the tensor.
+    refinements
+        Parts of every cell that both models are run with.
+    finest
+        Parts of every cell of the mesh that tells the others' discretisation errors.
+    surfaces
+        Number of response surfaces.
+    repeats
+        How often times are taken.
+    reference_halvings
+        Halvings of the scene's step that the reference may take, on the scene's meshes and on refined ones.
+    """
+
+    modes: tuple[int, ...]
+    angles: tuple[int, ...]
+    own_modes: tuple[float, ...]
+    own_angles: tuple[int, ...]
+    own_others: bool
+    finer: int
+    coarser: int
+    tensor_modes: tuple[int, ...]
+    tensor_angles: int
+    refinements: tuple[int, ...]
+    finest: int
+    surfaces: int
+    repeats: int
+    reference_halvings: tuple[int, int]
+
+
+FULL = Sweep(
+    modes=(2, 3, 5, 7, 10, 15, 22),
+    angles=(16, 24, 32, 64, 96),
+    own_modes=(0.5, 1.5),
+    own_angles=(48, 96),
+    own_others=True,
+    finer=2,
+    coarser=2,
+    tensor_modes=(4, 7, 12),
+    tensor_angles=48,
+    refinements=(2, 4),
+    finest=8,
+    surfaces=4,
+    repeats=3,
+    reference_halvings=(7, 5),
+)
+QUICK = Sweep(
+    modes=(2, 10),
+    angles=(24, 96),
+    own_modes=(),
+    own_angles=(),
+    own_others=False,
+    finer=1,
+    coarser=1,
+    tensor_modes=(4, 7),
+    tensor_angles=48,
+    refinements=(2,),
+    finest=4,
+    surfaces=3,
+    repeats=2,
+    reference_halvings=(4, 3),
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a scene allows.
+
+    Attributes
+    ----------
+    n_modes
+        Flexible modes that the scene's meshes have.
+    n_loads
+        Effects that static modes can answer to.
+    """
+
+    n_modes: int
+    n_loads: int
+
+
+def own_setting(scene: Scene) -> Setting:
+    """Return what the scene says."""
+    return Setting("reduced", own_steps(scene), reduction=scene.reduction)
+
+
+def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return the scene's own setting, first, the lines through it, the tensor, the full order and the surfaces."""
+    own = own_setting(scene)
+    n = own_steps(scene)
+    static = _static(limits)
+    settings = [own]
+    settings += [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
+    if sweep.own_others:
+        settings += [own.with_reduction(static_modes=value) for value in static]
+        settings += _sampled(own, sweep.own_angles)
+    settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
+    few = own if _adaptive(own) else own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
+    coarse = _steps(n, 0, 1)
+    for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
+        settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value))
+    settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+    settings += [Setting("full", n, refinement) for refinement in sweep.refinements]
+    settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
+    return _once(settings)
+
+
+def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
+    """Return lines through the best settings, the best one's first; those of the others are of modes and steps alone."""
+    n = own_steps(scene)
+    settings: list[Setting] = []
+    for number, setting in enumerate(best):
+        settings += [setting.with_reduction(modes=modes) for modes in _within(sweep.modes, limits)]
+        settings += [replace(setting, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
+        if number > 0:
+            continue
+        settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
+        settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
+        settings += _sampled(setting, sweep.angles)
+        settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
+    return _once(settings)
+
+
+def best_settings(
+    settings: Sequence[Setting], worst_errors: Sequence[float], n_coordinates: Sequence[int]
+) -> list[Setting]:
+    """Return the best reduced settings on the scene's meshes: one as good as any, then one that is good enough.
+
+    Parameters
+    ----------
+    settings
+        Settings that were measured.
+    worst_errors
+        Largest error of any output; NaN where a setting failed.
+    n_coordinates
+        Number of reduced coordinates.
+
+    Returns
+    -------
+    list of Setting
+        One or two; none where every reduced setting failed.
+    """
+    points = [
+        (error, setting.n_steps * n**2, setting)
+        for setting, error, n in zip(settings, worst_errors, n_coordinates)
+        if setting.family == "reduced" and setting.refinement == 1 and error == error
+    ]
+    if not points:
+        return []
+    smallest = min(error for error, _, _ in points)
+    limits = (AS_GOOD * smallest, max(GOOD_ENOUGH, AS_GOOD * smallest))
+    return _once(_cheapest(points, lambda error, limit=limit: error <= limit) for limit in limits)
+
+
+def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarray]:
+    """Return what was set, by name, each of shape (n_settings,); 0, false or empty where it has no meaning."""
+    duration = scene.simulation.duration
+    columns = {
+        "step": np.array([step_of(duration, setting.n_steps) for setting in settings]),
+        "refinement": np.array([setting.refinement for setting in settings]),
+        "nodes": np.array([setting.nodes for setting in settings]),
+    }
+    for key in Reduction.model_fields:
+        values = [None if setting.reduction is None else getattr(setting.reduction, key) for setting in settings]
+        kind = next((type(value) for value in values if value is not None), float)
+        filled = [kind() if value is None else value for value in values]
+        columns[key] = np.array(filled, dtype=object if kind is str else kind)
+    return columns
+
+
+def _cheapest(points: Sequence[tuple[float, int, Setting]], good: Callable[[float], bool]) -> Setting:
+    """Return the setting with the fewest operations among the good ones; of equals, that with the fewest angles."""
+    among = [point for point in points if good(point[0])]
+    return min(among, key=lambda point: (point[1], point[2].reduction.angles))[2]
+
+
+def _sampled(setting: Setting, angles: Sequence[int]) -> list[Setting]:
+    """Return other ways to sample and interpolate the tables."""
+    if _adaptive(setting):
+        tolerance = setting.reduction.sampling_tolerance
+        return [setting.with_reduction(sampling_tolerance=factor * tolerance) for factor in (10.0, 0.1)]
+    schemes = ("overhauser", "spline", "spectral")
+    return [
+        *(setting.with_reduction(angles=n) for n in angles),
+        *(setting.with_reduction(interpolation=scheme) for scheme in schemes),
+    ]
+
+
+def _adaptive(setting: Setting) -> bool:
+    """Whether angles are added until a tolerance holds, which splines alone can do."""
+    return setting.reduction.sampling_tolerance is not None
+
+
+def _static(limits: Limits) -> tuple[bool, ...]:
+    """Return the choices of static modes that differ: without loads there are none."""
+    return (False, True) if limits.n_loads else (False,)
+
+
+def _within(modes: Sequence[int], limits: Limits) -> list[int]:
+    return [n for n in modes if n <= limits.n_modes]
+
+
+def own_steps(scene: Scene) -> int:
+    """Return the number of steps that the scene asks for."""
+    return count_steps(scene.simulation.duration, scene.simulation.step)
+
+
+def _steps(n: int, finer: int, coarser: int) -> list[int]:
+    """Return n, its doubles, and its halves as far as they are whole."""
+    coarse = [n // 2**k for k in range(1, coarser + 1) if n % 2**k == 0]
+    return [n, *(n * 2**k for k in range(1, finer + 1)), *coarse]
+
+
+def _once(settings: Iterable[Setting]) -> list[Setting]:
+    """Leave out repetitions; the order stays."""
+    return list(dict.fromkeys(settings))

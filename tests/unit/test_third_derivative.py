@@ -1,0 +1,61 @@
+"""Third derivative of the strain energy of all bodies: against the tangent, affine terms, rows of ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import four_bar, kinematics_of, slider_crank
+from static_equilibrium import StaticEquilibrium
+
+from pgmp_petsc.bodies.matrices import owned_rows
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.scene import Scene
+
+SCENES = {"slider_crank": slider_crank(), "four_bar": four_bar()}
+# a section other than the nominal one: every weight counts
+VALUES = {"r1": 7.0e-3}
+every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+
+
+def vectors_of(n_dofs: int) -> np.ndarray:
+    """Return three vectors that bend and stretch everything, shape (n_dofs, 3)."""
+    return np.random.default_rng(5).normal(size=(n_dofs, 3))
+
+
+@every_scene
+def test_it_is_the_slope_of_the_tangent_at_rest(scene: Scene) -> None:
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    energy = StaticEquilibrium(kinematics, VALUES, 0.7)
+    vectors, step = vectors_of(mechanism.n_dofs), 1e-4
+    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors)
+    assert set(terms) == set(mechanism.stiffness_weights)
+    found = sum(weight.evaluate(VALUES) * term for weight, term in terms.items())
+    slopes = [
+        (energy.forces(step * vector)[1] - energy.forces(-step * vector)[1]) / (2 * step) @ vectors
+        for vector in vectors.T
+    ]
+    expected = np.array([slopes[i][:, j] for i, j in zip(*np.tril_indices(3))]).T
+    # central differences: the square of the step times the ratio of vectors to elements' lengths
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(found).max())
+
+
+@every_scene
+@pytest.mark.parametrize("size", [2, 3, 17])
+def test_rows_of_all_ranks_make_the_whole(scene: Scene, size: int) -> None:
+    mechanism = kinematics_of(scene).mechanism
+    vectors = vectors_of(mechanism.n_dofs)
+    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors)
+    shares = [
+        ThirdDerivative(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size)).times(vectors)
+        for rank in range(size)
+    ]
+    for weight, expected in whole.items():
+        stacked = np.concatenate([share[weight] for share in shares])
+        np.testing.assert_allclose(stacked, expected, rtol=0, atol=1e-15 * np.abs(expected).max())
+
+
+def test_without_vectors_there_are_no_pairs() -> None:
+    mechanism = kinematics_of(slider_crank()).mechanism
+    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(np.empty((mechanism.n_dofs, 0)))
+    assert all(term.shape == (mechanism.n_dofs, 0) for term in terms.values())

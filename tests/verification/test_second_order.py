@@ -1,0 +1,275 @@
+"""Second order in the deformation: curvature against nonlinear static answers, cubic energy, foreshortening, gauge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from runs import quick_return, rom_of
+from scenes import four_bar, kinematics_of, pendulum, slider_crank
+from static_equilibrium import StaticEquilibrium
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.effects import effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.body_frames import to_inertial
+from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.modes import problem as problem_module
+from pgmp_petsc.modes.curvature import CurvatureProblem
+from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sampler import Sample, Sampler
+from pgmp_petsc.reduction.second_order import pair_products, unpacked
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.scene import Scene
+
+GRAVITY = 'effects.weight={type="gravity"}'
+TORQUE = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 1.0]]}'
+SECOND, STATIC = "reduction.second_order=true", "reduction.static_modes=true"
+SCENES = {
+    "slider-crank": lambda: slider_crank(STATIC),
+    "slider-crank with weight": lambda: slider_crank(GRAVITY, STATIC),
+    "four-bar": lambda: four_bar(TORQUE, STATIC),
+    "quick return": lambda: quick_return(),
+    "quick return with static modes": lambda: quick_return(STATIC),
+}
+every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+HALVINGS = 5
+
+
+@dataclass(frozen=True)
+class Curved:
+    """One configuration: the nonlinear mechanism, its modes, and what was computed of second order."""
+
+    nonlinear: StaticEquilibrium
+    modes: ModeSet
+    psi: np.ndarray
+    chi: np.ndarray
+    patterns: np.ndarray
+
+    def displacement(self, delta: np.ndarray) -> np.ndarray:
+        """Return ``Psi delta + 1/2 chi delta delta``."""
+        return self.psi @ delta + self.chi @ pair_products(delta[None])[0]
+
+    def norm(self, vector: np.ndarray) -> float:
+        """Return the M-norm."""
+        return float(np.sqrt(vector @ self.nonlinear.mass @ vector))
+
+
+def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
+    """Compute one configuration."""
+    from mpi4py import MPI
+
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    patterns = patterns_of(effects_of(scene, mechanism) if scene.reduction.static_modes else (), matrices)
+    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+        modes = problem.solve(theta)
+        patterns = problem.independent(patterns)
+        static = problem.static_modes(modes, patterns)
+        chi = CurvatureProblem(problem).solve(modes, static, patterns).chi
+    nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)
+    return Curved(nonlinear, modes, np.hstack([modes.flexible, static]), chi, patterns)
+
+
+def orders(errors: list[float]) -> np.ndarray:
+    """Return the observed orders of errors at sizes that are halved each time."""
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+@every_scene
+@pytest.mark.parametrize("theta", [0.7, 2.0])
+def test_nonlinear_static_answers_lie_on_the_manifold_to_third_order(scene: Callable, theta: float) -> None:
+    """Loads of all modes and of the scene together: what is left of the answer is of third order in the load."""
+    case = curved(scene(), theta, 3)
+    random = np.random.default_rng(0)
+    inertia = case.nonlinear.mass @ case.modes.flexible @ random.normal(size=3)
+    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.shape[1])
+    load *= 1e-6 / np.max(np.abs(case.nonlinear.solve(1e-6 * load)))
+    lefts, straight = [], []
+    for k in range(HALVINGS):
+        # the largest nodal displacement (m) or rotation is a tenth at first
+        u = case.nonlinear.solve(0.1 * load / 2**k)
+        delta = case.psi.T @ case.nonlinear.mass @ u
+        lefts.append(case.norm(u - case.displacement(delta)))
+        straight.append(case.norm(u - case.psi @ delta))
+    assert abs(orders(lefts)[-1] - 3) < 0.1 and abs(orders(straight)[-1] - 2) < 0.05
+    assert lefts[-1] < 0.02 * straight[-1]
+
+
+@every_scene
+def test_constraints_hold_to_third_order(scene: Callable) -> None:
+    case = curved(scene(), 1.0, 4)
+    sizes = 0.02 / np.max(np.abs(case.psi), axis=0)
+    delta = sizes * np.random.default_rng(1).normal(size=sizes.size)
+    errors = [np.max(np.abs(case.nonlinear.constraints(case.displacement(delta / 2**k)))) for k in range(HALVINGS)]
+    if case.nonlinear.linear_joints:
+        assert max(errors) < 1e-13
+    else:
+        assert abs(orders(errors)[-1] - 3) < 0.1
+
+
+@every_scene
+def test_the_curvature_is_orthogonal_to_rigid_motion_and_modes(scene: Callable) -> None:
+    case = curved(scene(), 1.0, 4)
+    sizes = np.array([case.norm(column) for column in case.chi.T])
+    for basis in (case.nonlinear.rigid / case.norm(case.nonlinear.rigid[:, 0]), case.psi):
+        np.testing.assert_allclose(basis.T @ case.nonlinear.mass @ (case.chi / sizes), 0.0, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("scene", [SCENES["slider-crank with weight"], SCENES["four-bar"]])
+@pytest.mark.parametrize("n_modes", [1, 6])
+def test_the_curvature_is_that_of_a_dense_solve(scene: Callable, n_modes: int) -> None:
+    case = curved(scene(), 1.1, n_modes)
+    nonlinear, m = case.nonlinear, case.psi.shape[1]
+    null = scipy.linalg.null_space(nonlinear.jacobian(np.zeros(len(case.psi))))
+    third = np.empty((len(case.psi), m, m))
+    for i, psi in enumerate(case.psi.T):
+        step = 1e-3 / np.max(np.abs(psi))
+        near, far = (nonlinear.forces(s * psi)[1] - nonlinear.forces(-s * psi)[1] for s in (step, 2 * step))
+        third[..., i] = (8 * near - far) @ case.psi / (12 * step)
+    i, j = np.tril_indices(m)
+    forces = 0.5 * (third + np.swapaxes(third, 1, 2))[:, i, j]
+    reduced, mass = null.T @ nonlinear.stiffness @ null, nonlinear.mass
+    held = nonlinear.rigid / case.norm(nonlinear.rigid[:, 0])
+    balanced = forces - mass @ held @ (held.T @ forces)
+    answers = null @ np.linalg.lstsq(reduced, -null.T @ balanced, rcond=1e-13)[0]
+    basis = np.hstack([held, case.psi])
+    expected = answers - basis @ np.linalg.solve(basis.T @ mass @ basis, basis.T @ mass @ answers)
+    for found, one in zip(case.chi.T, expected.T):
+        # the dense solver errs by the condition of the stiffness times round-off
+        assert case.norm(found - one) < 1e-5 * max(case.norm(column) for column in expected.T)
+
+
+@every_scene
+@pytest.mark.parametrize("share", [1.0, 1.3])
+def test_the_cubic_energy_leaves_out_terms_of_fourth_order(scene: Callable, share: float) -> None:
+    """At the nominal parameters and at others: the tables are affine."""
+    scene, theta = scene(), 1.0
+    values = {name: share * value for name, value in scene.nominal.items()}
+    kinematics = kinematics_of(scene)
+    sample = sampled(scene, theta)
+    terms = evaluate_weights(kinematics.mechanism.stiffness_weights, values)
+    stiffness = np.tensordot(terms, sample.stiffness, axes=1)
+    cubic = np.tensordot(terms, sample.second_order.cubic[0], axes=1)
+    energy = StaticEquilibrium(kinematics, values, theta).energy
+    delta = np.random.default_rng(2).normal(size=len(stiffness)) / np.sqrt(np.diagonal(stiffness))
+    delta *= 0.1 / np.max(np.abs(sample.shape @ delta))
+    errors, without = [], []
+    for k in range(HALVINGS):
+        d = delta / 2**k
+        u = sample.shape @ d + sample.curvature @ pair_products(d[None])[0]
+        without.append(abs(energy(u) - 0.5 * d @ stiffness @ d))
+        errors.append(abs(energy(u) - 0.5 * d @ stiffness @ d - np.einsum("ijk,i,j,k", cubic, d, d, d) / 6))
+    assert abs(orders(errors)[-2] - 4) < 0.2
+    assert abs(orders(without)[-1] - 3) < 0.2
+
+
+def sampled(scene: Scene, theta: float) -> Sample:
+    """Return one sample with everything of second order."""
+    from mpi4py import MPI
+
+    kinematics = kinematics_of(scene)
+    matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
+    effects = effects_of(scene, kinematics.mechanism)
+    patterns = patterns_of(effects if scene.reduction.static_modes else (), matrices)
+    with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
+        return Sampler(problem, loads_of(effects, matrices), patterns, True).sample(theta, lambda modes: modes)
+
+
+def test_loads_and_inertia_forces_work_along_the_curvature() -> None:
+    scene, theta = slider_crank(GRAVITY, STATIC), 2.0
+    sample, kinematics = sampled(scene, theta), kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    chi = to_inertial(mechanism, kinematics.poses(np.array([theta]))[..., 0], unpacked(sample.curvature))
+    for load, table in zip(loads_of(effects_of(scene, mechanism), matrices), sample.second_order.curved_load[0]):
+        expected = np.tensordot(load.vector, chi, axes=1)
+        np.testing.assert_allclose(table, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    step = 1e-3
+    places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
+    acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
+    for weight, table in zip(mechanism.mass_weights, sample.second_order.curved_inertia[0]):
+        expected = np.tensordot(acceleration @ matrices.mass[weight], chi, axes=1)
+        # differences of second order, and poses solved to 1e-12 over the square of the step
+        size = np.abs(matrices.mass[weight].data).max() * np.abs(chi).max()
+        np.testing.assert_allclose(table, expected, rtol=0, atol=1e-5 * size)
+
+
+def test_a_bent_beam_is_foreshortened() -> None:
+    """Its ends come closer by ``1/2 int w'^2``; nothing stretches, and a straight beam has no cubic energy."""
+    case = curved(pendulum(), 0.3, 2)
+    for pair, (i, j) in enumerate(zip(*np.tril_indices(2))):
+        chi = case.chi[:, pair].reshape(-1, 3)
+        w, phi = (case.psi.reshape(-1, 3, 2)[:, column] for column in (1, 2))
+        length = 1.0 / (len(w) - 1)
+        slope, turn = np.diff(w, axis=0) / length, 0.5 * (phi[1:] + phi[:-1])
+        # eps'' = 0 element by element; it is w'_i w'_j but for the shear, which is small in a slender beam
+        exact = length * (slope[:, i] * turn[:, j] + slope[:, j] * turn[:, i] - turn[:, i] * turn[:, j])
+        np.testing.assert_allclose(np.diff(chi[:, 0]), -exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+        shortening = length * np.sum(slope[:, i] * slope[:, j])
+        assert chi[-1, 0] - chi[0, 0] == pytest.approx(-shortening, rel=1e-4, abs=1e-4 * np.sum(np.abs(exact)))
+        np.testing.assert_allclose(chi[:, 1:], 0.0, rtol=0, atol=1e-9 * np.abs(chi).max())
+
+
+@pytest.fixture(scope="module")
+def turning() -> ReducedOrderModel:
+    """Return a model with two turns and a joint whose line turns with a body."""
+    return rom_of(quick_return(STATIC, SECOND, "reduction.modes=3", "reduction.angles=16"))
+
+
+def test_signs_and_order_of_the_solver_mean_nothing(turning: ReducedOrderModel) -> None:
+    def scrambled(modes: ModeSet) -> ModeSet:
+        random = np.random.default_rng(int(1e6 * modes.theta))
+        order, signs = random.permutation(3), random.choice([-1.0, 1.0], 3)
+        return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
+
+    other = rom_of(quick_return(STATIC, SECOND, "reduction.modes=3", "reduction.angles=16"), scrambled)
+    for name in ("cubic", "curved_load", "curved_inertia"):
+        expected, found = (getattr(rom.tables.second_order, name) for rom in (turning, other))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max(), err_msg=name)
+    size = np.abs(turning.curvature).max()
+    np.testing.assert_allclose(other.curvature, turning.curvature, rtol=0, atol=1e-9 * size)
+
+
+def test_the_back_transformation_stays_in_the_joints(turning: ReducedOrderModel) -> None:
+    scene = quick_return(STATIC, SECOND, "reduction.modes=3", "reduction.angles=16")
+    kinematics = kinematics_of(scene)
+    mechanism, constraints = kinematics.mechanism, ConstraintSet(kinematics.mechanism)
+    back = Reconstruction(kinematics, turning, "overhauser", range(mechanism.n_nodes))
+    straight = Reconstruction(kinematics, replace(turning, curvature=None), "overhauser", range(mechanism.n_nodes))
+    m, row = turning.tables.n_modes, 3
+    size = 0.02 / np.max(np.abs(turning.projection[row]), axis=0)
+    delta, theta = size * np.random.default_rng(3).normal(size=m), turning.tables.samples.theta[row]
+    errors: dict[str, list[float]] = {"curved": [], "straight": []}
+    for k in range(HALVINGS):
+        eta = np.array([[theta, *(delta / 2**k)]])
+        for name, reconstruction in (("curved", back), ("straight", straight)):
+            q = reconstruction.frames(eta).reshape(mechanism.n_dofs, 1)
+            errors[name].append(np.max(np.abs(constraints.residual(q))))
+    assert abs(orders(errors["curved"])[-1] - 3) < 0.1 and abs(orders(errors["straight"])[-1] - 2) < 0.1
+    u = turning.projection[row] @ delta + turning.curvature[row] @ pair_products(delta[None])[0]
+    pose = kinematics.poses(np.array([theta]))[..., 0]
+    expected = mechanism.place(pose) + to_inertial(mechanism, pose, u)
+    found = back.frames(np.array([[theta, *delta]])).ravel()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_a_refinement_that_does_not_converge_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(problem_module, "MAX_REFINEMENTS", 1)
+    with pytest.raises(RunError, match="static modal derivatives at theta = 1 rad: 1 refinements left a step"):
+        curved(slider_crank(), 1.0, 3)
+
+
+def test_angles_that_are_added_have_it_too() -> None:
+    more = ('reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6")
+    rom = rom_of(slider_crank(SECOND, "reduction.modes=3", *more))
+    n, m = rom.tables.samples.n, rom.tables.n_modes
+    assert n > 6
+    assert rom.curvature.shape == (n, 36, m * (m + 1) // 2)
+    assert rom.tables.second_order.cubic.shape == (n, 3, m, m, m)
