@@ -29,9 +29,18 @@ GRAVITY = 'effects.weight={type="gravity"}'
 TIME = 0.1  # s; the torque is 0.2 Nm
 
 
+@pytest.fixture(
+    scope="module",
+    params=[(), ("reduction.second_order=true", "reduction.static_modes=true", "reduction.modes=3")],
+    ids=["first order", "second order"],
+)
+def settings(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    return request.param
+
+
 @pytest.fixture(scope="module", params=[slider_crank, quick_return])
-def model(request: pytest.FixtureRequest) -> ReducedModel:
-    return reduced_model(request.param(GRAVITY))
+def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedModel:
+    return reduced_model(request.param(GRAVITY, *settings))
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +143,23 @@ def whole(entries: np.ndarray) -> np.ndarray:
     return matrix
 
 
+def whole_cubic(entries: np.ndarray, m: int) -> np.ndarray:
+    """Unpack a symmetric tensor of third order."""
+    tensor = np.empty((m, m, m))
+    i, j, k = np.indices(tensor.shape).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    for order in itertools.permutations((i[chosen], j[chosen], k[chosen])):
+        tensor[order] = entries
+    return tensor
+
+
+def whole_skew(entries: np.ndarray, m: int) -> np.ndarray:
+    """Unpack a skew matrix."""
+    matrix = np.zeros((m, m))
+    matrix[np.tril_indices(m, -1)] = entries
+    return matrix - matrix.T
+
+
 class At:
     """The reduced quantities at one theta (not inside the last digits of a grid point), for one sample."""
 
@@ -148,16 +174,33 @@ class At:
             )
             entries = weights @ entries
             entries[0] = weights @ rigid[:, 0]
-            mass, coupling, stiffness = np.split(entries, [layout.coupling, layout.stiffness])
-            return whole(mass), coupling, whole(stiffness), of_load @ load
+            ends = [layout.coupling, layout.stiffness, layout.cubic, layout.swing, layout.gyroscopic]
+            mass, coupling, stiffness, cubic, swing, gyroscopic = np.split(entries, ends)
+            load, bent = np.split(of_load @ load, [layout.n_eta])
+            m = coupling.size
+            if not layout.second_order:
+                return whole(mass), coupling, whole(stiffness), load, *self._nothing(m)
+            return (
+                whole(mass), coupling, whole(stiffness), load,
+                whole_cubic(cubic, m), whole(swing), whole_skew(gyroscopic, m), whole(bent),
+            )  # fmt: skip
 
-        self.mass, self.coupling, self.stiffness, self.load = parts(False)
-        self.mass_slope, self.coupling_slope, self.stiffness_slope, self.load_slope = parts(True)
+        self.mass, self.coupling, self.stiffness, self.load, *second = parts(False)
+        self.mass_slope, self.coupling_slope, self.stiffness_slope, self.load_slope, *second_slopes = parts(True)
+        self.cubic, self.swing, self.gyroscopic, self.bent = second
+        self.cubic_slope, self.swing_slope, self.gyroscopic_slope, self.bent_slope = second_slopes
+
+    @staticmethod
+    def _nothing(m: int) -> tuple[np.ndarray, ...]:
+        return np.zeros((m, m, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m))
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Return dr/da: the mass with the change of the rigid inertia by the deformation."""
         mass = self.mass.copy()
-        mass[0, 0] += 2 * self.coupling @ q[1:]
+        delta = q[1:]
+        mass[0, 0] += 2 * self.coupling @ delta - delta @ self.swing @ delta
+        mass[0, 1:] += delta @ self.gyroscopic
+        mass[1:, 0] += delta @ self.gyroscopic
         return mass
 
     def residual(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -169,7 +212,19 @@ class At:
         r[0] += self.coupling_slope @ delta * speed**2
         r[0] += 0.5 * delta @ self.stiffness_slope @ delta - self.load_slope[1:] @ delta
         r[1:] += self.stiffness @ delta - self.coupling * speed**2
-        return r
+        return r + self.second_order(delta, rate, a, speed)
+
+    def second_order(self, delta: np.ndarray, rate: np.ndarray, a: np.ndarray, speed: float) -> np.ndarray:
+        """Return the Lagrange derivatives of L_2, term by term."""
+        swing, skew = self.swing, self.gyroscopic
+        of_delta = 0.5 * np.einsum("ijk,j,k", self.cubic, delta, delta) - self.bent @ delta + speed**2 * swing @ delta
+        of_delta -= a[0] * skew @ delta + speed**2 * self.gyroscopic_slope @ delta + 2 * speed * skew @ rate
+        of_theta = np.einsum("ijk,i,j,k", self.cubic_slope, delta, delta, delta) / 6
+        of_theta -= 0.5 * delta @ self.bent_slope @ delta
+        of_theta -= a[0] * delta @ swing @ delta + 2 * speed * delta @ swing @ rate
+        of_theta -= 0.5 * speed**2 * delta @ self.swing_slope @ delta
+        of_theta += delta @ skew @ a[1:]
+        return np.concatenate([[of_theta], of_delta])
 
 
 def anywhere(n_eta: int, n_samples: int, seed: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -215,7 +270,9 @@ def lagrangian(
     """Return T - V without the rigid work of the loads."""
     at, delta = At(terms, values, amplitudes, q[0]), q[1:]
     kinetic = 0.5 * v @ at.mass @ v + v[0] ** 2 * at.coupling @ delta
-    return kinetic - 0.5 * delta @ at.stiffness @ delta + at.load[1:] @ delta
+    kinetic += v[0] * delta @ at.gyroscopic @ v[1:] - 0.5 * v[0] ** 2 * delta @ at.swing @ delta
+    strain = 0.5 * delta @ at.stiffness @ delta + np.einsum("ijk,i,j,k", at.cubic, delta, delta, delta) / 6
+    return kinetic - strain + at.load[1:] @ delta + 0.5 * delta @ at.bent @ delta
 
 
 def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, terms: ReducedTerms) -> None:
