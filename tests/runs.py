@@ -23,7 +23,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 
-PAPER_SCENE = ROOT / "scenes" / "slider_crank.toml"
+PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 PGMP = ("-m", "pgmp_petsc.cli.main")
 # few modes and angles, and a tenth of the time: enough for everything but accuracy
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")

@@ -23,7 +23,7 @@ from pgmp_petsc.studies.paper_tables import Table, number
 if TYPE_CHECKING:
     from pgmp_petsc.studies.paper_cost import Cost
 
-SCENE = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
+SCENE = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank_paper.toml"
 PICTURES = {
     "fig6_densities.png": "Fig. 6: crank angle and slider deformation at 1 s, full-order beside reduced",
     "fig2_frequencies.png": "Fig. 2: eigenfrequencies over a revolution",

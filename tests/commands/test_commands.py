@@ -80,7 +80,7 @@ def assert_attributes(path: Path, kind: str, ranks: int = 1, seed: int | None = 
         assert file.attrs["ranks"] == ranks
         assert (file.attrs["seed"] == seed) if seed is not None else isinstance(file.attrs["seed"], h5py.Empty)
         scene = tomllib.loads(file.attrs["scene"])
-        assert scene["scene"]["name"] == "slider_crank"
+        assert scene["scene"]["name"] == "slider_crank_paper"
         assert scene["reduction"]["modes"] == 4
         assert scene["simulation"]["spectral_radius"] == 0.8, "resolved: with its defaults"
         assert len(file["timings"]) > 0
@@ -231,7 +231,7 @@ def test_info_tells_what_every_file_holds(rom: Path, reduced: Path, ensemble: Pa
         printed = pgmp("info", path).stdout
         for word in (*words, "slider_crank", "r1 = 0.0056", "timings", f"pgmp {__version__}"):
             assert word in printed, (path, word)
-    assert tomllib.loads(pgmp("info", "--scene", reduced).stdout)["scene"]["name"] == "slider_crank"
+    assert tomllib.loads(pgmp("info", "--scene", reduced).stdout)["scene"]["name"] == "slider_crank_paper"
 
 
 def test_plot_and_export(folder: Path, reduced: Path, full: Path, ensemble: Path, table: Path) -> None:
