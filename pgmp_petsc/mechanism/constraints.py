@@ -73,7 +73,7 @@ class ConstraintHessian:
 
 
 def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
-    """Return the second derivatives of the joints that are not linear, at poses (n_bodies, 3) of the rigid mechanism."""
+    """Return the second derivatives of the joints that are not linear, for poses (n_bodies, 3) of rigid bodies."""
     hessians = []
     for connection in mechanism.connections:
         if not connection.joint.linear:

@@ -37,7 +37,7 @@ class ReducedModel:
         mechanism = Mechanism.from_scene(scene, rom.meshes)
         self.kinematics = RigidKinematics(mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics)
-        self._terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
+        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
         self._effects = effects_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics)
         samples, scheme = rom.tables.samples, scene.reduction.interpolation
@@ -52,7 +52,7 @@ class ReducedModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        return ReducedSystem(self._terms, self._effects, values, self._start, n_samples)
+        return ReducedSystem(self.terms, self._effects, values, self._start, n_samples)
 
     def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""

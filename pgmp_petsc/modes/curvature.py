@@ -1,11 +1,11 @@
-"""Curvature of the flexible shapes: static modal derivatives (Wu and Tiso 2016, quadratic manifold).
+"""Curvature of the flexible shapes: static modal derivatives (Wu and Tiso 2016; as a manifold: Jain et al. 2017).
 
 A deformed mechanism is, in body frames and to second order in the flexible coordinates,
 
     u = Psi delta + 1/2 sum_ij chi_ij delta_i delta_j.
 
-Psi answers loads F statically, ``K psi_i + C^T mu_i = f_i``: modes answer their inertia forces ``lambda_i M psi_i``, static
-modes the loads that they were made of. chi continues this answer to second order, at the nominal parameters,
+Psi answers loads statically, ``K psi_i + C^T mu_i = f_i``: modes answer their inertia forces ``lambda_i M psi_i``,
+static modes the loads that they were made of. chi continues this answer to second order, at the nominal parameters,
 
     K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
 
@@ -142,7 +142,13 @@ class _TurningJoints:
         return result
 
     def forces(self, reactions: np.ndarray) -> np.ndarray:
-        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs), for reactions ``C^T mu_i``, (n_dofs, m)."""
+        """Return ``(mu_i.c'') psi_j + (mu_j.c'') psi_i``, shape (n_dofs, n_pairs).
+
+        Parameters
+        ----------
+        reactions
+            ``C^T mu_i``, shape (n_dofs, m).
+        """
         i, j = self._pairs
         multipliers = np.linalg.lstsq(self._jacobian.T, reactions[self._touched], rcond=RANK_TOLERANCE)[0]
         result = np.zeros((len(self._shape), i.size))

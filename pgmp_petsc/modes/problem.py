@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
+ROUND_OFF = 1e-15
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
 
@@ -221,19 +222,21 @@ class ModalProblem:
         """
         m_kept = self.times_mass(kept)
         balanced = loads - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, loads))
+        # of what is deflated too: an answer that vanishes beside it is round-off and never settles
+        undeflated = self._norms(self._shifted_answers(loads))
         answers = np.zeros_like(loads)
         last = np.full(loads.shape[1], np.inf)
         active = np.arange(loads.shape[1])
         for _ in range(MAX_REFINEMENTS):
             residual = balanced[:, active] - times(self.stiffness, answers[:, active])
-            step = times(self._null, self._solver.apply_inverse(transposed_times(self._null, residual)))
+            step = self._shifted_answers(residual)
             step -= self.onto(kept, step)
             answers[:, active] += step
             size, whole = self._norms(step), self._norms(answers[:, active])
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
-            going = (size > 1e-13 * whole) & ~stalled
+            going = (size > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
             if not going.any():
                 return answers
             worst = np.max(size[going] / whole[going])
@@ -242,6 +245,10 @@ class ModalProblem:
             f"{what}: {MAX_REFINEMENTS} refinements left a step of {worst:.2g} of the answer; the mesh may "
             "be too fine for double precision"
         )
+
+    def _shifted_answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k), with the factor of the last solve."""
+        return times(self._null, self._solver.apply_inverse(transposed_times(self._null, loads)))
 
     def onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the M-orthogonal projection of vectors onto a basis."""

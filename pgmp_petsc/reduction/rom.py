@@ -43,8 +43,8 @@ class ReducedOrderModel:
     record
         Scene and circumstances of the build.
     curvature
-        chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs (i, j), i >= j,
-        in the order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
+        chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs i >= j in the
+        order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
     """
 
     tables: ReducedTables

@@ -1,4 +1,4 @@
-"""Reduced tables of second order in the flexible coordinates, for the quadratic manifold (Wu and Tiso 2016)
+"""Reduced tables of second order in the flexible coordinates, for the quadratic manifold (Jain et al. 2017)
 
     u = Psi(theta) delta + 1/2 sum_ij chi_ij(theta) delta_i delta_j,     chi_ij = chi_ji,
 

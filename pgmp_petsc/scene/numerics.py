@@ -81,4 +81,4 @@ class Ensemble(Table):
     quantiles: tuple[Probability, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
-    batch: Integer = Field(128, ge=1, description="number of samples that a rank integrates together")
+    batch: Integer = Field(512, ge=1, description="number of samples that a rank integrates together")

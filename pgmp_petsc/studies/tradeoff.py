@@ -80,7 +80,7 @@ def measure_tradeoff(
     timings = Timings()
     with timings.phase("preparation"), agreed(comm, "preparing the study"), without_progress():
         outputs, n_dofs, limits = _examine(scene, meshes)
-        bench = Bench(scene, meshes)
+        bench = Bench(scene, meshes, sweep.builds)
         bench.warm_up(own_setting(scene))
     study = _Study(scene, sweep, bench, limits)
     dealer = Dealer(comm.size, n_dofs, bench.batch, sweep.repeats)
@@ -168,7 +168,7 @@ class _Study:
         # on refined meshes no setting has a finer step than the scene's
         self._sequences = {1: ReferenceSequence(n * 2 ** (self.sweep.finer + 1), n * 2**most)}
         for refinement in self.sweep.refinements:
-            self._sequences[refinement] = ReferenceSequence(4 * n, n * 2**most_refined)
+            self._sequences[refinement] = ReferenceSequence(2 * n, n * 2**most_refined)
 
     def first(self) -> list[Task]:
         """Return the first tasks."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.models import Model
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene.numerics import Simulation
 
@@ -65,11 +65,13 @@ def history_of(model: Model, values: Mapping[str, np.ndarray], simulation: Simul
     n_samples = next((len(column) for column in values.values()), 1)
     every = max(1, count_steps(simulation.duration, simulation.step) // kept)
     system = model.batch(values, n_samples)
-    frames: list[np.ndarray] = []
+    reduced = isinstance(model, ReducedModel)
+    kept_states: list[np.ndarray] = []
 
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
-            frames.append(np.array(model.output_frames(system, state)))
+            # frames of reduced samples are cheap only for many at once
+            kept_states.append(state.q.copy() if reduced else np.array(model.output_frames(system, state)))
 
     run = integrate(system, simulation, observer=record)
     failed = np.flatnonzero(run.status != Status.FINE)
@@ -80,7 +82,8 @@ def history_of(model: Model, values: Mapping[str, np.ndarray], simulation: Simul
             f"{failed.size} of {n_samples} samples failed, the first{f' ({where})' if where else ''} at "
             f"{run.failure_time[first]:.4g} s: {Status(run.status[first]).meaning}"
         )
-    in_time = np.concatenate(frames, axis=-1)  # time after time, the samples of each side by side
+    # time after time, the samples of each side by side
+    in_time = model.output_frames_of(np.concatenate(kept_states)) if reduced else np.concatenate(kept_states, axis=-1)
     return {name: values.reshape(-1, n_samples) for name, values in model.outputs.evaluate(in_time).items()}
 
 

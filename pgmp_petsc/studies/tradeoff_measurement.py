@@ -34,7 +34,6 @@ from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values,
 # (PETSc's and MPI's are RuntimeErrors); a mistake of the program ends the study.
 FAILURES = (PgmpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 MOST_TIMED_TOGETHER = 128
-MOST_BUILDS = 2  # times that a build is timed
 LONG_BUILD = 2.0  # s; a build that takes longer is timed once
 WARM_UP_STEPS = 2
 WARM_UP_ANGLES = 6
@@ -127,10 +126,13 @@ class Bench:
     ----------
     scene, meshes
         As they were read.
+    n_builds
+        How often builds are timed, unless they are long.
     """
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
+    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], n_builds: int) -> None:
         self.scene = scene
+        self._n_builds = n_builds
         self.values = held_out(scene)
         self.batch = min(scene.ensemble.batch, MOST_TIMED_TOGETHER)
         self._meshes = meshes
@@ -189,7 +191,7 @@ class Bench:
             seconds = (perf_counter() - start) / n
             self._online[setting, n] = min(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
-        if len(taken) < min(turn, MOST_BUILDS) and taken[0] < LONG_BUILD:
+        if len(taken) < min(turn, self._n_builds) and taken[0] < LONG_BUILD:
             taken.append(self._prepare(setting).seconds)
 
     def times(self, setting: Setting) -> tuple[float, float, float]:
@@ -222,9 +224,11 @@ class Bench:
     def _prepare(self, setting: Setting) -> Prepared:
         """Do what comes before the first sample, and take its time."""
         prepare = {"reduced": self._build, "full": self._full, "surface": self._surface}[setting.family]
+        # the full-order model that a surface needs first is shared, and so is its time
+        before = self._shared(Setting("full", setting.n_steps)).seconds if setting.family == "surface" else 0.0
         start = perf_counter()
         model, n_coordinates = prepare(setting)
-        return Prepared(model, n_coordinates, perf_counter() - start)
+        return Prepared(model, n_coordinates, before + perf_counter() - start)
 
     def _build(self, setting: Setting) -> tuple[ReducedModel, int]:
         scene = scene_from_toml(self._toml, self.scene.directory, setting.overrides(self.scene))
@@ -237,7 +241,7 @@ class Bench:
 
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int]:
         nodes = node_values(self.scene, setting.nodes)
-        model, _ = self._full(setting)
+        model = self._shared(Setting("full", setting.n_steps)).model
         simulation = with_steps(self.scene.simulation, setting.n_steps)
         runs = history_of(model, at_values(self.scene, nodes), simulation, self._kept)
         return ResponseSurface(nodes, runs), setting.nodes

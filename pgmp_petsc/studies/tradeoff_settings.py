@@ -78,8 +78,8 @@ class Sweep:
 
     Attributes
     ----------
-    modes, angles
-        Of the lines through the best settings.
+    modes, angles, schemes
+        Of the lines through the best settings: numbers of modes and of angles, schemes of interpolation.
     own_modes, own_angles
         Of the lines through the scene's setting: factors on its number of modes, and angles.
     own_others
@@ -96,14 +96,15 @@ class Sweep:
         Parts of every cell of the mesh that tells the others' discretisation errors.
     surfaces
         Number of response surfaces.
-    repeats
-        How often times are taken.
+    repeats, builds
+        How often times are taken: online, and of builds that are not long.
     reference_halvings
         Halvings of the scene's step that the reference may take, on the scene's meshes and on refined ones.
     """
 
     modes: tuple[int, ...]
     angles: tuple[int, ...]
+    schemes: tuple[str, ...]
     own_modes: tuple[float, ...]
     own_angles: tuple[int, ...]
     own_others: bool
@@ -115,12 +116,14 @@ class Sweep:
     finest: int
     surfaces: int
     repeats: int
+    builds: int
     reference_halvings: tuple[int, int]
 
 
 FULL = Sweep(
     modes=(2, 3, 5, 7, 10, 15, 22),
     angles=(16, 24, 32, 64, 96),
+    schemes=("overhauser", "spline", "spectral"),
     own_modes=(0.5, 1.5),
     own_angles=(48, 96),
     own_others=True,
@@ -132,23 +135,26 @@ FULL = Sweep(
     finest=8,
     surfaces=4,
     repeats=3,
+    builds=2,
     reference_halvings=(7, 5),
 )
 QUICK = Sweep(
-    modes=(2, 10),
-    angles=(24, 96),
+    modes=(2,),
+    angles=(24,),
+    schemes=("overhauser",),
     own_modes=(),
     own_angles=(),
     own_others=False,
     finer=1,
     coarser=1,
-    tensor_modes=(4, 7),
+    tensor_modes=(4, 8),
     tensor_angles=48,
     refinements=(2,),
     finest=4,
     surfaces=3,
     repeats=2,
-    reference_halvings=(4, 3),
+    builds=1,
+    reference_halvings=(3, 2),
 )
 
 
@@ -182,7 +188,7 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     settings += [own.with_reduction(modes=round(factor * own.reduction.modes)) for factor in sweep.own_modes]
     if sweep.own_others:
         settings += [own.with_reduction(static_modes=value) for value in static]
-        settings += _sampled(own, sweep.own_angles)
+        settings += _sampled(own, sweep.own_angles, sweep.schemes)
     settings += [replace(own, n_steps=steps) for steps in _steps(n, sweep.finer - 1, 1)]
     few = own if _adaptive(own) else own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
     coarse = _steps(n, 0, 1)
@@ -205,7 +211,7 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
             continue
         settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
         settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
-        settings += _sampled(setting, sweep.angles)
+        settings += _sampled(setting, sweep.angles, sweep.schemes)
         settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
     return _once(settings)
 
@@ -263,12 +269,11 @@ def _cheapest(points: Sequence[tuple[float, int, Setting]], good: Callable[[floa
     return min(among, key=lambda point: (point[1], point[2].reduction.angles))[2]
 
 
-def _sampled(setting: Setting, angles: Sequence[int]) -> list[Setting]:
+def _sampled(setting: Setting, angles: Sequence[int], schemes: Sequence[str]) -> list[Setting]:
     """Return other ways to sample and interpolate the tables."""
     if _adaptive(setting):
         tolerance = setting.reduction.sampling_tolerance
         return [setting.with_reduction(sampling_tolerance=factor * tolerance) for factor in (10.0, 0.1)]
-    schemes = ("overhauser", "spline", "spectral")
     return [
         *(setting.with_reduction(angles=n) for n in angles),
         *(setting.with_reduction(interpolation=scheme) for scheme in schemes),

@@ -45,7 +45,7 @@ def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedM
 
 @pytest.fixture(scope="module")
 def terms(model: ReducedModel) -> ReducedTerms:
-    return model._terms
+    return model.terms
 
 
 def packed(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +242,7 @@ def system_of(model: ReducedModel, n: int, **given: object) -> ReducedSystem:
 
 def amplitudes_of(model: ReducedModel, time: float) -> np.ndarray:
     by_name = {effect.name: effect for effect in effects_of(model.scene, model.kinematics.mechanism)}
-    return np.array([by_name[name].amplitude(time) for name in model._terms.tables.load_effects])
+    return np.array([by_name[name].amplitude(time) for name in model.terms.tables.load_effects])
 
 
 def residual_of(system: ReducedSystem, q: np.ndarray, v: np.ndarray, a: np.ndarray, mass: np.ndarray) -> np.ndarray:
@@ -307,7 +307,7 @@ def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, terms: Reduce
 
 def test_the_kinetic_energy_is_that_of_the_flexible_mechanism_to_first_order(model: ReducedModel) -> None:
     """``1/2 q'^T M q'`` of the reconstructed nodes; what the tables lack is quadratic in the deformation."""
-    terms, scene = model._terms, model.scene
+    terms, scene = model.terms, model.scene
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"r1": 5e-3})

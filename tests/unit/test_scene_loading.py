@@ -103,7 +103,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert scene.ensemble.model_dump() == {
         "bins": 50,
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
-        "batch": 128,
+        "batch": 512,
     }
     assert scene.bodies["arm"].placement is None
     assert not scene.coordinates["phi"].periodic
@@ -151,7 +151,7 @@ def test_the_resolved_scene_reads_back_unchanged(slider_crank: Scene) -> None:
     text = scene_to_toml(scene)
     assert scene_from_toml(text, scene.directory) == scene != slider_crank
     assert scene_to_toml(scene_from_toml(text, scene.directory)) == text
-    assert "spectral_radius = 0.8" in text and "batch = 128" in text
+    assert "spectral_radius = 0.8" in text and "batch = 512" in text
     assert str(ROOT) not in text
 
 

@@ -25,9 +25,8 @@ def tables() -> ReducedTables:
     """Return the tables of a small build."""
     from mpi4py import MPI
 
-    scene = slider_crank(
-        f"reduction.modes={M}", f"reduction.angles={N}", "reduction.second_order=true", 'effects.weight={type="gravity"}'
-    )
+    more = ("reduction.second_order=true", 'effects.weight={type="gravity"}')
+    scene = slider_crank(f"reduction.modes={M}", f"reduction.angles={N}", *more)
     return build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
 
 

@@ -223,7 +223,7 @@ def test_a_bent_beam_is_foreshortened() -> None:
 
 @pytest.fixture(scope="module")
 def turning() -> ReducedOrderModel:
-    """Return a model with two turns and a joint whose line turns with a body."""
+    """Return a model with static modes and a joint whose line turns with a body."""
     return rom_of(quick_return(STATIC, SECOND, "reduction.modes=3", "reduction.angles=16"))
 
 
@@ -262,6 +262,12 @@ def test_the_back_transformation_stays_in_the_joints(turning: ReducedOrderModel)
     expected = mechanism.place(pose) + to_inertial(mechanism, pose, u)
     found = back.frames(np.array([[theta, *delta]])).ravel()
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_where_the_modes_are_all_of_them_nothing_is_left() -> None:
+    rom = rom_of(slider_crank(SECOND, "reduction.modes=30", "reduction.angles=4"))
+    # beside the chi of 5 modes, of the size 1e4
+    assert np.max(np.abs(rom.curvature)) < 1e-9
 
 
 def test_a_refinement_that_does_not_converge_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,59 @@
+"""Kinetic and strain energy of the reduced model, from the same interpolated tables as its equations of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+
+
+def reduced_energy(
+    terms: ReducedTerms, values: Mapping[str, float], q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the energies of one sample in several states.
+
+    Parameters
+    ----------
+    values
+        Parameter values of the sample.
+    q, v
+        Reduced coordinates and velocities, shape (n, n_eta).
+
+    Returns
+    -------
+    kinetic, strain
+        Each of shape (n,), J. Terms of second order in the deformation are in them where the model has them.
+    """
+    weights, layout = evaluate_weights(terms.weights, values), terms.layout
+    entries = np.einsum("t,nte->ne", weights, terms.terms(q[:, 0]))
+    entries[:, 0] = terms.rigid(q[:, 0])[:, :, 0] @ weights
+    delta, rate, speed = q[:, 1:], v[:, 1:], v[:, 0]
+    mass, coupling, stiffness, cubic, swing, gyroscopic = np.split(
+        entries, [layout.coupling, layout.stiffness, layout.cubic, layout.swing, layout.gyroscopic], axis=1
+    )
+    kinetic = 0.5 * _form(mass, v) + speed**2 * np.sum(coupling * delta, axis=1)
+    strain = 0.5 * _form(stiffness, delta)
+    if layout.second_order:
+        i, j = np.tril_indices(delta.shape[1], -1)
+        turning = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
+        kinetic += speed * np.sum(gyroscopic * turning, axis=1) - 0.5 * speed**2 * _form(swing, delta)
+        strain += _cubic_form(cubic, delta) / 6.0
+    return kinetic, strain
+
+
+def _form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return ``x^T A x`` for packed symmetric matrices (n, n_packed) and x (n, m)."""
+    i, j = np.tril_indices(x.shape[1])
+    return np.sum(packed * np.where(i == j, 1.0, 2.0) * x[:, i] * x[:, j], axis=1)
+
+
+def _cubic_form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return ``T_ijk x_i x_j x_k`` for symmetric tensors packed over ``i >= j >= k``."""
+    i, j, k = np.indices((x.shape[1],) * 3).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    i, j, k = i[chosen], j[chosen], k[chosen]
+    times = np.where(i == k, 1.0, np.where((i == j) | (j == k), 3.0, 6.0))
+    return np.sum(packed * times * x[:, i] * x[:, j] * x[:, k], axis=1)
