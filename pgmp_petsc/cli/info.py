@@ -42,7 +42,18 @@ def describe(path: Path) -> str:
         ]
         if record.timings:
             lines += ["", "timings", _indented(Timings(record.timings).table())]
-        return "\n".join([*lines, "", "datasets", _indented(_datasets(file))])
+        lines += ["", "datasets", _indented(_datasets(file))]
+        if file.attrs["kind"] == "tradeoff":
+            lines += ["", "summary", _indented(_tradeoff(path))]
+        return "\n".join(lines)
+
+
+def _tradeoff(path: Path) -> str:
+    """Return the table and the advice of a trade-off study."""
+    from pgmp_petsc.cli.tradeoff_table import summary
+    from pgmp_petsc.results.tradeoff import Tradeoff
+
+    return summary(Tradeoff.read(path))
 
 
 def _scene(path: Path) -> str:

@@ -33,7 +33,8 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
     """Draw result FILEs: what belongs together goes into one picture.
 
     Tables of modes become frequencies.png, trajectories trajectories.png and mechanism.png (full-order and
-    reduced ones are compared where their parameters are equal), ensembles densities.png.
+    reduced ones are compared where their parameters are equal), ensembles densities.png, trade-off studies
+    tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw
 

@@ -10,12 +10,13 @@ from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import save
+from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import paired, trajectories
-from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
+from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
-READERS = {"modes": ModesTable, "trajectory": Trajectory, "ensemble": Ensemble}
+READERS = {"modes": ModesTable, "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff}
 
 
 def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> list[str]:
@@ -47,6 +48,11 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> l
     if results["ensemble"]:
         in_order = sorted(results["ensemble"], key=lambda ensemble: ensemble.model != "full")
         written.append(save(densities(in_order), directory / "densities.png"))
+    for number, study in enumerate(results["tradeoff"], start=1):
+        # unlike the others, studies are not comparable: each has its own machine and load
+        name = "tradeoff" if len(results["tradeoff"]) == 1 else f"tradeoff_{number}"
+        for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
+            written.append(save(picture(study), directory / f"{name}{suffix}.png"))
     lines = [str(path) for path in written]
     if runs and not with_frames:
         lines.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")

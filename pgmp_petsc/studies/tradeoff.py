@@ -80,7 +80,7 @@ def measure_tradeoff(
     timings = Timings()
     with timings.phase("preparation"), agreed(comm, "preparing the study"), without_progress():
         outputs, n_dofs, limits = _examine(scene, meshes)
-        bench = Bench(scene, meshes, sweep.builds)
+        bench = Bench(scene, meshes, sweep.few_repeats)
         bench.warm_up(own_setting(scene))
     study = _Study(scene, sweep, bench, limits)
     dealer = Dealer(comm.size, n_dofs, bench.batch, sweep.repeats)
@@ -164,11 +164,14 @@ class _Study:
     _sequences: dict[int, ReferenceSequence] = field(init=False)
 
     def __post_init__(self) -> None:
-        n, (most, most_refined) = own_steps(self.scene), self.sweep.reference_halvings
+        n, halvings = own_steps(self.scene), self.sweep.reference_halvings
+        # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
-        self._sequences = {1: ReferenceSequence(n * 2 ** (self.sweep.finer + 1), n * 2**most)}
-        for refinement in self.sweep.refinements:
-            self._sequences[refinement] = ReferenceSequence(2 * n, n * 2**most_refined)
+        finest = {1: n * 2**self.sweep.finer} | dict.fromkeys(self.sweep.refinements, n)
+        self._sequences = {
+            refinement: ReferenceSequence(4 * steps, n * 2 ** halvings[refinement > 1])
+            for refinement, steps in finest.items()
+        }
 
     def first(self) -> list[Task]:
         """Return the first tasks."""

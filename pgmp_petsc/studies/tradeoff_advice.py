@@ -1,4 +1,4 @@
-"""Which setting to take: the cheapest one measured that meets an error, in sentences with options to paste.
+"""Which setting to take: the cheapest one measured that meets an error, in words and as options to paste.
 
 Cheap is what takes the least wall time for the study's number of samples, build included. Settings on refined meshes are
 left out, because their errors are against another reference.
@@ -17,19 +17,21 @@ NOT_KNOWN = 0.1  # share of an error by which the reference may have moved
 
 
 def advise(study: Tradeoff) -> tuple[str, ...]:
-    """Return the sentences: for all outputs together, for each of them, and what to keep in mind.
+    """Return advice for all outputs together, for each of them, and what to keep in mind.
+
+    A piece of advice is one line, or several: a line that begins with ``--`` holds options to paste.
 
     Parameters
     ----------
     study
         Measurements; its own advice is not looked at.
     """
-    sentences = []
-    if len(study.outputs) > 1:
-        sentences += _sentences(study, "every output", study.errors.max(axis=1))
-    for column, name in enumerate(study.outputs):
-        sentences += _sentences(study, name, study.errors[:, column])
-    return (*sentences, *_mesh_sentences(study), *_reference_sentences(study))
+    targets = {name: study.errors[:, column] for column, name in enumerate(study.outputs)}
+    if len(targets) > 1:
+        targets = {"every output": study.errors.max(axis=1), **targets}
+    said: dict[int, str] = {}
+    advice = [piece for target, errors in targets.items() for piece in _pieces(study, target, errors, said)]
+    return (*advice, *_mesh_sentences(study), *_reference_sentences(study))
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
@@ -47,30 +49,40 @@ def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.nd
     return int(np.argmin(np.where(good, total, np.inf))) if good.any() else None
 
 
-def _sentences(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
-    """Return a sentence for each choice; thresholds with the same choice share one."""
-    own_models = study.simulated & study.own_mesh
+def _pieces(study: Tradeoff, target: str, errors: np.ndarray, said: dict[int, str]) -> list[str]:
+    """Return a piece of advice for each choice; thresholds with the same choice share one.
+
+    Parameters
+    ----------
+    said
+        Settings whose options were given before, with what for; is extended.
+    """
+    models = study.simulated & study.own_mesh
     choices: dict[int | None, list[float]] = {}
     for threshold in THRESHOLDS:
-        choices.setdefault(cheapest(study, errors, threshold, own_models), []).append(threshold)
-    sentences = []
+        choices.setdefault(cheapest(study, errors, threshold, models), []).append(threshold)
+    pieces = []
     for row, thresholds in choices.items():
-        aim = f"For {_joined([f'{100 * t:g} %' for t in thresholds])} in {target}"
+        aim = f"{_joined([f'{100 * threshold:g} %' for threshold in thresholds])} in {target}"
         if row is None:
-            sentences.append(f"{aim} no setting is good enough{_nearest(study, errors, own_models)}.")
+            lines = [f"For {aim} no setting is good enough{_nearest(study, errors, models)}."]
         else:
-            sentences.append(f"{aim} take {_take(study, row)}.")
+            lines = [f"For {aim} take {_name(study, row)}: {_price(study, row)}"]
+            if row in said:
+                lines[0] += f", as for {said[row]}."
+            elif study.flags[row]:
+                lines = [f"{lines[0]}:", study.flags[row]]
+            said.setdefault(row, aim)
         surface = cheapest(study, errors, min(thresholds), ~study.simulated)
         if surface is not None:
-            others = "would do it" if row is None else "does it too"
-            sentences[-1] += f" A {study.name(surface)}, {others}: {_price(study, surface)}."
-    return sentences
+            verb = "would do" if row is None else "does it too"
+            lines.append(f"A {study.name(surface)}, {verb}: {_price(study, surface)}.")
+        pieces.append("\n".join(lines))
+    return pieces
 
 
-def _take(study: Tradeoff, row: int) -> str:
-    flags = study.flags[row]
-    what = f"the scene as it is ({study.name(row)})" if not flags else f"{study.name(row)}"
-    return f"{what}: {_price(study, row)}" + (f": {flags}" if flags else "")
+def _name(study: Tradeoff, row: int) -> str:
+    return f"the scene as it is ({study.name(row)})" if not study.flags[row] else study.name(row)
 
 
 def _nearest(study: Tradeoff, errors: np.ndarray, among: np.ndarray) -> str:
@@ -79,8 +91,7 @@ def _nearest(study: Tradeoff, errors: np.ndarray, among: np.ndarray) -> str:
     if not known.any():
         return ": none could be measured"
     row = int(np.argmin(np.where(known, errors, np.inf)))
-    flags = f": {study.flags[row]}" if study.flags[row] else ""
-    return f"; the best is {study.name(row)}, with {100 * errors[row]:.2g} %, {_price(study, row)}{flags}"
+    return f"; the best is {study.name(row)}, with {100 * errors[row]:.2g} %"
 
 
 def _price(study: Tradeoff, row: int) -> str:

@@ -126,13 +126,13 @@ class Bench:
     ----------
     scene, meshes
         As they were read.
-    n_builds
-        How often builds are timed, unless they are long.
+    few_repeats
+        How often single samples are timed, and builds, unless they are long.
     """
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], n_builds: int) -> None:
+    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], few_repeats: int) -> None:
         self.scene = scene
-        self._n_builds = n_builds
+        self._few_repeats = few_repeats
         self.values = held_out(scene)
         self.batch = min(scene.ensemble.batch, MOST_TIMED_TOGETHER)
         self._meshes = meshes
@@ -185,13 +185,13 @@ class Bench:
     def take_times(self, setting: Setting, turn: int) -> None:
         """Take the times of a setting that is ready, for the `turn`-th time; the least of all turns counts."""
         candidate = self._ready[setting]
-        for n in (self.batch, 1):
+        for n in (self.batch, 1) if turn <= self._few_repeats else (self.batch,):
             start = perf_counter()
             candidate.run(n)
             seconds = (perf_counter() - start) / n
             self._online[setting, n] = min(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
-        if len(taken) < min(turn, self._n_builds) and taken[0] < LONG_BUILD:
+        if len(taken) < min(turn, self._few_repeats) and taken[0] < LONG_BUILD:
             taken.append(self._prepare(setting).seconds)
 
     def times(self, setting: Setting) -> tuple[float, float, float]:

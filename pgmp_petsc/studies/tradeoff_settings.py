@@ -96,8 +96,8 @@ class Sweep:
         Parts of every cell of the mesh that tells the others' discretisation errors.
     surfaces
         Number of response surfaces.
-    repeats, builds
-        How often times are taken: online, and of builds that are not long.
+    repeats, few_repeats
+        How often times are taken: of batches, and of builds and single samples.
     reference_halvings
         Halvings of the scene's step that the reference may take, on the scene's meshes and on refined ones.
     """
@@ -116,7 +116,7 @@ class Sweep:
     finest: int
     surfaces: int
     repeats: int
-    builds: int
+    few_repeats: int
     reference_halvings: tuple[int, int]
 
 
@@ -135,7 +135,7 @@ FULL = Sweep(
     finest=8,
     surfaces=4,
     repeats=3,
-    builds=2,
+    few_repeats=2,
     reference_halvings=(7, 5),
 )
 QUICK = Sweep(
@@ -153,8 +153,8 @@ QUICK = Sweep(
     finest=4,
     surfaces=3,
     repeats=2,
-    builds=1,
-    reference_halvings=(3, 2),
+    few_repeats=1,
+    reference_halvings=(4, 3),
 )
 
 

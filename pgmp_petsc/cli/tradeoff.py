@@ -1,0 +1,65 @@
+"""``pgmp tradeoff``: what accuracy costs in time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.tradeoff_table import summary
+from pgmp_petsc.results.tradeoff import Tradeoff
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.tradeoff import measure_tradeoff
+from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@output_option
+@click.option("--quick", is_flag=True, help="Measure fewer settings: within a minute for a small scene.")
+@click.option(
+    "-n",
+    "n_samples",
+    default=10_000,
+    show_default=True,
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Number of samples that the advice is for.",
+)
+@scene_options
+@click.pass_context
+def tradeoff(
+    context: click.Context,
+    scene: Path,
+    output: Path,
+    quick: bool,
+    n_samples: int,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Measure what accuracy costs in time for SCENE, and say which setting to take.
+
+    Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), the
+    full-order model and response surfaces are compared with a converged full-order model at quantiles of the uncertain
+    parameters; refined meshes tell the discretisation error. A setting that fails is listed with its reason.
+    """
+    comm = context.obj.comm
+    on_root(comm, check_writable, output)
+    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)
+    save(context, study, output)
+    if study is not None:
+        say(context, report(study, output))
+
+
+def report(study: Tradeoff, path: Path) -> str:
+    """Return what was measured, and the advice."""
+    n_values = len(next(iter(study.test_values.values()), (0,)))
+    where = f"{n_values} values of {', '.join(study.test_values)}" if study.test_values else "the scene's values"
+    lines = [f"{path}: {len(study.families)} settings, errors at {where}, {study.record.ranks} rank(s)", summary(study)]
+    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in study.record.timings.items()]
+    return "\n".join(lines)

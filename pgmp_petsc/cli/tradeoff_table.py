@@ -1,0 +1,104 @@
+"""A trade-off study on the terminal; needs no PETSc, so that `pgmp info` shows it too."""
+
+from __future__ import annotations
+
+import textwrap
+
+import numpy as np
+
+from pgmp_petsc.results.tradeoff import Tradeoff
+
+WIDTH = 118
+REASONS_SHOWN = 5
+
+
+def summary(study: Tradeoff) -> str:
+    """Return the table of the settings that matter, what the reference and the mesh are worth, and the advice."""
+    lines = [*_table(study), "", *_reference(study), *_mesh(study), *_failures(study)]
+    lines += ["", *(line for advice in study.advice for line in _wrapped(advice))]
+    return "\n".join(lines)
+
+
+def shown_rows(study: Tradeoff) -> list[int]:
+    """Return the fronts, the scene's own setting and the full order with the scene's step, the cheapest first."""
+    chosen = study.pareto.any(axis=1)
+    step = study.columns["step"][0]
+    for row, family in enumerate(study.families):
+        as_scene = family == "full" and study.columns["step"][row] == step
+        chosen[row] |= row == 0 or family == "surface" or as_scene
+    rows = np.flatnonzero(chosen & np.isfinite(study.batch_seconds))
+    return rows[np.argsort(study.batch_seconds[rows], kind="stable")].tolist()
+
+
+def _table(study: Tradeoff) -> list[str]:
+    """Return the aligned table: a setting a line, times last."""
+    header = ["", "setting", *(name.replace("_", " ") for name in study.outputs)]
+    header += ["offline s", "online ms", "alone ms", f"{study.samples} in s"]
+    front, total = study.pareto, study.total_seconds(study.samples)
+    body = []
+    for row in shown_rows(study):
+        marks = ["*" if on_front else " " for on_front in front[row]]
+        errors = [f"{100 * error:.2g}{mark}" for error, mark in zip(study.errors[row], marks)]
+        times = [study.offline[row], 1e3 * study.batch_seconds[row], 1e3 * study.single_seconds[row], total[row]]
+        own = ">" if row == 0 else ""
+        body.append([own, study.name(row), *errors, *(f"{value:.3g}" for value in times)])
+    widths = [max(len(line[column]) for line in [header, *body]) for column in range(len(header))]
+    aligned = [
+        "  ".join(
+            text.ljust(width) if column < 2 else text.rjust(width)
+            for column, (text, width) in enumerate(zip(line, widths))
+        ).rstrip()
+        for line in [header, *body]
+    ]
+    legend = (
+        "Largest errors in % of the output's largest value; * on the front of its kind: none is both cheaper online and "
+        f"better; > the scene as it is. Online: a sample of {study.batch} together."
+    )
+    return [*aligned, *textwrap.wrap(legend, WIDTH)]
+
+
+def _reference(study: Tradeoff) -> list[str]:
+    """Say how fine the references are, and by how much they still moved."""
+    at = study.references
+    lines = []
+    for refinement, step, moved, reason in zip(at.refinement, at.step, at.moved, at.reason):
+        mesh = "the scene's meshes" if refinement == 1 else f"cells cut into {refinement}"
+        lines.append(f"reference, {mesh}: full order, {_milli(step)} ms; moved last by {_errors(study, moved)}; {reason}")
+    return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
+
+
+def _mesh(study: Tradeoff) -> list[str]:
+    """Return the discretisation errors, not part of the others."""
+    mesh = study.mesh
+    return [
+        f"mesh error, {cells} cells: {_errors(study, errors)}"
+        for cells, errors in zip(mesh.cells[:-1], mesh.errors[:-1])
+    ] + [f"  against {mesh.cells[-1]} cells; not part of the errors above"]
+
+
+def _failures(study: Tradeoff) -> list[str]:
+    """List the settings that failed, with their reasons."""
+    failed = [row for row, reason in enumerate(study.reasons) if reason]
+    lines = [f"failed: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
+    if len(failed) > REASONS_SHOWN:
+        lines.append(f"failed: {len(failed) - REASONS_SHOWN} more; see /settings/reason")
+    return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
+
+
+def _errors(study: Tradeoff, errors: np.ndarray) -> str:
+    return ", ".join(f"{name} {100 * error:.2g} %" for name, error in zip(study.outputs, errors))
+
+
+def _milli(seconds: float) -> str:
+    return f"{1e3 * seconds:.4g}"
+
+
+def _wrapped(advice: str) -> list[str]:
+    """Wrap a piece of advice; options to paste stay on one line, however long."""
+    lines = []
+    for line in advice.splitlines():
+        first = "  " if lines else ""
+        lines += [f"    {line}"] if line.startswith("--") else textwrap.wrap(
+            line, WIDTH, initial_indent=first, subsequent_indent="  "
+        )
+    return lines

@@ -1,0 +1,220 @@
+"""Work-precision diagrams of a trade-off study: error against the time of a sample, and of many; and what meshes cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from pgmp_petsc.figures.style import (
+    FULL_COLOUR,
+    PALETTE,
+    QUIET,
+    REDUCED_COLOUR,
+    new_figure,
+    scene_name,
+    styled,
+    top_legend,
+)
+from pgmp_petsc.results import Tradeoff
+from pgmp_petsc.results.tradeoff import pareto_front
+
+SURFACE_COLOUR = PALETTE[0]
+SECOND_ORDER_COLOUR = PALETTE[2]
+COLUMNS = 3
+FLOOR = 1e-10  # %, shown for errors that are zero
+
+
+@styled
+def online_costs(study: Tradeoff) -> Figure:
+    """Draw the error of every output against the online time of a sample, one panel an output."""
+    label = f"time of a sample, {study.batch} together (ms)"
+    return _work_precision(study, 1e3 * study.batch_seconds, label, "What accuracy costs a sample")
+
+
+@styled
+def total_costs(study: Tradeoff) -> Figure:
+    """Draw the error of every output against the time of all samples, build included."""
+    label = f"time of {study.samples} samples, build included (s)"
+    return _work_precision(study, study.total_seconds(study.samples), label, f"What accuracy costs {study.samples} samples")
+
+
+@styled
+def mesh_costs(study: Tradeoff) -> Figure:
+    """Draw discretisation errors and online times over the meshes: of the full order and of the same reduced setting."""
+    figure = new_figure(8.4, 3.9)
+    errors, costs = figure.subplots(1, 2)
+    cells = study.mesh.cells
+    for name, column, colour in zip(study.outputs, study.mesh.errors.T, PALETTE * 10):
+        known = np.isfinite(column) & (column > 0.0)
+        errors.plot(cells[known], 100 * column[known], color=colour, marker="o", label=name.replace("_", " "))
+    errors.set_title(f"discretisation error (%), against {cells[-1]} cells")
+    errors.legend(loc="best")
+    for family, colour, marker in (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o")):
+        rows = _over_meshes(study, family)
+        at = cells[0] * study.columns["refinement"][rows]
+        for seconds, style in ((study.batch_seconds, "-"), (study.single_seconds, ":")):
+            costs.plot(at, 1e3 * seconds[rows], color=colour, marker=marker, linestyle=style)
+    costs.set_title("time of a sample (ms)")
+    keys = [
+        _key("full order", FULL_COLOUR, "s", linestyle="-"),
+        _key("reduced, the same setting", REDUCED_COLOUR, "o", linestyle="-"),
+        Line2D([], [], color=QUIET, label=f"{study.batch} together"),
+        Line2D([], [], color=QUIET, linestyle=":", label="alone"),
+    ]
+    costs.legend(handles=keys, loc="best")
+    for axes in (errors, costs):
+        axes.set_xscale("log", base=2)
+        axes.set_yscale("log")
+        axes.set_xticks(cells, [str(number) for number in cells])
+        axes.minorticks_off()
+        axes.set_xlabel("cells of all bodies")
+    top_legend(figure, [], f"What meshes cost{_of(study)}")
+    return figure
+
+
+def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
+    n_columns = min(len(study.outputs), COLUMNS)
+    n_rows = -(-len(study.outputs) // n_columns)
+    figure = new_figure(max(4.3 * n_columns, 6.0), 4.2 * n_rows + 0.95)
+    panels = figure.subplots(n_rows, n_columns, squeeze=False, sharex=True)
+    for column, axes in enumerate(panels.flat):
+        if column < len(study.outputs):
+            _draw_output(axes, study, cost, column)
+            axes.set_xlabel(label)
+            axes.tick_params(labelbottom=True)
+        else:
+            axes.set_visible(False)
+    top_legend(figure, _keys(study), f"{title}{_of(study)}")
+    return figure
+
+
+def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:
+    """Draw one output's errors over the costs."""
+    error = np.maximum(100 * study.errors[:, column], FLOOR)
+    known = np.isfinite(error) & np.isfinite(cost)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    _draw_front(axes, cost, error, known & study.simulated & study.own_mesh)
+    step = study.columns["step"]
+    for rows, colour, order in (
+        (_rows(known, study, "full", own_mesh=True), FULL_COLOUR, step),
+        (_rows(known, study, "surface", own_mesh=True), SURFACE_COLOUR, study.columns["nodes"]),
+    ):
+        rows = rows[np.argsort(order[rows])]
+        axes.plot(cost[rows], error[rows], color=colour, linewidth=0.9, zorder=2)
+    for row in np.flatnonzero(known):
+        axes.plot(cost[row], error[row], **_marker(study, row))
+    _write_labels(axes, study, cost, error, known)
+    _draw_limits(axes, study, column)
+    axes.set_title(f"{study.outputs[column].replace('_', ' ')}: largest error (%)")
+
+
+def _draw_front(axes: Axes, cost: np.ndarray, error: np.ndarray, among: np.ndarray) -> None:
+    """Draw the front of the simulations as a staircase: the least error that a cost buys."""
+    rows = np.flatnonzero(among)
+    rows = rows[pareto_front(cost[rows], error[rows])]
+    rows = rows[np.argsort(cost[rows])]
+    axes.step(cost[rows], error[rows], where="post", color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, zorder=1.5)
+
+
+def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
+    """Draw what the mesh is worth, and below what the reference is not known."""
+    mesh, at = 100 * study.mesh.errors[0, column], study.references
+    own = np.flatnonzero(at.refinement == 1)
+    if np.isfinite(mesh) and mesh > 0.0:
+        axes.axhline(mesh, color=QUIET, linestyle=(0, (5, 3)), linewidth=1.0, zorder=1)
+        axes.annotate(
+            "error of the scene's mesh", (1.0, mesh), xycoords=("axes fraction", "data"), xytext=(-2, 2),
+            textcoords="offset points", ha="right", fontsize=8.0, color=QUIET,
+        )
+    if own.size:
+        moved, low = 100 * at.moved[own[0], column], axes.get_ylim()[0]
+        if np.isfinite(moved) and moved > low:
+            axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
+            axes.set_ylim(bottom=low)
+
+
+def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarray, known: np.ndarray) -> None:
+    """Write the number of runs at surfaces, the parts of cells at refined meshes, and mark the scene's own setting."""
+    for row in np.flatnonzero(known):
+        text = ""
+        if study.families[row] == "surface":
+            text = str(study.columns["nodes"][row])
+        elif study.columns["refinement"][row] > 1:
+            text = f"cells / {study.columns['refinement'][row]}"
+        elif row == 0:
+            text = "the scene as it is"
+        if text:
+            axes.annotate(
+                text, (cost[row], error[row]), xytext=(5, 3), textcoords="offset points", fontsize=8.0,
+                color="black" if row == 0 else QUIET, zorder=5,
+            )
+
+
+def _marker(study: Tradeoff, row: int) -> dict:
+    """Return the look of a setting."""
+    family, at = study.families[row], study.columns
+    look = {"linestyle": "none", "markersize": 5.5, "markeredgewidth": 1.1, "zorder": 3}
+    if family == "surface":
+        return look | {"marker": "^", "color": SURFACE_COLOUR}
+    if family == "full":
+        return look | {"marker": "s", "color": FULL_COLOUR, "markersize": 5.0} | _hollow(at["refinement"][row] > 1)
+    colour = SECOND_ORDER_COLOUR if at["second_order"][row] else REDUCED_COLOUR
+    look |= {"marker": "o", "color": colour} | _hollow(not at["static_modes"][row])
+    if row == 0:
+        look |= {"marker": "*", "markersize": 11.0, "markeredgecolor": "black", "zorder": 4}
+    return look
+
+
+def _hollow(yes: bool) -> dict:
+    return {"markerfacecolor": "white"} if yes else {}
+
+
+def _keys(study: Tradeoff) -> list[Line2D | Patch]:
+    """Return the keys of what is in the study."""
+    reduced = [row for row, family in enumerate(study.families) if family == "reduced"]
+    static, second = study.columns["static_modes"][reduced], study.columns["second_order"][reduced]
+    keys = []
+    if not np.all(static):
+        keys.append(_key("reduced", REDUCED_COLOUR, "o", markerfacecolor="white"))
+    if np.any(static):
+        keys.append(_key("reduced, with static modes", REDUCED_COLOUR, "o"))
+    if np.any(second):
+        keys.append(_key("and second order", SECOND_ORDER_COLOUR, "o"))
+    keys.append(_key("full order, several steps", FULL_COLOUR, "s", linestyle="-"))
+    if "surface" in study.families:
+        keys.append(_key("response surface of full-order runs", SURFACE_COLOUR, "^", linestyle="-"))
+    keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for its cost"))
+    keys.append(Patch(facecolor="#EEEEEE", label="not known: the reference moved"))
+    return keys
+
+
+def _key(label: str, colour: str, marker: str, linestyle: str = "none", **look: object) -> Line2D:
+    return Line2D([], [], color=colour, marker=marker, linestyle=linestyle, markersize=5.5, label=label, **look)
+
+
+def _rows(known: np.ndarray, study: Tradeoff, family: str, own_mesh: bool) -> np.ndarray:
+    chosen = known & np.array([each == family for each in study.families])
+    return np.flatnonzero(chosen & study.own_mesh if own_mesh else chosen)
+
+
+def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
+    """Return the settings of a family that differ in the mesh alone, the coarsest mesh first; none where it was not refined."""
+    known = np.isfinite(study.batch_seconds)
+    rows = _rows(known, study, family, own_mesh=False)
+    refined = rows[study.columns["refinement"][rows] > 1]
+    if not refined.size:
+        return refined
+    same = [name for name in study.columns if name not in ("refinement", "coordinates")]
+    alike = [row for row in rows if all(study.columns[name][row] == study.columns[name][refined[0]] for name in same)]
+    return np.array(sorted(alike, key=lambda row: study.columns["refinement"][row]))
+
+
+def _of(study: Tradeoff) -> str:
+    name = scene_name(study.record)
+    return f": {name}" if name else ""
