@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.results import Ensemble, Frames, ModesTable, Statistics, Trajectory
+from pgmp_petsc.results import Ensemble, Frames, MeshErrors, ModesTable, References, Statistics, Times, Tradeoff, Trajectory
 from pgmp_petsc.runtime.files import RunRecord
 
 SCENE = """
@@ -133,3 +133,58 @@ def _angle(time: np.ndarray, r1: float) -> np.ndarray:
 def _slider(angle: np.ndarray) -> np.ndarray:
     """Return the position of the rigid slider."""
     return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
+
+
+def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True) -> Tradeoff:
+    """Return a study of few settings: the scene's own, three better ones, one that failed, the full order, surfaces."""
+    rows = [  # family, step, refinement, nodes, modes, static, angles, errors of both outputs, offline, batch, single
+        ("reduced", 1e-3, 1, 0, 15, False, 629, 1e-5, 6e-2, 6.0, 4e-3, 0.12),
+        ("reduced", 1e-3, 1, 0, 7, True, 48, 5e-6, 4e-3, 0.8, 2e-3, 0.11),
+        ("reduced", 2e-3, 1, 0, 7, True, 48, 2e-5, 5e-3, 0.8, 1e-3, 0.06),
+        ("reduced", 1e-3, 1, 0, 2, False, 48, 1e-4, 3e-1, 0.7, 1e-3, 0.10),
+        ("reduced", 1e-3, 1, 0, 99, False, 48, np.nan, np.nan, np.nan, np.nan, np.nan),
+        ("full", 1e-3, 1, 0, 0, False, 0, 3e-5, 4e-3, 0.3, 5e-3, 0.20),
+        ("full", 5e-4, 1, 0, 0, False, 0, 7e-6, 2e-3, 0.3, 1e-2, 0.40),
+    ]
+    if refined:
+        rows.append(("reduced", 1e-3, 2, 0, 7, True, 48, 5e-6, 4e-3, 0.9, 2e-3, 0.11))
+        rows.append(("full", 1e-3, 2, 0, 0, False, 0, 3e-5, 4e-3, 0.3, 8e-3, 0.25))
+    if surfaces:
+        rows.append(("surface", 1e-3, 1, 3, 0, False, 0, 2e-3, 4e-1, 0.4, 1e-5, 1e-4))
+        rows.append(("surface", 1e-3, 1, 9, 0, False, 0, 4e-5, 4e-3, 0.6, 1.1e-5, 1e-4))
+    family, step, refinement, nodes, modes, static, angles, first, second, offline, batch, single = zip(*rows)
+    reduced = np.array([name == "reduced" for name in family])
+    columns = {
+        "step": np.array(step),
+        "refinement": np.array(refinement),
+        "nodes": np.array(nodes),
+        "modes": np.array(modes),
+        "static_modes": np.array(static),
+        "angles": np.array(angles),
+        "second_order": np.zeros(len(rows), dtype=bool),
+        "interpolation": np.where(reduced, "spline", "").astype(object),
+        "coordinates": np.where(reduced, 1 + np.array(modes) + np.array(static), 36),
+    }
+    return Tradeoff(
+        record=record(),
+        units=dict(list({"crank_angle": "rad", "slider_deformation": "m"}.items())[:n_outputs]),
+        test_values={"r1": np.linspace(4.3e-3, 6.9e-3, 8)},
+        parameter_units={"r1": "m"},
+        families=family,
+        columns=columns,
+        flags=tuple("" if row == 0 else f"--override reduction.modes={modes[row]}" for row in range(len(rows))),
+        reasons=tuple("reduction.modes = 99: too many" if number == 99 else "" for number in modes),
+        errors=np.column_stack([first, second])[:, :n_outputs],
+        wall=Times(*map(np.array, (offline, batch, single))),
+        processor=Times(*(0.5 * np.array(times) for times in (offline, batch, single))),
+        references=References(
+            np.array([1, 2]), np.array([1e-5, 2e-5]), np.array([[1e-8, 3e-5], [1e-8, 3e-4]])[:, :n_outputs], ("", "")
+        ),
+        mesh=MeshErrors(
+            np.array([1, 2, 4]), np.array([10, 20, 40]), np.array([[2e-5, 1e-2], [5e-6, 3e-3], [0, 0]])[:, :n_outputs]
+        ),
+        batch=128,
+        repeats=3,
+        samples=10_000,
+        advice=("For 1 % take the second one:\n--override reduction.modes=7",),
+    )

@@ -26,8 +26,8 @@ def shown_rows(study: Tradeoff) -> list[int]:
     for row, family in enumerate(study.families):
         as_scene = family == "full" and study.columns["step"][row] == step
         chosen[row] |= row == 0 or family == "surface" or as_scene
-    rows = np.flatnonzero(chosen & np.isfinite(study.batch_seconds))
-    return rows[np.argsort(study.batch_seconds[rows], kind="stable")].tolist()
+    rows = np.flatnonzero(chosen & np.isfinite(study.times.batch))
+    return rows[np.argsort(study.times.batch[rows], kind="stable")].tolist()
 
 
 def _table(study: Tradeoff) -> list[str]:
@@ -39,7 +39,7 @@ def _table(study: Tradeoff) -> list[str]:
     for row in shown_rows(study):
         marks = ["*" if on_front else " " for on_front in front[row]]
         errors = [f"{100 * error:.2g}{mark}" for error, mark in zip(study.errors[row], marks)]
-        times = [study.offline[row], 1e3 * study.batch_seconds[row], 1e3 * study.single_seconds[row], total[row]]
+        times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
         own = ">" if row == 0 else ""
         body.append([own, study.name(row), *errors, *(f"{value:.3g}" for value in times)])
     widths = [max(len(line[column]) for line in [header, *body]) for column in range(len(header))]
@@ -54,7 +54,11 @@ def _table(study: Tradeoff) -> list[str]:
         "Largest errors in % of the output's largest value; * on the front of its kind: none is both cheaper online and "
         f"better; > the scene as it is. Online: a sample of {study.batch} together."
     )
-    return [*aligned, *textwrap.wrap(legend, WIDTH)]
+    busy = (
+        f"The machine was busy: the wall clock ran {study.waiting:.2g} times as fast as the processor's. Times are those of "
+        "the processor, which a quiet machine needs."
+    )
+    return [*aligned, *textwrap.wrap(legend, WIDTH), *textwrap.wrap(busy if study.busy else "", WIDTH)]
 
 
 def _reference(study: Tradeoff) -> list[str]:

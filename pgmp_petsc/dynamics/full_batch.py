@@ -54,6 +54,7 @@ class FullBatch:
         self.n_samples = n_samples
         self.n_blocks = -(-n_samples // LANES)
         self.n_dofs = mechanism.n_dofs
+        self.n_constraints = mechanism.n_constraints
         self._kinematics = kinematics
         self._initial = initial
         self._constraints = ConstraintSet(mechanism)
@@ -112,6 +113,10 @@ class FullBatch:
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return a state's array as (n, n_samples)."""
         return _lanes_last(array).reshape(array.shape[1], -1)[:, : self.n_samples]
+
+    def pack(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of shape (n, n_samples) as a state's array."""
+        return _lanes_first(self._block(rows))
 
     def _correct(
         self,

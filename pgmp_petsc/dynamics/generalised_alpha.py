@@ -14,7 +14,7 @@ can change another.
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
 
-Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``).
+Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one.
 """
 
 from __future__ import annotations
@@ -250,7 +250,7 @@ class Run:
     n_iterations: int
 
 
-def _check_options(ts: PETSc.TS, step: float, n_steps: int) -> None:
+def _check_options(ts: PETSc.TS, prefix: str, step: float, n_steps: int) -> None:
     """Refuse PETSc options that would change what the scene asks for."""
     wanted = {
         "ts_type": (ts.getType(), ts.Type.PYTHON, "the integrator is the program's own"),
@@ -259,7 +259,7 @@ def _check_options(ts: PETSc.TS, step: float, n_steps: int) -> None:
     }
     for option, (found, own, cure) in wanted.items():
         if found != own:
-            raise InputError(f"option -{PREFIX}{option} = {found}: it cannot be changed here ({own}); {cure}")
+            raise InputError(f"option -{prefix}{option} = {found}: it cannot be changed here ({own}); {cure}")
 
 
 def count_steps(duration: float, step: float) -> int:
@@ -272,6 +272,7 @@ def integrate(
     simulation: Simulation,
     alive: np.ndarray | None = None,
     observer: Observer | None = None,
+    prefix: str = PREFIX,
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
@@ -285,6 +286,8 @@ def integrate(
         Samples to integrate at all, shape (n_samples,); all by default.
     observer
         Called with step number, time and state at the start and after every step.
+    prefix
+        Of the options that reach this integration.
     """
     from petsc4py import PETSc
 
@@ -297,7 +300,7 @@ def integrate(
     solution.setArray(stepper.state.q.ravel())
     ts = PETSc.TS().create(comm=system.comm)
     try:
-        ts.setOptionsPrefix(PREFIX)
+        ts.setOptionsPrefix(prefix)
         ts.setType(PETSc.TS.Type.PYTHON)
         ts.setPythonContext(stepper)
         ts.setTime(0.0)
@@ -308,7 +311,7 @@ def integrate(
         if observer is not None:
             ts.setMonitor(lambda _, number, time, __: observer(number, time, stepper.state))
         ts.setFromOptions()
-        _check_options(ts, step, n_steps)
+        _check_options(ts, prefix, step, n_steps)
         ts.solve(solution)
     finally:
         ts.destroy()

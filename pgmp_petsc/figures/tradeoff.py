@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
 
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
@@ -27,54 +26,68 @@ SURFACE_COLOUR = PALETTE[0]
 SECOND_ORDER_COLOUR = PALETTE[2]
 COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
+RIGHT = 0.6  # share of an axis beyond which labels stand to the left of their points
+CLOSE = 1.3  # ratio of errors whose points share a label
+_DASHED = {"linestyle": (0, (4, 2)), "markerfacecolor": "white"}
+_PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 
 @styled
 def online_costs(study: Tradeoff) -> Figure:
     """Draw the error of every output against the online time of a sample, one panel an output."""
-    label = f"time of a sample, {study.batch} together (ms)"
-    return _work_precision(study, 1e3 * study.batch_seconds, label, "What accuracy costs a sample")
+    label = f"{_clock(study)} of a sample, {study.batch} together (ms)"
+    return _work_precision(study, 1e3 * study.times.batch, label, "What accuracy costs a sample")
 
 
 @styled
 def total_costs(study: Tradeoff) -> Figure:
     """Draw the error of every output against the time of all samples, build included."""
-    label = f"time of {study.samples} samples, build included (s)"
+    label = f"{_clock(study)} of {study.samples} samples, build included (s)"
     return _work_precision(study, study.total_seconds(study.samples), label, f"What accuracy costs {study.samples} samples")
 
 
 @styled
 def mesh_costs(study: Tradeoff) -> Figure:
-    """Draw discretisation errors and online times over the meshes: of the full order and of the same reduced setting."""
-    figure = new_figure(8.4, 3.9)
+    """Draw errors and times over the meshes: discretisation errors, the full order, and one reduced setting on each mesh."""
+    figure = new_figure(9.4, 4.4)
     errors, costs = figure.subplots(1, 2)
-    cells = study.mesh.cells
-    for name, column, colour in zip(study.outputs, study.mesh.errors.T, PALETTE * 10):
-        known = np.isfinite(column) & (column > 0.0)
-        errors.plot(cells[known], 100 * column[known], color=colour, marker="o", label=name.replace("_", " "))
-    errors.set_title(f"discretisation error (%), against {cells[-1]} cells")
-    errors.legend(loc="best")
+    cells, reduced = study.mesh.cells, _over_meshes(study, "reduced")
+    for column, colour in zip(range(len(study.outputs)), PALETTE * 10):
+        _draw_known(errors, cells, 100 * study.mesh.errors[:, column], color=colour, marker="o")
+        own = cells[0] * study.columns["refinement"][reduced]
+        _draw_known(errors, own, 100 * study.errors[reduced, column], color=colour, marker="o", **_DASHED)
+    errors.set_title(f"largest error (%); of meshes against {cells[-1]} cells")
     for family, colour, marker in (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o")):
         rows = _over_meshes(study, family)
         at = cells[0] * study.columns["refinement"][rows]
-        for seconds, style in ((study.batch_seconds, "-"), (study.single_seconds, ":")):
-            costs.plot(at, 1e3 * seconds[rows], color=colour, marker=marker, linestyle=style)
-    costs.set_title("time of a sample (ms)")
-    keys = [
-        _key("full order", FULL_COLOUR, "s", linestyle="-"),
-        _key("reduced, the same setting", REDUCED_COLOUR, "o", linestyle="-"),
-        Line2D([], [], color=QUIET, label=f"{study.batch} together"),
-        Line2D([], [], color=QUIET, linestyle=":", label="alone"),
-    ]
-    costs.legend(handles=keys, loc="best")
+        _draw_known(costs, at, 1e3 * study.times.batch[rows], color=colour, marker=marker)
+        _draw_known(costs, at, 1e3 * study.times.single[rows], color=colour, marker=marker, linestyle=":")
+    costs.set_title(f"{_clock(study)} of a sample (ms)")
     for axes in (errors, costs):
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
         axes.set_xticks(cells, [str(number) for number in cells])
         axes.minorticks_off()
+        axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
+        axes.yaxis.set_major_formatter(_PLAIN)
         axes.set_xlabel("cells of all bodies")
+    names = [Line2D([], [], color=c, label=n.replace("_", " ")) for n, c in zip(study.outputs, PALETTE * 10)]
+    names += [Line2D([], [], color=QUIET, label="mesh"), Line2D([], [], color=QUIET, label="reduction on it", **_DASHED)]
+    times = [
+        _key("full order", FULL_COLOUR, "s", linestyle="-"),
+        _key("reduced", REDUCED_COLOUR, "o", linestyle="-"),
+        Line2D([], [], color=QUIET, label=f"{study.batch} together"),
+        Line2D([], [], color=QUIET, linestyle=":", label="one alone"),
+    ]
+    for axes, keys in ((errors, names), (costs, times)):
+        axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
     top_legend(figure, [], f"What meshes cost{_of(study)}")
     return figure
+
+
+def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> None:
+    known = np.isfinite(y) & (y > 0.0)
+    axes.plot(x[known], y[known], **look)
 
 
 def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
@@ -96,9 +109,13 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
 def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:
     """Draw one output's errors over the costs."""
     error = np.maximum(100 * study.errors[:, column], FLOOR)
-    known = np.isfinite(error) & np.isfinite(cost)
+    # what a mesh costs the reduced model has a picture of its own
+    shown = study.own_mesh | np.array([family == "full" for family in study.families])
+    known = np.isfinite(error) & np.isfinite(cost) & shown
     axes.set_xscale("log")
     axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(_PLAIN)
     _draw_front(axes, cost, error, known & study.simulated & study.own_mesh)
     step = study.columns["step"]
     for rows, colour, order in (
@@ -107,6 +124,8 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     ):
         rows = rows[np.argsort(order[rows])]
         axes.plot(cost[rows], error[rows], color=colour, linewidth=0.9, zorder=2)
+    rows = [row for row in _over_meshes(study, "full") if known[row]]
+    axes.plot(cost[rows], error[rows], color=FULL_COLOUR, linewidth=0.9, linestyle=":", zorder=2)
     for row in np.flatnonzero(known):
         axes.plot(cost[row], error[row], **_marker(study, row))
     _write_labels(axes, study, cost, error, known)
@@ -129,7 +148,7 @@ def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
     if np.isfinite(mesh) and mesh > 0.0:
         axes.axhline(mesh, color=QUIET, linestyle=(0, (5, 3)), linewidth=1.0, zorder=1)
         axes.annotate(
-            "error of the scene's mesh", (1.0, mesh), xycoords=("axes fraction", "data"), xytext=(-2, 2),
+            "error of the mesh itself", (0.5, mesh), xycoords=("axes fraction", "data"), xytext=(0, 2.5),
             textcoords="offset points", ha="right", fontsize=8.0, color=QUIET,
         )
     if own.size:
@@ -140,20 +159,30 @@ def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
 
 
 def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarray, known: np.ndarray) -> None:
-    """Write the number of runs at surfaces, the parts of cells at refined meshes, and mark the scene's own setting."""
-    for row in np.flatnonzero(known):
-        text = ""
-        if study.families[row] == "surface":
-            text = str(study.columns["nodes"][row])
-        elif study.columns["refinement"][row] > 1:
-            text = f"cells / {study.columns['refinement'][row]}"
-        elif row == 0:
-            text = "the scene as it is"
-        if text:
-            axes.annotate(
-                text, (cost[row], error[row]), xytext=(5, 3), textcoords="offset points", fontsize=8.0,
-                color="black" if row == 0 else QUIET, zorder=5,
-            )
+    """Write the number of runs at surfaces, once for those that are as good, and the parts of cells at refined meshes."""
+    surfaces = _rows(known, study, "surface", own_mesh=True)
+    surfaces = surfaces[np.argsort(study.columns["nodes"][surfaces])]
+    groups: list[list[int]] = []
+    for row in surfaces:
+        if groups and error[groups[-1][-1]] < CLOSE * error[row]:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    for group in groups:
+        _write(axes, ", ".join(str(study.columns["nodes"][row]) for row in group), cost[group[-1]], error[group[-1]])
+    for row in np.flatnonzero(known & (study.columns["refinement"] > 1)):
+        _write(axes, f"cells / {study.columns['refinement'][row]}", cost[row], error[row])
+
+
+def _write(axes: Axes, text: str, x: float, y: float) -> None:
+    """Write beside a point, on the side where there is room."""
+    place = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0]
+    left = place > RIGHT
+    note = axes.annotate(
+        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
+        fontsize=8.0, color=QUIET, zorder=5,
+    )
+    note.set_in_layout(False)
 
 
 def _marker(study: Tradeoff, row: int) -> dict:
@@ -179,19 +208,24 @@ def _keys(study: Tradeoff) -> list[Line2D | Patch]:
     """Return the keys of what is in the study."""
     reduced = [row for row, family in enumerate(study.families) if family == "reduced"]
     static, second = study.columns["static_modes"][reduced], study.columns["second_order"][reduced]
-    keys = []
+    own = {key: value for key, value in _marker(study, 0).items() if key != "zorder"}
+    keys = [Line2D([], [], label="the scene as it is", **own)]
     if not np.all(static):
         keys.append(_key("reduced", REDUCED_COLOUR, "o", markerfacecolor="white"))
     if np.any(static):
-        keys.append(_key("reduced, with static modes", REDUCED_COLOUR, "o"))
+        keys.append(_key("static modes", REDUCED_COLOUR, "o"))
     if np.any(second):
-        keys.append(_key("and second order", SECOND_ORDER_COLOUR, "o"))
-    keys.append(_key("full order, several steps", FULL_COLOUR, "s", linestyle="-"))
+        keys.append(_key("second order", SECOND_ORDER_COLOUR, "o"))
+    keys.append(_key("full order", FULL_COLOUR, "s", linestyle="-"))
     if "surface" in study.families:
-        keys.append(_key("response surface of full-order runs", SURFACE_COLOUR, "^", linestyle="-"))
-    keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for its cost"))
-    keys.append(Patch(facecolor="#EEEEEE", label="not known: the reference moved"))
+        keys.append(_key("response surface (runs)", SURFACE_COLOUR, "^", linestyle="-"))
+    keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for the time"))
+    keys.append(Patch(facecolor="#EEEEEE", label="reference not settled"))
     return keys
+
+
+def _clock(study: Tradeoff) -> str:
+    return "processor time" if study.busy else "time"
 
 
 def _key(label: str, colour: str, marker: str, linestyle: str = "none", **look: object) -> Line2D:
@@ -205,7 +239,7 @@ def _rows(known: np.ndarray, study: Tradeoff, family: str, own_mesh: bool) -> np
 
 def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
     """Return the settings of a family that differ in the mesh alone, the coarsest mesh first; none where it was not refined."""
-    known = np.isfinite(study.batch_seconds)
+    known = np.isfinite(study.times.batch)
     rows = _rows(known, study, family, own_mesh=False)
     refined = rows[study.columns["refinement"][rows] > 1]
     if not refined.size:

@@ -79,9 +79,7 @@ class RigidKinematics:
         if self.coordinate.periodic:
             turns = np.floor((theta - self.coordinate.lower) / (2 * np.pi))
         inside = theta - 2 * np.pi * turns
-        nearest = np.clip(np.rint((inside - self._theta[0]) / self._step), 0, len(self._theta) - 1).astype(int)
-        guess = self._poses[:, :, nearest] + self._rates[:, :, nearest] * (inside - self._theta[nearest])
-        poses = self._close(guess, inside)
+        poses = self._close(self._guess(inside), inside)
         poses[:, 2] += np.outer(self._winding, 2 * np.pi * turns)
         return poses
 
@@ -143,6 +141,23 @@ class RigidKinematics:
         driven = self.coordinate.connection
         measured = self.coordinate.measure(driven.a.frame_of_pose(poses), driven.b.frame_of_pose(poses))
         return np.concatenate([*parts, (measured - theta)[None]])
+
+    def _guess(self, theta: np.ndarray) -> np.ndarray:
+        """Return poses between the configurations of the continuation, by quintic Hermite polynomials.
+
+        They are so close (sixth order in `CONTINUATION_STEP`) that Newton's method has nothing left to do as a rule.
+        """
+        position = (theta - self._theta[0]) / self._step
+        cell = np.clip(position.astype(int), 0, len(self._theta) - 2)
+        s, h = position - cell, self._step
+        # from the far end a polynomial is that of the near one, seen in the mirror
+        result = np.zeros((*self._poses.shape[:2], theta.size))
+        for at, x, sign in ((cell, s, 1.0), (cell + 1, 1.0 - s, -1.0)):
+            rest = (1.0 - x) ** 3
+            result += self._poses[..., at] * (rest * (1.0 + x * (3.0 + 6.0 * x)))
+            result += self._rates[..., at] * (sign * h * rest * x * (1.0 + 3.0 * x))
+            result += self._curvatures[..., at] * (0.5 * h * h * rest * x * x)
+        return result
 
     def _jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n_constraints + n_theta, 3 n_bodies, n)."""
@@ -250,6 +265,7 @@ class RigidKinematics:
             rates.append(rate[..., 0])
             guess = now + rate * self._step
         self._poses, self._rates = np.stack(poses, axis=-1), np.stack(rates, axis=-1)
+        self._curvatures = self.curvatures(self._poses, self._rates[:, :, None])[:, :, 0, 0]
         self._winding = np.zeros(len(self.mechanism.bodies))
         if self.coordinate.periodic:
             self._check_period()

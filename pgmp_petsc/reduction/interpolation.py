@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.signal import resample
@@ -82,14 +83,51 @@ class Interpolant:
         """Return the derivative with theta, shape (k, ...)."""
         return self._sum(theta, slope=True)
 
-    def _sum(self, theta: np.ndarray, slope: bool) -> np.ndarray:
-        rows = np.empty(N_ROWS, dtype=np.int64)
-        weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-        result = np.empty((len(theta), *self.rows.shape[1:]))
-        for k, value in enumerate(theta):
-            stencil(value, *self.grid, rows, weights, slopes)
-            result[k] = np.tensordot(slopes if slope else weights, self.rows[rows], axes=1)
+    def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Return the values at theta (k,), matrices of shape (n_out, n_in), times vectors (k, n_in)."""
+        result = np.zeros((len(theta), self.rows.shape[1]))
+        _add_products(_contiguous(theta), self.grid, self.rows, _contiguous(vectors), result)
         return result
+
+    def _sum(self, theta: np.ndarray, slope: bool) -> np.ndarray:
+        result = np.zeros((len(theta), *self.rows.shape[1:]))
+        _add_rows(
+            _contiguous(theta), self.grid, slope, self.rows.reshape(len(self.rows), -1), result.reshape(len(theta), -1)
+        )
+        return result
+
+
+def _contiguous(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=float)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_rows(theta, grid, slope, table, result):
+    """Add the interpolated rows of a table (n_rows, size), or their derivatives, to result (k, size)."""
+    rows = np.empty(N_ROWS, dtype=np.int64)
+    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
+    for k in range(theta.size):
+        stencil(theta[k], *grid, rows, weights, slopes)
+        chosen = slopes if slope else weights
+        for r in range(N_ROWS):
+            for e in range(table.shape[1]):
+                result[k, e] += chosen[r] * table[rows[r], e]
+
+
+@njit(cache=True, error_model="numpy")
+def _add_products(theta, grid, table, vectors, result):
+    """Add the interpolated matrices of a table (n_rows, n_out, n_in) times vectors (k, n_in) to result (k, n_out)."""
+    rows = np.empty(N_ROWS, dtype=np.int64)
+    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
+    for k in range(theta.size):
+        stencil(theta[k], *grid, rows, weights, slopes)
+        for r in range(N_ROWS):
+            matrix = table[rows[r]]
+            for i in range(matrix.shape[0]):
+                total = 0.0
+                for j in range(matrix.shape[1]):
+                    total += matrix[i, j] * vectors[k, j]
+                result[k, i] += weights[r] * total
 
 
 def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant:

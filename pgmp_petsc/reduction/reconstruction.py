@@ -52,7 +52,7 @@ class Reconstruction:
         n_theta = self._kinematics.n_coordinates
         theta, delta = eta[:, 0], eta[:, n_theta:]
         factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        moved = np.einsum("ndm,nm->dn", self._shapes(theta), factors)
+        moved = self._shapes.product(theta, factors).T
         local = moved.reshape(self._nodes.size, DOFS_PER_NODE, len(theta))
         poses = self._kinematics.poses(theta)
         frames = np.empty_like(local)

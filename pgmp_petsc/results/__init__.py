@@ -2,7 +2,17 @@
 
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
 from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.tradeoff import MeshErrors, References, Tradeoff
+from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 
-__all__ = ["Ensemble", "Frames", "MeshErrors", "ModesTable", "References", "Statistics", "Tradeoff", "Trajectory"]
+__all__ = [
+    "Ensemble",
+    "Frames",
+    "MeshErrors",
+    "ModesTable",
+    "References",
+    "Statistics",
+    "Times",
+    "Tradeoff",
+    "Trajectory",
+]

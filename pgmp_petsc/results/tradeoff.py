@@ -1,7 +1,8 @@
 """What accuracy costs: errors and times of many settings of both models, and of response surfaces.
 
-Layout of the file (kind ``tradeoff``; root attributes ``samples``: number of samples that total costs are for, ``batch``:
-samples that were timed together, ``repeats``: how often each time was taken, the least of them is kept, ``quick``):
+Layout of the file (kind ``tradeoff``; root attributes ``batch``: samples that were timed together, ``repeats``: how often
+each time was taken, the least is kept, ``waiting``: wall time over processor time of these runs, ``samples``: number of
+samples that the advice is for, ``quick``: whether fewer settings were measured):
 
 =============================== ========================= ==========================================================
 dataset                         shape                     content
@@ -10,7 +11,8 @@ dataset                         shape                     content
 ``/settings/<column>``          (n)                       what was set: ``step`` (s), ``refinement`` (parts that every
                                                           cell of the scene's meshes is cut into), ``nodes`` of a
                                                           surface, and every entry of the scene's [reduction]; 0, false
-                                                          or empty where it has no meaning; ``coordinates``: unknowns
+                                                          or empty where it has no meaning; ``coordinates``: unknowns;
+                                                          ``cosine`` between neighbouring spaces of modes, the smallest
 ``/settings/flags``             (n)                       options of ``pgmp`` that turn the scene into the setting
 ``/settings/reason``            (n)                       why it failed; empty where it did not
 ``/errors``                     (n, n_outputs)            largest error over time and test values, as a share of the
@@ -19,6 +21,7 @@ dataset                         shape                     content
 ``/offline``                    (n)                       wall time before the first sample, s
 ``/online/batch``               (n)                       wall time a sample, in a batch, s
 ``/online/single``              (n)                       wall time of one sample alone, s
+``/processor/<time>``           (n)                       the same three, processor time of the one serial process, s
 ``/pareto``                     (n, n_outputs)            1 where no setting of its kind is both cheaper online and more
                                                           accurate; simulations and surfaces are two kinds
 ``/parameters/<name>``          (n_test)                  test values
@@ -46,7 +49,12 @@ from pgmp_petsc.results.layout import check_shape, put_named, shapes_of, take_na
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
 
 FAMILIES = ("reduced", "full", "surface")
+BUSY = 1.2  # wall time over processor time above which a machine had other things to do
 _COLUMN_UNITS = {"step": "s"}
+_CLOCKS = {
+    "wall": ("offline", "online/batch", "online/single"),
+    "processor": ("processor/offline", "processor/batch", "processor/single"),
+}
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,21 @@ class MeshErrors:
 
 
 @dataclass(frozen=True)
+class Times:
+    """Times of n settings by one clock.
+
+    Parameters
+    ----------
+    offline, batch, single : ndarray, shape (n,)
+        Before the first sample, of a sample in a batch, and of one alone, s; NaN where the setting failed.
+    """
+
+    offline: np.ndarray
+    batch: np.ndarray
+    single: np.ndarray
+
+
+@dataclass(frozen=True)
 class Tradeoff:
     """Errors and times of n settings.
 
@@ -107,13 +130,20 @@ class Tradeoff:
     flags, reasons : tuple of str
         Options of ``pgmp``, and reasons of failure.
     errors : ndarray, shape (n, n_outputs)
-    offline, batch_seconds, single_seconds : ndarray, shape (n,)
-        Wall times: before the first sample, of a sample in a batch, of a sample alone, s.
+    wall, processor : Times
+        By the clock on the wall, and processor times of the one serial process that measured a setting.
     references : References
     mesh : MeshErrors
-    advice : tuple of str
-    samples, batch, repeats : int
+    batch, repeats : int
+        Samples timed together, and how often.
+    samples : int
+        Number of samples that the advice is for.
     quick : bool
+        Whether fewer settings were measured.
+    waiting : float
+        Wall time over processor time of the timed runs; 1 on a quiet machine.
+    advice : tuple of str
+        Which setting to take; a line that begins with ``--`` holds options to paste.
     """
 
     record: RunRecord
@@ -125,16 +155,16 @@ class Tradeoff:
     flags: tuple[str, ...]
     reasons: tuple[str, ...]
     errors: np.ndarray
-    offline: np.ndarray
-    batch_seconds: np.ndarray
-    single_seconds: np.ndarray
+    wall: Times
+    processor: Times
     references: References
     mesh: MeshErrors
-    advice: tuple[str, ...]
-    samples: int
     batch: int
     repeats: int
-    quick: bool
+    samples: int = 1
+    quick: bool = False
+    waiting: float = 1.0
+    advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n, n_outputs = len(self.families), len(self.units)
@@ -142,13 +172,25 @@ class Tradeoff:
         if unknown:
             raise ValueError(f"families {sorted(unknown)}; allowed: {', '.join(FAMILIES)}")
         check_shape("errors", self.errors, (n, n_outputs))
-        times = {"offline": self.offline, "batch": self.batch_seconds, "single": self.single_seconds}
-        for name, data in (*self.columns.items(), *times.items()):
+        for name, data in (*self.columns.items(), *vars(self.wall).items(), *vars(self.processor).items()):
             check_shape(f"'{name}'", data, (n,))
         for name, texts in (("flags", self.flags), ("reasons", self.reasons)):
             check_shape(name, np.array(texts, dtype=object), (n,))
         check_shape("moved", self.references.moved, (len(self.references.refinement), n_outputs))
         check_shape("mesh errors", self.mesh.errors, (len(self.mesh.refinement), n_outputs))
+
+    @property
+    def busy(self) -> bool:
+        """Whether the machine had so much else to do that wall times say little."""
+        return self.waiting > BUSY
+
+    @property
+    def times(self) -> Times:
+        """The times to compare: by the wall, or processor times where the machine was busy.
+
+        On a quiet machine both are the same, because every setting is measured by one serial process.
+        """
+        return self.processor if self.busy else self.wall
 
     @property
     def outputs(self) -> list[str]:
@@ -168,7 +210,7 @@ class Tradeoff:
     @property
     def pareto(self) -> np.ndarray:
         """Settings on the scene's meshes than which none of its kind is cheaper online and better, (n, n_outputs)."""
-        return self.fronts(self.batch_seconds)
+        return self.fronts(self.times.batch)
 
     def fronts(self, cost: np.ndarray) -> np.ndarray:
         """Return the fronts as `pareto` does, for any cost of shape (n,)."""
@@ -179,8 +221,8 @@ class Tradeoff:
         return result
 
     def total_seconds(self, n_samples: int) -> np.ndarray:
-        """Return the wall time of n samples, build and preparation included, shape (n,), s."""
-        return self.offline + n_samples * self.batch_seconds
+        """Return the time of n samples, build and preparation included, shape (n,), s."""
+        return self.times.offline + n_samples * self.times.batch
 
     def name(self, row: int) -> str:
         """Return a setting in words: ``reduced, 7 + 1 modes, 48 angles, spline, 1 ms``."""
@@ -203,7 +245,7 @@ class Tradeoff:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {name: getattr(self, name) for name in ("samples", "batch", "repeats", "quick")}
+        attributes = {name: getattr(self, name) for name in ("batch", "repeats", "samples", "quick", "waiting")}
         with write_file(path, "tradeoff", attributes) as file:
             self.record.write(file)
             settings = file.create_group("settings", track_order=True)
@@ -219,9 +261,10 @@ class Tradeoff:
             about = "largest error over time and test values, as a share of the output's largest value"
             errors = put(file, "errors", self.errors, "1", about)
             errors.attrs["names"], errors.attrs["units"] = json.dumps(self.outputs), json.dumps(self.units)
-            put(file, "offline", self.offline, "s", "wall time before the first sample")
-            put(file, "online/batch", self.batch_seconds, "s", f"wall time a sample, {self.batch} together")
-            put(file, "online/single", self.single_seconds, "s", "wall time of one sample alone")
+            for clock, places in _CLOCKS.items():
+                about = ("before the first sample", f"a sample, {self.batch} together", "of one sample alone")
+                for data, place, words in zip(vars(getattr(self, clock)).values(), places, about):
+                    put(file, place, data, "s", f"{clock} time {words}")
             put(file, "pareto", self.pareto.astype(np.int8), "1", "1 where none of its kind is cheaper and better")
             put_named(file, "parameters", self.test_values, self.parameter_units, "test values of '{name}'")
             put(file, "reference/refinement", self.references.refinement, "1", "parts of every cell")
@@ -256,16 +299,15 @@ class Tradeoff:
                 flags=_take_texts(settings, "flags"),
                 reasons=_take_texts(settings, "reason"),
                 errors=take(file, "errors", 2),
-                offline=take(file, "offline", 1),
-                batch_seconds=take(file, "online/batch", 1),
-                single_seconds=take(file, "online/single", 1),
+                **{clock: Times(*(take(file, place, 1) for place in places)) for clock, places in _CLOCKS.items()},
                 references=references,
                 mesh=MeshErrors(*mesh),
-                advice=_take_texts(file, "advice"),
-                samples=int(file.attrs["samples"]),
                 batch=int(file.attrs["batch"]),
                 repeats=int(file.attrs["repeats"]),
+                samples=int(file.attrs["samples"]),
                 quick=bool(file.attrs["quick"]),
+                waiting=float(file.attrs["waiting"]),
+                advice=_take_texts(file, "advice"),
             )
 
 

@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.results.tradeoff import MeshErrors, References, Tradeoff
+from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import RunRecord
@@ -91,11 +91,13 @@ def measure_tradeoff(
             study.take(_work(bench, dealer.deal(tasks), "reference", comm))
     with timings.phase("times"):
         times = _times(bench, sweep.repeats, comm)
+        waiting = comm.allreduce(bench.waiting, op=MPI.MAX)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
     record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict())
-    result = study.result(record, outputs.units, times, n_samples, quick)
+    result = study.result(record, outputs.units, times)
+    result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
     return replace(result, advice=advise(result))
 
 
@@ -131,12 +133,12 @@ def _work(
 def _reference(bench: Bench, run: ReferenceRun) -> Measured:
     """Do a full-order run; a failure is returned, not raised."""
     try:
-        return Measured(bench.reference(run.refinement, run.n_steps), 0)
+        return Measured(bench.reference(run.refinement, run.n_steps))
     except FAILURES as error:
-        return Measured(None, 0, str(error))
+        return Measured(None, reason=str(error))
 
 
-def _times(bench: Bench, repeats: int, comm: MPI.Comm) -> dict[Setting, tuple[float, float, float]]:
+def _times(bench: Bench, repeats: int, comm: MPI.Comm) -> dict[Setting, np.ndarray]:
     """Take the times of all settings in turns; on the first rank return those of all ranks. Collective on `comm`."""
     with (
         agreed(comm, "taking times"),
@@ -159,6 +161,7 @@ class _Study:
     sweep: Sweep
     bench: Bench
     limits: Limits
+    _asked: list[Setting] = field(default_factory=list)
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _meshes: dict[int, Measured] = field(default_factory=dict)
     _sequences: dict[int, ReferenceSequence] = field(init=False)
@@ -176,8 +179,8 @@ class _Study:
     def first(self) -> list[Task]:
         """Return the first tasks."""
         finest = ReferenceRun(self.sweep.finest, own_steps(self.scene))
-        settings = first_settings(self.scene, self.sweep, self.limits)
-        return tasks_of(settings, [finest, *self._missing(1)])
+        self._asked = first_settings(self.scene, self.sweep, self.limits)
+        return tasks_of(self._asked, [finest, *self._missing(1)])
 
     def further(self) -> list[Task]:
         """Return the lines through the best settings of the first tasks, and runs that the references still need.
@@ -189,11 +192,13 @@ class _Study:
         """
         if not self._sequences[1].usable:
             raise RunError(f"the full-order reference: {self._sequences[1].failure}")
-        settings = list(self._measured)
-        worst = [float(np.max(self._errors(setting))) for setting in settings]
-        best = best_settings(settings, worst, [found.n_coordinates for found in self._measured.values()])
+        worst = [float(np.max(self._errors(setting))) for setting in self._asked]
+        n_coordinates = [self._measured[setting].n_coordinates for setting in self._asked]
+        best = best_settings(self._asked, worst, n_coordinates)
         around = settings_around(best, self.scene, self.sweep, self.limits)
-        return tasks_of([setting for setting in around if setting not in self._measured], self._all_missing())
+        new = [setting for setting in around if setting not in self._measured]
+        self._asked += new
+        return tasks_of(new, self._all_missing())
 
     def references(self) -> list[Task]:
         """Return the runs that the references still need."""
@@ -215,19 +220,15 @@ class _Study:
                 sequence.add(run.n_steps, measured.history)
 
     def result(
-        self,
-        record: RunRecord,
-        units: dict[str, str],
-        times: Mapping[Setting, tuple[float, float, float]],
-        n_samples: int,
-        quick: bool,
+        self, record: RunRecord, units: dict[str, str], times: Mapping[Setting, np.ndarray]
     ) -> Tradeoff:
-        """Put everything together; the settings keep the order in which they were asked for."""
-        settings = list(self._measured)
+        """Put everything together; the settings stand in the order in which they were asked for, whoever had them."""
+        settings = self._asked
         errors = np.array([self._errors(setting) for setting in settings])
-        seconds = np.array([times.get(setting, (np.nan,) * 3) for setting in settings])
+        seconds = np.array([times.get(setting, np.full((3, 2), np.nan)) for setting in settings])
         columns = columns_of(settings, self.scene)
-        columns["coordinates"] = np.array([self._measured[setting].n_coordinates for setting in settings])
+        for name, attribute in (("coordinates", "n_coordinates"), ("cosine", "cosine")):
+            columns[name] = np.array([getattr(self._measured[setting], attribute) for setting in settings])
         return Tradeoff(
             record=record,
             units=units,
@@ -238,16 +239,12 @@ class _Study:
             flags=tuple(_flags(setting, self.scene) for setting in settings),
             reasons=tuple(self._reason(setting, row) for setting, row in zip(settings, errors)),
             errors=errors,
-            offline=seconds[:, 0],
-            batch_seconds=seconds[:, 1],
-            single_seconds=seconds[:, 2],
+            wall=Times(*seconds[:, :, 0].T),
+            processor=Times(*seconds[:, :, 1].T),
             references=self._references(),
             mesh=self._mesh_errors(len(units)),
-            advice=(),
-            samples=n_samples,
             batch=self.bench.batch,
             repeats=self.sweep.repeats,
-            quick=quick,
         )
 
     def _missing(self, refinement: int) -> list[ReferenceRun]:

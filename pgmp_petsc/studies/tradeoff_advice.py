@@ -1,6 +1,6 @@
 """Which setting to take: the cheapest one measured that meets an error, in words and as options to paste.
 
-Cheap is what takes the least wall time for the study's number of samples, build included. Settings on refined meshes are
+Cheap is what takes the least time for the study's number of samples, build included. Settings on refined meshes are
 left out, because their errors are against another reference.
 """
 
@@ -31,7 +31,7 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
         targets = {"every output": study.errors.max(axis=1), **targets}
     said: dict[int, str] = {}
     advice = [piece for target, errors in targets.items() for piece in _pieces(study, target, errors, said)]
-    return (*advice, *_mesh_sentences(study), *_reference_sentences(study))
+    return (*advice, *_surface_sentences(study), *_mesh_sentences(study), *_reference_sentences(study))
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
@@ -76,7 +76,8 @@ def _pieces(study: Tradeoff, target: str, errors: np.ndarray, said: dict[int, st
         surface = cheapest(study, errors, min(thresholds), ~study.simulated)
         if surface is not None:
             verb = "would do" if row is None else "does it too"
-            lines.append(f"A {study.name(surface)}, {verb}: {_price(study, surface)}.")
+            runs = study.columns["nodes"][surface]
+            lines.append(f"A response surface through {runs} full-order runs {verb}: {_price(study, surface)}.")
         pieces.append("\n".join(lines))
     return pieces
 
@@ -96,10 +97,20 @@ def _nearest(study: Tradeoff, errors: np.ndarray, among: np.ndarray) -> str:
 
 def _price(study: Tradeoff, row: int) -> str:
     """Return ``1.2 ms a sample after 0.7 s``."""
-    online, offline = study.batch_seconds[row], study.offline[row]
+    online, offline = study.times.batch[row], study.times.offline[row]
     after = "preparation" if study.families[row] == "full" else "build" if study.simulated[row] else "runs"
     total = study.total_seconds(study.samples)[row]
     return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({total:.3g} s for {study.samples} samples)"
+
+
+def _surface_sentences(study: Tradeoff) -> list[str]:
+    """Say what a response surface is no good for."""
+    if not (~study.simulated & np.isfinite(study.errors).any(axis=1)).any():
+        return []
+    return [
+        f"A response surface holds for these loads, this start and these outputs, between its runs over {_joined(list(study.test_values))}; "
+        "anything else needs new runs, and every further parameter many more."
+    ]
 
 
 def _mesh_sentences(study: Tradeoff) -> list[str]:

@@ -1,6 +1,6 @@
 """Measuring one setting on one rank: build or prepare, run at the test values, take times.
 
-Wall times, all of this process alone. *Offline* is what comes before the first sample: the build of a reduced model and
+Times are taken by the wall and by the processor, of this process alone. *Offline* is what comes before the first sample: the build of a reduced model and
 its preparation, the preparation of a full-order model, the runs at a response surface's nodes and the interpolation.
 *Online* is what a sample costs after that, as an ensemble does it: integration to the end time and the outputs there; of
 a response surface the outputs over time.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Protocol
 
 import numpy as np
@@ -64,13 +64,16 @@ class Prepared:
         A model, or a response surface.
     n_coordinates
         Unknowns: reduced or nodal coordinates, or nodes of the surface.
+    cosine
+        Smallest cosine between neighbouring spaces of modes; 1 where there are none.
     seconds
-        Wall time.
+        Wall time and processor time, shape (2,), s.
     """
 
     model: Model | ResponseSurface
     n_coordinates: int
-    seconds: float
+    cosine: float
+    seconds: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -81,14 +84,15 @@ class Measured:
     ----------
     history
         Outputs at the test values; None where the setting failed.
-    n_coordinates
+    n_coordinates, cosine
         See `Prepared`.
     reason
         Why it failed; empty where it did not.
     """
 
     history: History | None
-    n_coordinates: int
+    n_coordinates: int = 0
+    cosine: float = 1.0
     reason: str = ""
 
 
@@ -140,9 +144,10 @@ class Bench:
         self._toml = scene_to_toml(scene)
         self._group = RankGroup.split(MPI.COMM_SELF, 1)
         self._prepared: dict[tuple, Prepared] = {}
-        self._offline: dict[tuple, list[float]] = {}
+        self._offline: dict[tuple, list[np.ndarray]] = {}
         self._ready: dict[Setting, Candidate] = {}
-        self._online: dict[tuple[Setting, int], float] = {}
+        self._online: dict[tuple[Setting, int], np.ndarray] = {}
+        self._spent = np.zeros(2)
 
     @property
     def ready(self) -> list[Setting]:
@@ -168,8 +173,8 @@ class Bench:
             self._ready[setting] = candidate = self._candidate(setting, prepared.model)
         except FAILURES as error:
             reason = str(error) if isinstance(error, PgmpError) else f"{type(error).__name__}: {error}"
-            return Measured(None, 0, " ".join(reason.split()))
-        return Measured(candidate.history, prepared.n_coordinates)
+            return Measured(None, reason=" ".join(reason.split()))
+        return Measured(candidate.history, prepared.n_coordinates, prepared.cosine)
 
     def reference(self, refinement: int, n_steps: int) -> History:
         """Return the full-order outputs at the test values with so many steps.
@@ -186,18 +191,25 @@ class Bench:
         """Take the times of a setting that is ready, for the `turn`-th time; the least of all turns counts."""
         candidate = self._ready[setting]
         for n in (self.batch, 1) if turn <= self._few_repeats else (self.batch,):
-            start = perf_counter()
+            start = _now()
             candidate.run(n)
-            seconds = (perf_counter() - start) / n
-            self._online[setting, n] = min(seconds, self._online.get((setting, n), np.inf))
+            seconds = _now() - start
+            self._spent += seconds
+            self._online[setting, n] = np.minimum(seconds / n, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
-        if len(taken) < min(turn, self._few_repeats) and taken[0] < LONG_BUILD:
+        if len(taken) < min(turn, self._few_repeats) and taken[0][0] < LONG_BUILD:
             taken.append(self._prepare(setting).seconds)
 
-    def times(self, setting: Setting) -> tuple[float, float, float]:
-        """Return the times of a setting: offline, of a sample in a batch, of one alone, s."""
-        online = (self._online[setting, n] for n in (self.batch, 1))
-        return min(self._offline[setting.build]), *online
+    def times(self, setting: Setting) -> np.ndarray:
+        """Return the times of a setting: offline, of a sample in a batch, of one alone; shape (3, 2), wall first, s."""
+        offline = np.min(self._offline[setting.build], axis=0)
+        return np.array([offline, self._online[setting, self.batch], self._online[setting, 1]])
+
+    @property
+    def waiting(self) -> float:
+        """Wall time over processor time of all timed runs: 1 on a quiet machine, 0 where nothing was timed."""
+        wall, processor = self._spent
+        return float(wall / processor) if processor else 0.0
 
     def n_cells(self, refinement: int) -> int:
         """Return the number of cells of all bodies."""
@@ -225,26 +237,32 @@ class Bench:
         """Do what comes before the first sample, and take its time."""
         prepare = {"reduced": self._build, "full": self._full, "surface": self._surface}[setting.family]
         # the full-order model that a surface needs first is shared, and so is its time
-        before = self._shared(Setting("full", setting.n_steps)).seconds if setting.family == "surface" else 0.0
-        start = perf_counter()
-        model, n_coordinates = prepare(setting)
-        return Prepared(model, n_coordinates, before + perf_counter() - start)
+        before = self._shared(Setting("full", setting.n_steps)).seconds if setting.family == "surface" else np.zeros(2)
+        start = _now()
+        model, n_coordinates, cosine = prepare(setting)
+        return Prepared(model, n_coordinates, cosine, before + _now() - start)
 
-    def _build(self, setting: Setting) -> tuple[ReducedModel, int]:
+    def _build(self, setting: Setting) -> tuple[ReducedModel, int, float]:
         scene = scene_from_toml(self._toml, self.scene.directory, setting.overrides(self.scene))
         rom = build_rom(scene, self._refined(setting.refinement), self._group)
-        return ReducedModel(scene, rom), rom.tables.n_coordinates + rom.tables.n_modes
+        n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
+        return ReducedModel(scene, rom), n_coordinates, float(rom.cosines.min())
 
-    def _full(self, setting: Setting) -> tuple[FullModel, int]:
+    def _full(self, setting: Setting) -> tuple[FullModel, int, float]:
         model = FullModel(self.scene, self._refined(setting.refinement))
-        return model, model.kinematics.mechanism.n_dofs
+        return model, model.kinematics.mechanism.n_dofs, 1.0
 
-    def _surface(self, setting: Setting) -> tuple[ResponseSurface, int]:
+    def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
         nodes = node_values(self.scene, setting.nodes)
         model = self._shared(Setting("full", setting.n_steps)).model
         simulation = with_steps(self.scene.simulation, setting.n_steps)
         runs = history_of(model, at_values(self.scene, nodes), simulation, self._kept)
-        return ResponseSurface(nodes, runs), setting.nodes
+        return ResponseSurface(nodes, runs), setting.nodes, 1.0
 
     def _refined(self, parts: int) -> dict[str, LineMesh]:
         return {name: refined(mesh, parts) for name, mesh in self._meshes.items()}
+
+
+def _now() -> np.ndarray:
+    """Return the clocks: wall and processor, s."""
+    return np.array([perf_counter(), process_time()])

@@ -273,7 +273,7 @@ def _sampled(setting: Setting, angles: Sequence[int], schemes: Sequence[str]) ->
     """Return other ways to sample and interpolate the tables."""
     if _adaptive(setting):
         tolerance = setting.reduction.sampling_tolerance
-        return [setting.with_reduction(sampling_tolerance=factor * tolerance) for factor in (10.0, 0.1)]
+        return [setting.with_reduction(sampling_tolerance=other) for other in (10.0 * tolerance, tolerance / 10.0)]
     return [
         *(setting.with_reduction(angles=n) for n in angles),
         *(setting.with_reduction(interpolation=scheme) for scheme in schemes),

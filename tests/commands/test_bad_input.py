@@ -127,9 +127,9 @@ CASES = {
     "no TOML": Case(("check", "{folder}/words.msh"), ("words.msh", "not valid TOML")),
     "a model for a scene": Case(("check", ROM), ("rom.h5", "a scene is a TOML file")),
     "a model for a scene, full": Case(("simulate", ROM, "--full", "-o", OUT), ("rom.h5", "a scene is a TOML file")),
-    "a scene for a model": Case(("simulate", SCENE, "-o", OUT), ("slider_crank.toml", "needed: a reduced model")),
+    "a scene for a model": Case(("simulate", SCENE, "-o", OUT), ("slider_crank_paper.toml", "needed: a reduced model")),
     "a scene for a model, ensemble": Case(("montecarlo", SCENE, "-n", "2", "-o", OUT),
-                                          ("slider_crank.toml", "needed: a reduced model")),
+                                          ("slider_crank_paper.toml", "needed: a reduced model")),
     "no model": Case(("simulate", "{folder}/nothing.h5", "-o", OUT), ("nothing.h5", "does not exist")),
     "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "damaged or cut off")),
     "other version": Case(("simulate", "{folder}/future.h5", "-o", OUT), ("future.h5", "format version 99")),
@@ -191,11 +191,22 @@ CASES = {
     ),
     "export of a model": Case(("export", ROM, "-o", "{folder}/x.xdmf"), ("rom.h5", "needed: a trajectory")),
     "options for PETSc": Case(("info", ROM, "--", "-log_view"), ("'info' does not use PETSc",)),
+    # the trade-off study
+    "no outputs": Case(("tradeoff", SCENE, "-o", OUT, *overridden("outputs={{}}")), ("outputs: the scene has none",)),
+    "no scene, trade-off": Case(("tradeoff", "{folder}/slider_crnk.toml", "-o", OUT), ("no such scene file",)),
+    "a model for a scene, trade-off": Case(("tradeoff", ROM, "-o", OUT), ("rom.h5", "a scene is a TOML file")),
+    "too short a rod, trade-off": Case(
+        ("tradeoff", SCENE, "-o", OUT, *overridden(*SHORT_ROD)), ("cannot close at theta = ", "joints.")
+    ),
+    "no directory, trade-off": Case(("tradeoff", SCENE, "-o", "{folder}/no/such/out.h5"), ("no/such", "does not exist")),
+    "directory, trade-off": Case(("tradeoff", SCENE, "-o", "{folder}"), ("is a directory",)),
+    "no samples, trade-off": Case(("tradeoff", SCENE, "-n", "0", "-o", OUT), ("-n", "0")),
 }
 ON_THREE_RANKS = (
     "unknown key", "missing mesh", "unknown point", "too short a rod", "too short a rod, build", "two coordinates",
     "too many modes, build", "cut off", "a scene for a model", "no directory", "ranks per angle", "no samples",
     "unknown parameter", "modes of a model", "nothing to draw", "start outside the range", "model of another scene",
+    "no outputs", "directory, trade-off",
 )
 
 

@@ -107,10 +107,9 @@ def test_the_space_of_a_pair_is_the_same_at_all_angles(differ: float) -> None:
             np.testing.assert_allclose(cosines, 1.0, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("differ", DIFFERENCES)
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("differ", "seed"), [(0.0, 1), (1e-9, 2), (1e-6, 3)])
 def test_rotations_among_equal_modes_do_not_change_the_motion(differ: float, seed: int) -> None:
-    scene = with_flywheel()
+    scene = with_flywheel(*run_for(0.15, 1e-3))
     spoilt = build(scene, differ=differ, scramble=lambda modes: turned(seed, modes))
     one, other = (history(ReducedModel(scene, rom), samples(scene, 1), 1)[1] for rom in (plain(differ), spoilt))
     # round-off of the tables, 1e-13 or so, over a few hundred steps; measured 2e-12
@@ -151,6 +150,12 @@ def test_a_mode_that_crosses_a_pair() -> None:
     assert_close(full, reduced, angle=1e-4, bent=0.06, slider=1e-4)  # bent: 4 % without the crossing too
 
 
+@lru_cache(maxsize=None)
+def built_at(r1: float, angles: int = 96) -> ReducedOrderModel:
+    """Return the accurate model for a nominal radius."""
+    return rom_of(accurate(f"parameters.r1.nominal={r1}", angles=angles))
+
+
 def test_two_modes_of_the_slider_crank_meet() -> None:
     exact = dense_eigenvalues(kinematics_of(slider_crank()), MEETING_THETA, {"r1": MEETING_R1}, 4)
     assert exact[2] / exact[1] - 1 < 1e-8
@@ -161,7 +166,7 @@ def test_two_modes_of_the_slider_crank_meet() -> None:
 @pytest.mark.parametrize("r1", [MEETING_R1, 1.0005 * MEETING_R1, RADIUS], ids=["meeting", "veering", "apart"])
 def test_the_reduced_model_where_modes_meet_is_as_good_as_elsewhere(r1: float) -> None:
     scene = accurate(f"parameters.r1.nominal={r1}", *run_for(0.5, 1e-3), *start(0.5, 4.0))
-    rom, kinematics = rom_of(scene), kinematics_of(scene)
+    rom, kinematics = built_at(r1), kinematics_of(scene)
     assert rom.cosines.min() > 0.9
     # half-way between samples: cubic splines leave 1.7e-4, 1.7e-4 and 1.2e-4, and a 16th of it at 192 angles
     for theta in (MEETING_THETA, *(rom.tables.samples.theta[:48:3] + np.pi / 96)):
@@ -173,10 +178,8 @@ def test_the_reduced_model_where_modes_meet_is_as_good_as_elsewhere(r1: float) -
 
 
 def test_the_basis_is_continuous_where_modes_meet() -> None:
-    jumps = []
-    for angles in (96, 192):
-        scene = accurate(f"parameters.r1.nominal={MEETING_R1}", angles=angles)
-        jumps.append(largest_jump(rom_of(scene), scene))
+    scene = accurate(f"parameters.r1.nominal={MEETING_R1}")
+    jumps = [largest_jump(rom, scene) for rom in (built_at(MEETING_R1), built_at(MEETING_R1, 192))]
     assert jumps[1] == pytest.approx(0.5 * jumps[0], rel=0.1)
 
 

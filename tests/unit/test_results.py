@@ -38,8 +38,10 @@ def assert_same(one, other, where: str = "result") -> None:
         synthetic.ensemble("reduced", 50, n_failed=0),
         synthetic.modes_table(),
         synthetic.modes_table(reduced=False),
+        synthetic.tradeoff(),
+        synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
     ],
-    ids=["full", "reduced", "full ensemble", "reduced ensemble", "modes", "full modes"],
+    ids=["full", "reduced", "full ensemble", "reduced ensemble", "modes", "full modes", "trade-off", "short trade-off"],
 )
 def test_round_trip(result, tmp_path):
     result.write(tmp_path / "f.h5")

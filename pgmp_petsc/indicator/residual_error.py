@@ -1,0 +1,74 @@
+"""The error of a reduced motion from its residual in the full-order equations.
+
+With a motion ``q_r(t)`` of the nodes and its accelerations, ``q = q_r + e`` solves the full-order equations if
+
+    M (q_r'' + e'') + g_int(q_r + e) + C^T lambda = g_ext,     c(q_r + e) = 0,     e = e' = 0 at the start.
+
+At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
+does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible part follows
+by its static answer. Both come out of a time integration with steps far longer than those of the run, without any
+memory of frequencies beyond them (generalised-alpha with spectral radius 0). For the integrator the unknown is e.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.indicator.reference_motion import ReferenceMotion
+
+
+class ErrorSystem:
+    """Full-order equations about a reference motion; see `SecondOrderSystem`.
+
+    Parameters
+    ----------
+    full
+        Full-order model of the same samples, with its loads at the instants of the motion.
+    motion
+        Reference motion; its instant number k is that of the time ``k interval``.
+    interval
+        Step of the integration, s.
+    """
+
+    def __init__(self, full: FullBatch, motion: ReferenceMotion, interval: float) -> None:
+        self.comm = full.comm
+        self.n_samples = full.n_samples
+        self._full = full
+        self._motion = motion
+        self._interval = interval
+        self._number = -1
+
+    def start(self) -> State:
+        """Return no error. The motion starts as the full-order model does, so there is no acceleration to speak of."""
+        rest = np.zeros_like(self._full.pack(self._motion.at(0).q))
+        n_constraints = self._full.n_constraints
+        multipliers = self._full.pack(np.zeros((n_constraints, self.n_samples)))
+        return State(rest, rest.copy(), rest.copy(), multipliers)
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""
+        number = round(time / self._interval)
+        if number != self._number:
+            instant = self._motion.at(number)
+            self._number, self._q, self._a = number, self._full.pack(instant.q), self._full.pack(instant.a)
+        moved = State(self._q + state.q, state.v, self._a + state.a, state.multipliers)
+        before = moved.q.copy(), moved.a.copy()
+        size = self._full.correct(time, moved, scheme, active, fresh)
+        # by its change, so that a sample which is not active stays what it is to the last digit
+        state.q += moved.q - before[0]
+        state.a += moved.a - before[1]
+        return size
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        """Put samples back."""
+        self._full.restore(state, previous, samples)
+
+    def outside(self, state: State) -> np.ndarray:
+        """Return no sample."""
+        return self._full.outside(state)
+
+    def unpack(self, array: np.ndarray) -> np.ndarray:
+        """Return a state's array as (n, n_samples)."""
+        return self._full.unpack(array)

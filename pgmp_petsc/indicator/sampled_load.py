@@ -1,0 +1,73 @@
+"""Loads as a run sees them: at its time steps only.
+
+Between two steps a load may bend or jump. Whatever the integrator makes of it, over a stretch of time the run feels
+another impulse than the load has: the difference between the exact integral of the amplitude and the integral of what
+is known at the steps (`quadrature`). Spread over the stretch, it is added to the amplitude at the instants at which the
+error of the run is evaluated.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects import Effect
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.indicator.quadrature import integrals
+
+N_PARTS = 16  # of a step, between which an amplitude is taken for linear
+
+
+class SampledLoad:
+    """An effect at the instants of evaluation, with the impulse that the run missed.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    steps
+        Numbers of the steps at which the error is evaluated, the first 0, increasing.
+    step
+        s.
+    interval
+        Time between two evaluations, s; the evaluation number k has the time ``k interval``.
+    """
+
+    def __init__(self, effect: Effect, steps: np.ndarray, step: float, interval: float) -> None:
+        self.name = effect.name
+        self._effect = effect
+        self._interval = interval
+        times = step * np.arange(steps[-1] + 1)
+        amplitudes = np.array([effect.amplitude(time) for time in times])
+        missed = np.zeros_like(amplitudes)
+        if np.ptp(amplitudes) > 0.0:
+            missed = np.cumsum(_impulses(effect, times)) - integrals(amplitudes, step)
+        middles = (steps[1:-1] + steps[2:]) / 2.0
+        # nothing is evaluated before the first interval ends: it stands for the time from the start
+        ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
+        self._amplitudes = amplitudes[steps]
+        self._amplitudes[1:] += np.diff(ends) / interval
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return the load terms of the effect."""
+        return self._effect.loads(matrices)
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the patterns of the effect."""
+        return self._effect.patterns(matrices)
+
+    def amplitude(self, time: float) -> float:
+        """Return the amplitude at the nearest evaluation."""
+        return float(self._amplitudes[round(time / self._interval)])
+
+
+def _impulses(effect: Effect, times: np.ndarray) -> np.ndarray:
+    """Return the integral of the amplitude over every step, 0 first, shape (n_t,)."""
+    result = np.zeros_like(times)
+    weights = np.full(N_PARTS + 1, 1.0 / N_PARTS)
+    weights[[0, -1]] *= 0.5
+    for number in range(1, times.size):
+        inside = np.linspace(times[number - 1], times[number], N_PARTS + 1)
+        values = np.array([effect.amplitude(time) for time in inside])
+        result[number] = (times[number] - times[number - 1]) * (weights @ values)
+    return result

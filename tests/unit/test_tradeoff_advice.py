@@ -1,0 +1,120 @@
+"""The front and the advice by closed examples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import synthetic
+
+from pgmp_petsc.cli.tradeoff_table import WIDTH, shown_rows, summary
+from pgmp_petsc.results.tradeoff import Tradeoff, pareto_front
+from pgmp_petsc.studies.tradeoff_advice import advise, cheapest
+
+NAN = float("nan")
+
+
+def test_the_front_is_what_nothing_dominates() -> None:
+    cost = np.array([1.0, 2.0, 3.0, 2.0, 1.5, 4.0])
+    error = np.array([9.0, 4.0, 1.0, 5.0, 9.0, 1.0])
+    np.testing.assert_array_equal(pareto_front(cost, error), [True, True, True, False, False, False])
+
+
+def test_equal_points_are_both_on_the_front() -> None:
+    np.testing.assert_array_equal(pareto_front(np.array([1.0, 1.0]), np.array([2.0, 2.0])), [True, True])
+
+
+def test_what_is_not_known_neither_is_on_the_front_nor_dominates() -> None:
+    cost, error = np.array([1.0, NAN, 0.5, 2.0]), np.array([1.0, 0.0, NAN, 0.5])
+    np.testing.assert_array_equal(pareto_front(cost, error), [True, False, False, True])
+    assert pareto_front(np.empty(0), np.empty(0)).shape == (0,)
+
+
+def test_simulations_and_surfaces_have_fronts_of_their_own() -> None:
+    study = synthetic.tradeoff()
+    on_front = {column: np.flatnonzero(study.pareto[:, column]).tolist() for column in (0, 1)}
+    assert on_front[1] == [1, 2, 6, 9, 10], "refined meshes have another reference and no front"
+    assert on_front[0] == [1, 2, 9, 10]
+
+
+def test_the_total_counts_the_build() -> None:
+    study = synthetic.tradeoff()
+    np.testing.assert_allclose(study.total_seconds(1000)[:2], [6.0 + 4.0, 0.8 + 2.0])
+    everything = np.ones(len(study.families), dtype=bool)
+    assert cheapest(replace(study, samples=10_000), study.errors[:, 1], 5e-3, everything) == 10
+    # a full-order model is cheaper for few samples, and a surface is not asked for
+    assert cheapest(replace(study, samples=10), study.errors[:, 1], 5e-3, study.simulated) == 5
+    assert cheapest(study, study.errors[:, 1], 5e-3, study.simulated) == 2
+    assert cheapest(study, study.errors[:, 1], 1e-9, everything) is None
+
+
+def pieces(study: Tradeoff, target: str) -> list[str]:
+    """Return the advice for one target."""
+    return [piece for piece in advise(study) if piece.partition(" take ")[0].partition(" no ")[0].endswith(f"in {target}")]
+
+
+def test_advice_names_the_cheapest_setting_with_its_options() -> None:
+    first, rest = pieces(synthetic.tradeoff(), "every output")
+    lines = first.splitlines()
+    assert lines[0] == (
+        "For 5 % and 1 % in every output take reduced, 7 + 1 modes, 48 angles, spline, 2 ms: "
+        "1 ms a sample after 0.8 s of build (10.8 s for 10000 samples):"
+    )
+    assert lines[1] == "--override reduction.modes=7"
+    assert lines[2] == (
+        "A response surface through 9 full-order runs does it too: 0.011 ms a sample after 0.6 s of runs "
+        "(0.71 s for 10000 samples)."
+    )
+    assert rest == "For 0.1 % in every output no setting is good enough; the best is full order, 0.5 ms, with 0.2 %."
+
+
+def test_options_are_given_once() -> None:
+    first, rest = pieces(synthetic.tradeoff(), "slider_deformation")
+    assert "as for 5 % and 1 % in every output." in first and "--" not in first
+    assert "no setting is good enough" in rest
+
+
+def test_the_scene_as_it_is_needs_no_options() -> None:
+    study = synthetic.tradeoff(surfaces=False)
+    batch = study.times.batch.copy()
+    batch[0] = 1e-6
+    errors = np.where(np.arange(len(batch))[:, None] == 0, 1e-6, study.errors)
+    only = advise(replace(study, wall=replace(study.wall, batch=batch), errors=errors, samples=10**9))[0]
+    assert only.startswith("For 5 %, 1 % and 0.1 % in every output take the scene as it is (reduced, 15 modes")
+    assert "--" not in only and "response surface" not in only
+
+
+def test_one_output_is_not_every_output() -> None:
+    assert not [piece for piece in advise(synthetic.tradeoff(n_outputs=1)) if "every output" in piece]
+
+
+def test_nothing_could_be_measured() -> None:
+    study = synthetic.tradeoff()
+    failed = replace(study, errors=np.full_like(study.errors, NAN), reasons=("failed",) * len(study.families))
+    assert pieces(failed, "every output") == [
+        "For 5 %, 1 % and 0.1 % in every output no setting is good enough: none could be measured."
+    ]
+
+
+def test_a_poor_mesh_and_a_poor_reference_are_named() -> None:
+    study = synthetic.tradeoff()
+    mesh, = (piece for piece in advise(study) if "meshes" in piece)
+    assert "off by 0.002 % in crank_angle and 1 % in slider_deformation, against cells cut into 4" in mesh
+    assert not [piece for piece in advise(study) if "not settled" in piece]
+    moved = np.array([[1e-8, 1e-3], [1.0, 1.0]])
+    poor = advise(replace(study, references=replace(study.references, moved=moved)))[-1]
+    assert "moved it by 0.1 % in slider_deformation; errors" in poor
+
+
+def test_the_table_is_sorted_aligned_and_short() -> None:
+    study = synthetic.tradeoff()
+    rows = shown_rows(study)
+    assert np.all(np.diff(study.times.batch[rows]) >= 0) and 0 in rows and 4 not in rows and 3 not in rows
+    lines = summary(study).splitlines()
+    header = lines[0]
+    for line in lines[1 : 1 + len(rows)]:
+        assert len(line) == len(header)
+    assert next(line for line in lines if line.startswith(">")).split()[1:3] == ["reduced,", "15"]
+    assert sum(line.startswith("failed: reduced, 99 modes") for line in lines) == 1
+    assert "    --override reduction.modes=7" in lines
+    assert all(len(line) <= WIDTH for line in lines if "--" not in line and line not in lines[: 1 + len(rows)])
