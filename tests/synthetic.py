@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.results import Ensemble, Frames, MeshErrors, ModesTable, References, Statistics, Times, Tradeoff, Trajectory
+from pgmp_petsc.results import (
+    Ensemble,
+    Frames,
+    MeshErrors,
+    ModesTable,
+    References,
+    Statistics,
+    Times,
+    Tradeoff,
+    Trajectory,
+)
 from pgmp_petsc.runtime.files import RunRecord
 
 SCENE = """

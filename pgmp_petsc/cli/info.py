@@ -43,9 +43,24 @@ def describe(path: Path) -> str:
         if record.timings:
             lines += ["", "timings", _indented(Timings(record.timings).table())]
         lines += ["", "datasets", _indented(_datasets(file))]
+        known = _estimates(file, path)
+        if known:
+            lines += ["", *known]
         if file.attrs["kind"] == "tradeoff":
             lines += ["", "summary", _indented(_tradeoff(path))]
         return "\n".join(lines)
+
+
+def _estimates(file, path: Path) -> list[str]:
+    """Return the estimated errors of a reduced run or ensemble, none where the file has none."""
+    from pgmp_petsc.cli import estimates
+    from pgmp_petsc.results import Ensemble, EstimatedErrors
+    from pgmp_petsc.results.layout import units_of
+
+    if file.attrs["kind"] == "ensemble" and "validity" in file:
+        return estimates.of_ensemble(Ensemble.read(path))
+    errors = EstimatedErrors.read(file) if file.attrs["kind"] == "trajectory" else None
+    return [] if errors is None else estimates.of_trajectory(errors, units_of(file, "outputs"))
 
 
 def _tradeoff(path: Path) -> str:

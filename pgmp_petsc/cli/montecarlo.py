@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan
@@ -68,7 +69,7 @@ def montecarlo(
 
 
 def report(ensemble: Ensemble, path: Path) -> str:
-    """Return mean and standard deviation with their standard errors, and the failures by reason."""
+    """Return mean and standard deviation with their standard errors, failures by reason, and estimated errors."""
     n = len(ensemble.status)
     heading = f"  {'':24s}{'mean':>14s}  +- {'error':9s}{'std':>13s}  +- error"
     lines = [f"{path}: {ensemble.model} model, {n} samples", heading]
@@ -80,5 +81,7 @@ def report(ensemble: Ensemble, path: Path) -> str:
     for code in np.unique(ensemble.status[ensemble.status != 0]):
         count = int(np.sum(ensemble.status == code))
         lines.append(f"  {count} of {n} samples failed (status {code}): {ensemble.meanings[int(code)]}")
+    if ensemble.validity:
+        lines += estimates.of_ensemble(ensemble)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)

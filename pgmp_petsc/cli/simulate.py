@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -49,9 +50,11 @@ def simulate(
 
 
 def report(trajectory: Trajectory, path: Path) -> str:
-    """Return the outputs at the end."""
+    """Return the outputs at the end, and the estimated errors of a reduced run."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
     for name, values in trajectory.outputs.items():
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
+    if trajectory.errors is not None:
+        lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)

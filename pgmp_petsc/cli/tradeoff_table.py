@@ -51,12 +51,12 @@ def _table(study: Tradeoff) -> list[str]:
         for line in [header, *body]
     ]
     legend = (
-        "Largest errors in % of the output's largest value; * on the front of its kind: none is both cheaper online and "
-        f"better; > the scene as it is. Online: a sample of {study.batch} together."
+        "Largest errors in % of the output's largest value; * on the front of its kind: none is both cheaper online "
+        f"and better; > the scene as it is. Online: a sample of {study.batch} together."
     )
     busy = (
-        f"The machine was busy: the wall clock ran {study.waiting:.2g} times as fast as the processor's. Times are those of "
-        "the processor, which a quiet machine needs."
+        f"The machine was busy: the timed runs took {study.waiting:.2g} times their processor time. Times are "
+        "processor times, which a quiet machine takes."
     )
     return [*aligned, *textwrap.wrap(legend, WIDTH), *textwrap.wrap(busy if study.busy else "", WIDTH)]
 
@@ -67,7 +67,8 @@ def _reference(study: Tradeoff) -> list[str]:
     lines = []
     for refinement, step, moved, reason in zip(at.refinement, at.step, at.moved, at.reason):
         mesh = "the scene's meshes" if refinement == 1 else f"cells cut into {refinement}"
-        lines.append(f"reference, {mesh}: full order, {_milli(step)} ms; moved last by {_errors(study, moved)}; {reason}")
+        how_fine = f"full order, {1e3 * step:.4g} ms; moved last by {_errors(study, moved)}"
+        lines.append(f"reference, {mesh}: {how_fine}; {reason}")
     return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
 
 
@@ -91,10 +92,6 @@ def _failures(study: Tradeoff) -> list[str]:
 
 def _errors(study: Tradeoff, errors: np.ndarray) -> str:
     return ", ".join(f"{name} {100 * error:.2g} %" for name, error in zip(study.outputs, errors))
-
-
-def _milli(seconds: float) -> str:
-    return f"{1e3 * seconds:.4g}"
 
 
 def _wrapped(advice: str) -> list[str]:

@@ -44,6 +44,6 @@ class Gravity:
                 vectors.append(matrices.mass[body.section.line_density.monomial] @ field.ravel())
         return vectors
 
-    def amplitude(self, time: float) -> float:
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return 1: gravity does not change."""
-        return 1.0
+        return np.ones_like(time)

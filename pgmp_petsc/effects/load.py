@@ -43,8 +43,8 @@ class Effect(Protocol):
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return the load terms for the rows of `matrices`."""
 
-    def amplitude(self, time: float) -> float:
-        """Return the common factor of the load terms at a time (s)."""
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
+        """Return the common factor of the load terms at a time (s), or at each of several."""
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return nodal vectors in body frames, for the rows of `matrices`, that span the loads in any configuration.

@@ -38,6 +38,6 @@ class Torque:
         """Return the couples, which are the same in every frame of the plane."""
         return [load.vector for load in self.loads(matrices)]
 
-    def amplitude(self, time: float) -> float:
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the torque of the table, N m."""
-        return float(np.interp(time, self._times, self._values))
+        return np.interp(time, self._times, self._values)

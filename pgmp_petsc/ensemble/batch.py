@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,17 @@ class Plan:
 
 @dataclass(frozen=True)
 class Batch:
-    """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,)."""
+    """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,).
+
+    The reduced model adds the largest estimated errors of the outputs, those at the end, and the validity of small
+    deformations, each (n,) and NaN where they were not estimated.
+    """
 
     first: int
     parameters: dict[str, np.ndarray]
     outputs: dict[str, np.ndarray]
     status: np.ndarray
     failure_time: np.ndarray
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
+    errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
+    validity: dict[str, np.ndarray] = field(default_factory=dict)

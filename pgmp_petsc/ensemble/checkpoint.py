@@ -17,7 +17,8 @@ import numpy as np
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.runtime.errors import InputError
 
-FORMAT = 1
+FORMAT = 2
+NAMED = ("parameters", "outputs", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
 
 
 class Checkpoint:
@@ -67,8 +68,7 @@ class Checkpoint:
         """Store a finished batch."""
         target = self.folder / f"{batch.first:09d}.npz"
         waiting = target.with_suffix(".writing")
-        arrays = {f"parameters.{name}": values for name, values in batch.parameters.items()}
-        arrays |= {f"outputs.{name}": values for name, values in batch.outputs.items()}
+        arrays = {f"{kind}.{name}": values for kind in NAMED for name, values in getattr(batch, kind).items()}
         with open(waiting, "wb") as file:
             np.savez(file, status=batch.status, failure_time=batch.failure_time, **arrays)
         os.replace(waiting, target)
@@ -102,9 +102,9 @@ def _read_label(path: Path) -> dict:
 
 def _load(path: Path) -> Batch:
     with np.load(path, allow_pickle=False) as data:
-        named: dict[str, dict[str, np.ndarray]] = {"parameters": {}, "outputs": {}}
+        named: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in NAMED}
         for key in data.files:
             kind, _, name = key.partition(".")
             if name:
                 named[kind][name] = data[key]
-        return Batch(int(path.stem), named["parameters"], named["outputs"], data["status"], data["failure_time"])
+        return Batch(int(path.stem), status=data["status"], failure_time=data["failure_time"], **named)

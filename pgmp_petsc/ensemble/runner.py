@@ -7,6 +7,8 @@ checkpoint, with another number of ranks too, because a sample's numbers depend 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from mpi4py import MPI
 
@@ -15,9 +17,12 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, physical
+from pgmp_petsc.ensemble.selection import checked
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.models import Model
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
@@ -45,6 +50,8 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     checkpoint = Checkpoint(plan, scene_toml, model.name)
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
+    with agreed(comm, "preparing the error indicator"):
+        indicator = _indicator(model)
     with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm) as bar:
         bar.update(plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing))
         for start in range(0, len(missing), comm.size):
@@ -53,7 +60,7 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
             with agreed(comm, "integration of the samples"):
                 if comm.rank < len(turn):
                     first = turn[comm.rank]
-                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples))
+                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), indicator)
             batches = comm.gather(batch)
             with agreed(comm, "writing the checkpoint"):
                 if comm.rank == 0:
@@ -68,8 +75,10 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
         return describe_ensemble(model, plan, checkpoint.batches(), scene_toml, comm.size, timings)
 
 
-def run_batch(model: Model, seed: int, first: int, last: int) -> Batch:
-    """Integrate samples first to last - 1 as one system."""
+def run_batch(
+    model: Model, seed: int, first: int, last: int, indicator: ErrorIndicator | None = None
+) -> Batch:
+    """Integrate samples first to last - 1 as one system, and estimate errors where there is an indicator."""
     scene = model.scene
     values = draw(scene, seed, first, last)
     alive = physical(scene, values)
@@ -77,14 +86,36 @@ def run_batch(model: Model, seed: int, first: int, last: int) -> Batch:
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
     system = model.batch(safe, n)
-    run = integrate(system, scene.simulation, alive=alive)
+    chosen = np.flatnonzero(alive & checked(scene.ensemble.checked_share, first, last))
+    watched = indicator.watch(safe, chosen) if indicator is not None and chosen.size else None
+    run = integrate(system, scene.simulation, alive=alive, observer=None if watched is None else watched.observe)
     fine = run.status == Status.FINE
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
     if fine.any():
         frames = model.output_frames(system, run.state)[..., fine]
         for name, result in model.outputs.evaluate(frames).items():
             outputs[name][fine] = result
-    return Batch(first, values, outputs, run.status.astype(int), run.failure_time)
+    batch = Batch(first, values, outputs, run.status.astype(int), run.failure_time)
+    return batch if indicator is None else _with_estimates(batch, watched, run.status, chosen)
+
+
+def _indicator(model: Model) -> ErrorIndicator | None:
+    """Return the indicator of a reduced model whose scene wants one."""
+    wanted = model.scene.simulation.error_indicator and model.scene.ensemble.checked_share > 0.0
+    return ErrorIndicator(model) if wanted and isinstance(model, ReducedModel) else None
+
+
+def _with_estimates(batch: Batch, watched: WatchedRun | None, status: np.ndarray, chosen: np.ndarray) -> Batch:
+    """Add the estimated errors of the chosen samples, NaN for the others."""
+    named = {kind: {name: np.full(status.size, np.nan) for name in batch.outputs} for kind in ("errors", "errors_at_end")}
+    named["validity"] = {name: np.full(status.size, np.nan) for name in VALIDITY}
+    if watched is not None:
+        estimate = watched.estimate(status)
+        at_end = {name: error[-1] for name, error in estimate.errors.items()}
+        for kind, found in zip(named, (estimate.largest, at_end, estimate.validity)):
+            for name, values in found.items():
+                named[kind][name][chosen] = values
+    return replace(batch, **named)
 
 
 def describe_ensemble(
@@ -100,6 +131,10 @@ def describe_ensemble(
     statistics = {name: describe(v[fine & np.isfinite(v)], bins, probabilities) for name, v in outputs.items()}
     drawn = {name: v for name, v in parameters.items() if scene.parameters[name].distribution is not None}
     statistics |= {name: describe(v[np.isfinite(v)], bins, probabilities) for name, v in drawn.items()}
+    estimates = {
+        kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
+        for kind in ("errors", "errors_at_end", "validity")
+    }
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
     return Ensemble(
         model=model.name,
@@ -111,4 +146,5 @@ def describe_ensemble(
         meanings={int(item): item.meaning for item in Status},
         failure_time=np.concatenate([b.failure_time for b in batches]),
         statistics=statistics,
+        **estimates,
     )

@@ -1,4 +1,4 @@
-"""Work-precision diagrams of a trade-off study: error against the time of a sample, and of many; and what meshes cost."""
+"""Work-precision diagrams of a trade-off study: error against time, of a sample and of many; what meshes cost."""
 
 from __future__ import annotations
 
@@ -43,12 +43,13 @@ def online_costs(study: Tradeoff) -> Figure:
 def total_costs(study: Tradeoff) -> Figure:
     """Draw the error of every output against the time of all samples, build included."""
     label = f"{_clock(study)} of {study.samples} samples, build included (s)"
-    return _work_precision(study, study.total_seconds(study.samples), label, f"What accuracy costs {study.samples} samples")
+    title = f"What accuracy costs {study.samples} samples"
+    return _work_precision(study, study.total_seconds(study.samples), label, title)
 
 
 @styled
 def mesh_costs(study: Tradeoff) -> Figure:
-    """Draw errors and times over the meshes: discretisation errors, the full order, and one reduced setting on each mesh."""
+    """Draw errors and times over the meshes: of the discretisation, the full order, and one reduced setting on each."""
     figure = new_figure(9.4, 4.4)
     errors, costs = figure.subplots(1, 2)
     cells, reduced = study.mesh.cells, _over_meshes(study, "reduced")
@@ -65,17 +66,17 @@ def mesh_costs(study: Tradeoff) -> Figure:
     costs.set_title(f"{_clock(study)} of a sample (ms)")
     for axes in (errors, costs):
         axes.set_xscale("log", base=2)
-        axes.set_yscale("log")
         axes.set_xticks(cells, [str(number) for number in cells])
         axes.minorticks_off()
         axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
         axes.yaxis.set_major_formatter(_PLAIN)
         axes.set_xlabel("cells of all bodies")
     names = [Line2D([], [], color=c, label=n.replace("_", " ")) for n, c in zip(study.outputs, PALETTE * 10)]
-    names += [Line2D([], [], color=QUIET, label="mesh"), Line2D([], [], color=QUIET, label="reduction on it", **_DASHED)]
+    names.append(Line2D([], [], color=QUIET, label="mesh"))
+    names.append(Line2D([], [], color=QUIET, label="reduction on it", **_DASHED))
     times = [
-        _key("full order", FULL_COLOUR, "s", linestyle="-"),
-        _key("reduced", REDUCED_COLOUR, "o", linestyle="-"),
+        _key(_on_meshes(study, "full"), FULL_COLOUR, "s", linestyle="-"),
+        _key(_on_meshes(study, "reduced"), REDUCED_COLOUR, "o", linestyle="-"),
         Line2D([], [], color=QUIET, label=f"{study.batch} together"),
         Line2D([], [], color=QUIET, linestyle=":", label="one alone"),
     ]
@@ -86,8 +87,11 @@ def mesh_costs(study: Tradeoff) -> Figure:
 
 
 def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> None:
+    """Draw what a logarithmic axis can show, if there is anything."""
     known = np.isfinite(y) & (y > 0.0)
-    axes.plot(x[known], y[known], **look)
+    if known.any():
+        axes.set_yscale("log")
+        axes.plot(x[known], y[known], **look)
 
 
 def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -> Figure:
@@ -102,6 +106,10 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
             axes.tick_params(labelbottom=True)
         else:
             axes.set_visible(False)
+    panels[0, 0].annotate(
+        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction",
+        fontsize=8.5, color=QUIET, arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
+    )
     top_legend(figure, _keys(study), f"{title}{_of(study)}")
     return figure
 
@@ -143,23 +151,28 @@ def _draw_front(axes: Axes, cost: np.ndarray, error: np.ndarray, among: np.ndarr
 
 def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
     """Draw what the mesh is worth, and below what the reference is not known."""
-    mesh, at = 100 * study.mesh.errors[0, column], study.references
-    own = np.flatnonzero(at.refinement == 1)
+    mesh, moved = 100 * study.mesh.errors[0, column], 100 * _unsettled(study, column)
     if np.isfinite(mesh) and mesh > 0.0:
         axes.axhline(mesh, color=QUIET, linestyle=(0, (5, 3)), linewidth=1.0, zorder=1)
         axes.annotate(
-            "error of the mesh itself", (0.5, mesh), xycoords=("axes fraction", "data"), xytext=(0, 2.5),
-            textcoords="offset points", ha="right", fontsize=8.0, color=QUIET,
+            "error of the mesh itself", (0.35, mesh), xycoords=("axes fraction", "data"), xytext=(0, 2.5),
+            textcoords="offset points", ha="center", fontsize=8.0, color=QUIET,
         )
-    if own.size:
-        moved, low = 100 * at.moved[own[0], column], axes.get_ylim()[0]
-        if np.isfinite(moved) and moved > low:
-            axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
-            axes.set_ylim(bottom=low)
+    if moved:
+        low = axes.get_ylim()[0]
+        axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
+        axes.set_ylim(bottom=low)
+
+
+def _unsettled(study: Tradeoff, column: int) -> float:
+    """Return by how much the reference on the scene's meshes moved last, 0 where it is less than every error."""
+    own, errors = study.references.refinement == 1, study.errors[study.own_mesh, column]
+    moved = study.references.moved[own, column].max(initial=0.0)
+    return float(moved) if np.any(errors < moved) else 0.0
 
 
 def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarray, known: np.ndarray) -> None:
-    """Write the number of runs at surfaces, once for those that are as good, and the parts of cells at refined meshes."""
+    """Write the runs at surfaces, once for those that are as good, and how many times the cells a finer mesh has."""
     surfaces = _rows(known, study, "surface", own_mesh=True)
     surfaces = surfaces[np.argsort(study.columns["nodes"][surfaces])]
     groups: list[list[int]] = []
@@ -171,7 +184,7 @@ def _write_labels(axes: Axes, study: Tradeoff, cost: np.ndarray, error: np.ndarr
     for group in groups:
         _write(axes, ", ".join(str(study.columns["nodes"][row]) for row in group), cost[group[-1]], error[group[-1]])
     for row in np.flatnonzero(known & (study.columns["refinement"] > 1)):
-        _write(axes, f"cells / {study.columns['refinement'][row]}", cost[row], error[row])
+        _write(axes, f"\N{MULTIPLICATION SIGN}{study.columns['refinement'][row]}", cost[row], error[row])
 
 
 def _write(axes: Axes, text: str, x: float, y: float) -> None:
@@ -217,11 +230,23 @@ def _keys(study: Tradeoff) -> list[Line2D | Patch]:
     if np.any(second):
         keys.append(_key("second order", SECOND_ORDER_COLOUR, "o"))
     keys.append(_key("full order", FULL_COLOUR, "s", linestyle="-"))
+    if np.any(study.columns["refinement"] > 1):
+        keys.append(_key("more cells", FULL_COLOUR, "s", linestyle=":", markerfacecolor="white"))
     if "surface" in study.families:
         keys.append(_key("response surface (runs)", SURFACE_COLOUR, "^", linestyle="-"))
     keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for the time"))
-    keys.append(Patch(facecolor="#EEEEEE", label="reference not settled"))
+    if any(_unsettled(study, column) for column in range(len(study.outputs))):
+        keys.append(Patch(facecolor="#EEEEEE", label="reference not settled"))
     return keys
+
+
+def _on_meshes(study: Tradeoff, family: str) -> str:
+    """Return what was run on all meshes, shortly."""
+    rows = _over_meshes(study, family)
+    if not rows.size:
+        return family
+    step = f"{1e3 * study.columns['step'][rows[0]]:.4g} ms"
+    return f"full order, {step}" if family == "full" else f"reduced, {study.modes(rows[0])} modes, {step}"
 
 
 def _clock(study: Tradeoff) -> str:
@@ -238,13 +263,13 @@ def _rows(known: np.ndarray, study: Tradeoff, family: str, own_mesh: bool) -> np
 
 
 def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
-    """Return the settings of a family that differ in the mesh alone, the coarsest mesh first; none where it was not refined."""
+    """Return the settings of a family that differ in the mesh alone, the coarsest first; none without refined ones."""
     known = np.isfinite(study.times.batch)
     rows = _rows(known, study, family, own_mesh=False)
     refined = rows[study.columns["refinement"][rows] > 1]
     if not refined.size:
         return refined
-    same = [name for name in study.columns if name not in ("refinement", "coordinates")]
+    same = [name for name in study.columns if name not in ("refinement", "coordinates", "cosine")]
     alike = [row for row in rows if all(study.columns[name][row] == study.columns[name][refined[0]] for name in same)]
     return np.array(sorted(alike, key=lambda row: study.columns["refinement"][row]))
 

@@ -24,16 +24,16 @@ from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
-from pgmp_petsc.indicator.reference_motion import ReferenceMotion
+from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
 from pgmp_petsc.indicator.step_error import StepError
-from pgmp_petsc.indicator.validity import UNITS, Validity
+from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
 
 N_EVALUATIONS = 100
-N_HOLDS = 50  # how often the modes of the vibrations are taken anew
+N_HOLDS = 25  # how often the modes of the vibrations are taken anew
 PREFIX = "pgmp_error_ts_"
 
 
@@ -108,19 +108,24 @@ class WatchedRun:
     def observe(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
         q, v, a = (part[self._samples] for part in (state.q, state.v, state.a))
-        if number > 0:
-            self._step_error.advance(q, v, a)
-        if number in self._holds:
-            # the modes of the middle of the stretch that they are held for
-            ahead = q[:, 0] + 0.5 * self._holds[number] * self._indicator.step * v[:, 0]
-            modes = self._indicator.modes.at(ahead, self._weights)
-            if number == 0:
-                self._step_error = StepError(self._indicator.step, q, v, a, modes)
-            else:
-                self._step_error.hold(modes)
-        if number in self._evaluated:
-            self._plain.append(q)
-            self._states.append(np.array([*self._step_error.exact_steps(), a, self._step_error.vibration()]))
+        # a sample that fails may overflow here before it is given up
+        with np.errstate(all="ignore"):
+            if number > 0:
+                self._step_error.advance(q, v, a)
+            if number in self._holds:
+                self._hold(number, q, v, a)
+            if number in self._evaluated:
+                self._plain.append(q)
+                self._states.append(np.array([*self._step_error.exact_steps(), a, self._step_error.vibration()]))
+
+    def _hold(self, number: int, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+        """Take the modes anew, those of the middle of the stretch that they are held for."""
+        ahead = q[:, 0] + 0.5 * self._holds[number] * self._indicator.step * v[:, 0]
+        modes = self._indicator.modes.at(ahead, self._weights)
+        if number == 0:
+            self._step_error = StepError(self._indicator.step, q, v, a, modes)
+        else:
+            self._step_error.hold(modes)
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
@@ -141,13 +146,17 @@ class WatchedRun:
         start = start_of(model.scene, model.kinematics)
         system = ErrorSystem(FullBatch(model.kinematics, self._indicator.loads, self._values, start, n), motion, interval)
         validity = Validity(model.scene, model.kinematics.mechanism, self._values, n)
-        corrected = []
+        nodes, waiting, corrected = list(model.outputs.nodes), [], []
 
         def record(number: int, time: float, state: State) -> None:
             nodal = motion.at(number).shaken + system.unpack(state.q)
-            frames = nodal.reshape(-1, DOFS_PER_NODE, n)
-            corrected.append(frames[list(model.outputs.nodes)])
-            validity.add(frames, model.kinematics.poses(states[number, 0, :, 0]))
+            waiting.append(nodal.reshape(-1, DOFS_PER_NODE, n))
+            corrected.append(waiting[-1][nodes])
+            if len(waiting) * nodal.size > LARGEST or number == len(states) - 1:
+                theta = states[number + 1 - len(waiting) : number + 1, 0, :, 0]
+                poses = model.kinematics.poses(theta.ravel())
+                validity.add(np.stack(waiting, axis=2), poses.reshape(*poses.shape[:2], *theta.shape))
+                waiting.clear()
 
         run = integrate(
             system,
@@ -161,7 +170,7 @@ class WatchedRun:
         return Estimate(
             time=self._indicator.steps * self._indicator.step,
             errors={name: np.where(fine, error, np.nan) for name, error in errors.items()},
-            validity={name: np.where(fine, validity.largest[name], np.nan) for name in UNITS},
+            validity={name: np.where(fine, validity.largest[name], np.nan) for name in validity.largest},
         )
 
     def _errors(self, plain: np.ndarray, corrected: np.ndarray) -> dict[str, np.ndarray]:
@@ -169,7 +178,7 @@ class WatchedRun:
         outputs, shape = self._indicator.model.outputs, plain.shape[:2]
         here = outputs.evaluate(self._indicator.model.output_frames_of(plain.reshape(-1, plain.shape[2])))
         frames = np.moveaxis(corrected, 0, 2)
-        there = outputs.evaluate(frames.reshape(*frames.shape[:2], -1))
+        there = outputs.evaluate(frames.reshape(*frames.shape[:2], shape[0] * shape[1]))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self, states: np.ndarray) -> np.ndarray:

@@ -18,6 +18,8 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
 
+FARTHEST = 1e6  # rad; tables of one revolution have no digits left there
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -63,20 +65,33 @@ class FlexibleModes:
     def at(self, theta: np.ndarray, weights: tuple[np.ndarray, np.ndarray]) -> Modes:
         """Return the modes at theta of shape (n,), rad, for the weights of the same samples.
 
-        Beyond the ends of a limited range the modes are those at the end.
+        Beyond the ends of a limited range the modes are those at the end; of a sample that ran away, those at the start.
         """
         samples = self._tables.samples
+        theta = np.where(np.abs(theta) < FARTHEST, theta, samples.lower)
         if not samples.periodic:
             theta = np.clip(theta, samples.lower, samples.upper)
         mass = np.einsum("ntij,nt->nij", self._mass(theta), weights[0])
         stiffness = np.einsum("ntij,nt->nij", self._stiffness(theta), weights[1])
         follow = mass[:, 0, 1:] / mass[:, :1, 0]
         flexible = mass[:, 1:, 1:] - mass[:, 1:, :1] * follow[:, None, :]
-        values, vectors = np.linalg.eigh(flexible)
-        # interpolated tables may lose definiteness in the last digits, which must not end the run of the others
-        root = np.sqrt(np.maximum(values, 1e-12 * values[:, -1:]))[:, None, :]
-        outer = vectors / root
+        lower = _factors(flexible)
+        outer = np.swapaxes(np.linalg.inv(lower), 1, 2)
         squares, inner = np.linalg.eigh(np.swapaxes(outer, 1, 2) @ stiffness @ outer)
         shapes = outer @ inner
-        inverse = np.swapaxes(inner, 1, 2) @ np.swapaxes(vectors * root, 1, 2)
+        inverse = np.swapaxes(lower @ inner, 1, 2)
         return Modes(np.sqrt(np.maximum(squares, 0.0)), shapes, inverse, follow)
+
+
+def _factors(matrices: np.ndarray) -> np.ndarray:
+    """Return Cholesky factors; of a matrix that lost its definiteness between the samples, those of one nearby.
+
+    A sample far from the sampled configurations must not end the run of the others.
+    """
+    try:
+        return np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrices)
+        values = np.maximum(values, 1e-12 * np.abs(values).max(axis=-1, keepdims=True))
+        positive = (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+        return np.linalg.cholesky(0.5 * (positive + np.swapaxes(positive, -1, -2)))

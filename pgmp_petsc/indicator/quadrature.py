@@ -21,10 +21,9 @@ WEIGHTS = np.array(
 
 def integrals(values: np.ndarray, step: float) -> np.ndarray:
     """Return the integrals from the first instant to each, shape (n_t,), for values of shape (n_t,)."""
-    n_t = len(values)
-    over_steps = np.zeros(n_t)
-    for number in range(1, n_t):
-        weights = WEIGHTS[min(number, len(WEIGHTS)) - 1]
-        past = values[max(number - N_VALUES + 1, 0) : number + 1][::-1]
-        over_steps[number] = step * (weights[: past.size] @ past)
-    return np.cumsum(over_steps)
+    over_steps = np.zeros(len(values))
+    over_steps[1:] = np.convolve(values, WEIGHTS[-1])[1 : len(values)]
+    for number in range(1, min(len(WEIGHTS), len(values))):
+        past = values[number::-1]
+        over_steps[number] = WEIGHTS[number - 1, : past.size] @ past
+    return step * np.cumsum(over_steps)

@@ -38,10 +38,8 @@ class SampledLoad:
         self._effect = effect
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)
-        amplitudes = np.array([effect.amplitude(time) for time in times])
-        missed = np.zeros_like(amplitudes)
-        if np.ptp(amplitudes) > 0.0:
-            missed = np.cumsum(_impulses(effect, times)) - integrals(amplitudes, step)
+        amplitudes = effect.amplitude(times)
+        missed = np.cumsum(_impulses(effect, times)) - integrals(amplitudes, step)
         middles = (steps[1:-1] + steps[2:]) / 2.0
         # nothing is evaluated before the first interval ends: it stands for the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
@@ -56,18 +54,16 @@ class SampledLoad:
         """Return the patterns of the effect."""
         return self._effect.patterns(matrices)
 
-    def amplitude(self, time: float) -> float:
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the amplitude at the nearest evaluation."""
-        return float(self._amplitudes[round(time / self._interval)])
+        return self._amplitudes[np.rint(np.divide(time, self._interval)).astype(int)]
 
 
 def _impulses(effect: Effect, times: np.ndarray) -> np.ndarray:
     """Return the integral of the amplitude over every step, 0 first, shape (n_t,)."""
     result = np.zeros_like(times)
-    weights = np.full(N_PARTS + 1, 1.0 / N_PARTS)
-    weights[[0, -1]] *= 0.5
-    for number in range(1, times.size):
-        inside = np.linspace(times[number - 1], times[number], N_PARTS + 1)
-        values = np.array([effect.amplitude(time) for time in inside])
-        result[number] = (times[number] - times[number - 1]) * (weights @ values)
+    steps = np.diff(times)
+    for part in range(N_PARTS + 1):
+        weight = 1.0 / N_PARTS if 0 < part < N_PARTS else 0.5 / N_PARTS
+        result[1:] += weight * steps * effect.amplitude(times[:-1] + part / N_PARTS * steps)
     return result

@@ -27,8 +27,8 @@ from pgmp_petsc.indicator.quadrature import N_VALUES, WEIGHTS
 SOFTEST = 1e-3  # of omega h: below, a mode is taken for this stiff, and nothing is divided by zero
 
 
-@njit(cache=True, error_model="numpy")
-def advance(step, weights, motion, past, modes, trigonometric, modal, vibration, smooth):
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def advance(step, weights, motion, past, modes, oscillator, modal, vibration, smooth):
     """Advance the errors of all samples over one step, in place.
 
     Parameters
@@ -42,52 +42,75 @@ def advance(step, weights, motion, past, modes, trigonometric, modal, vibration,
     past
         Accelerations at its beginning and before, shape (3, n, 1 + m); moved on.
     modes
-        ``(omega, inverse, follow)``, shapes (n, m), (n, m, m), (n, m).
-    trigonometric
-        cos and sin of omega times the step, shape (2, n, m).
+        ``(squares, columns, follow)``: omega^2 of shape (n, m), the inverse of the shapes by its columns, (n, m, m), and
+        ``follow``, (n, m).
+    oscillator
+        Of every mode over the step, shape (n, 7, m); see `oscillators`.
     modal
-        Displacement, velocity and force of the modes at the beginning, shape (3, n, m); moved on.
+        Displacement, velocity and force of the modes at the beginning, shape (n, 3, m); moved on.
     vibration
-        E, displacement and velocity, shape (2, n, m).
+        E, displacement and velocity, shape (n, 2, m).
     smooth
         s and its rate, shape (2, n).
     """
     q, v, a = motion
-    omega, inverse, follow = modes
-    n, m = omega.shape
+    squares, columns, follow = modes
+    n, m = squares.shape
     s = np.empty(weights.size)
+    now = np.empty((3, m))
     for b in range(n):
         s[0] = a[b, 0]
         for r in range(past.shape[0]):
             s[1 + r] = past[r, b, 0]
+        now[:] = 0.0
         for d in range(m):
-            s[0] += follow[b, d] * a[b, 1 + d]
+            q_d, v_d, a_d = q[b, 1 + d], v[b, 1 + d], a[b, 1 + d]
+            s[0] += follow[b, d] * a_d
             for r in range(past.shape[0]):
                 s[1 + r] += follow[b, d] * past[r, b, 1 + d]
+            for k in range(m):
+                now[0, k] += columns[b, d, k] * q_d
+                now[1, k] += columns[b, d, k] * v_d
+                now[2, k] += columns[b, d, k] * a_d
         rate = smooth[1, b]
         for r in range(weights.size):
             smooth[1, b] += step * weights[r] * s[r]
         smooth[0, b] += 0.5 * step * (rate + smooth[1, b]) + step * step / 12.0 * (s[1] - s[0])
+        x, y, of = vibration[b], modal[b], oscillator[b]
         for k in range(m):
-            w, c, sine = omega[b, k], trigonometric[0, b, k], trigonometric[1, b, k]
-            x_1, v_1, a_1 = 0.0, 0.0, 0.0
-            for d in range(m):
-                x_1 += inverse[b, k, d] * q[b, 1 + d]
-                v_1 += inverse[b, k, d] * v[b, 1 + d]
-                a_1 += inverse[b, k, d] * a[b, 1 + d]
-            force = a_1 + w * w * x_1
-            x_0, v_0, f_0 = modal[0, b, k], modal[1, b, k], modal[2, b, k]
-            moved = x_0 * c + v_0 * sine / w + f_0 * (1.0 - c) / w**2
-            moved += (force - f_0) * (1.0 - sine / (w * step)) / w**2
-            rate = v_0 * c - x_0 * w * sine + f_0 * sine / w + (force - f_0) * (1.0 - c) / (w * w * step)
-            e_0, e_1 = vibration[0, b, k], vibration[1, b, k]
-            vibration[0, b, k] = e_0 * c + e_1 * sine / w + moved - x_1
-            vibration[1, b, k] = e_1 * c - e_0 * w * sine + rate - v_1
-            modal[0, b, k], modal[1, b, k], modal[2, b, k] = x_1, v_1, force
+            force = now[2, k] + squares[b, k] * now[0, k]
+            rise = force - y[2, k]
+            # a free vibration of the error and of the motion, from the same instant
+            moved, rate_moved = x[0, k] + y[0, k], x[1, k] + y[1, k]
+            x[0, k] = of[0, k] * moved + of[1, k] * rate_moved + of[3, k] * y[2, k] + of[4, k] * rise - now[0, k]
+            x[1, k] = of[2, k] * moved + of[0, k] * rate_moved + of[5, k] * y[2, k] + of[6, k] * rise - now[1, k]
+            y[0, k], y[1, k], y[2, k] = now[0, k], now[1, k], force
         for d in range(m + 1):
             for r in range(past.shape[0] - 1, 0, -1):
                 past[r, b, d] = past[r - 1, b, d]
             past[0, b, d] = a[b, d]
+
+
+def oscillators(omega: np.ndarray, step: float) -> np.ndarray:
+    """Return what an oscillator does over a step, shape (n, 7, m), for omega of shape (n, m).
+
+    With ``c, s = cos, sin (omega h)``: c, s / omega, -omega s for its displacement and velocity; then displacements from a
+    constant force and from its rise, velocities from both.
+    """
+    cos, sin = np.cos(omega * step), np.sin(omega * step)
+    turned = omega * step
+    return np.stack(
+        [
+            cos,
+            sin / omega,
+            -omega * sin,
+            (1.0 - cos) / omega**2,
+            (1.0 - sin / turned) / omega**2,
+            sin / omega,
+            (1.0 - cos) / (omega * turned),
+        ],
+        axis=1,
+    )
 
 
 class StepError:
@@ -107,21 +130,20 @@ class StepError:
         n, n_eta = q.shape
         self._step = step
         self._number = 0
-        self._motion = tuple(np.array(part) for part in (q, v, a))
+        self._motion = (q, v, a)
         self._past = np.zeros((N_VALUES - 1, n, n_eta))
         self._past[0] = a
-        self._vibration = np.zeros((2, n, n_eta - 1))
+        self._vibration = np.zeros((n, 2, n_eta - 1))
         # the exact angle and its rate, of which the smooth sum is made whenever `follow` changes
         self._rigid = np.array([q[:, 0], v[:, 0]])
         self._take(modes)
 
     def advance(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Take in the state at the end of the next step, each of shape (n, n_eta)."""
-        self._motion = tuple(np.array(part) for part in (q, v, a))
+        """Take in the state at the end of the next step, each of shape (n, n_eta); it is kept."""
+        self._motion = (q, v, a)
         weights = WEIGHTS[min(self._number, len(WEIGHTS) - 1)]
-        modes = (self._modes.omega, self._modes.inverse, self._modes.follow)
         advance(
-            self._step, weights, self._motion, self._past, modes, self._trigonometric, self._modal, self._vibration,
+            self._step, weights, self._motion, self._past, self._kept, self._oscillators, self._modal, self._vibration,
             self._smooth,
         )
         self._number += 1
@@ -129,8 +151,8 @@ class StepError:
     def hold(self, modes: Modes) -> None:
         """Go on with other modes; what vibrates is expressed in them."""
         self._rigid = self._angles()
-        moved = np.einsum("ndk,pnk->pnd", self._modes.shapes, self._vibration)
-        self._vibration = np.einsum("nkd,pnd->pnk", modes.inverse, moved)
+        moved = np.einsum("ndk,npk->npd", self._modes.shapes, self._vibration)
+        self._vibration = np.einsum("nkd,npd->npk", modes.inverse, moved)
         self._take(modes)
 
     def exact_steps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -141,20 +163,21 @@ class StepError:
 
     def vibration(self) -> np.ndarray:
         """Return what the vibrations lack, in reduced coordinates, shape (n, n_eta)."""
-        delta = np.einsum("ndk,nk->nd", self._modes.shapes, self._vibration[0])
+        delta = np.einsum("ndk,nk->nd", self._modes.shapes, self._vibration[:, 0])
         theta = -np.einsum("nd,nd->n", self._modes.follow, delta)
         return np.hstack([theta[:, None], delta])
 
     def _angles(self) -> np.ndarray:
         """Return the angle that follows from the accelerations, and its rate, shape (2, n)."""
-        return self._smooth - np.einsum("nd,pnd->pn", self._modes.follow, np.array(self._motion[:2])[..., 1:])
+        follow = self._modes.follow
+        return self._smooth - np.array([np.einsum("nd,nd->n", follow, part[:, 1:]) for part in self._motion[:2]])
 
     def _take(self, modes: Modes) -> None:
         q, v, a = self._motion
         omega = np.maximum(modes.omega, SOFTEST / self._step)
-        self._modes = Modes(omega, modes.shapes, modes.inverse, np.ascontiguousarray(modes.follow))
-        self._trigonometric = np.array([np.cos(omega * self._step), np.sin(omega * self._step)])
-        modal = np.einsum("nkd,pnd->pnk", modes.inverse, np.array([q, v, a])[..., 1:])
-        modal[2] += omega**2 * modal[0]
-        self._modal = modal
-        self._smooth = self._rigid + np.einsum("nd,pnd->pn", modes.follow, np.array([q, v])[..., 1:])
+        self._modes = modes
+        self._kept = (omega**2, np.ascontiguousarray(np.swapaxes(modes.inverse, 1, 2)), np.ascontiguousarray(modes.follow))
+        self._oscillators = oscillators(omega, self._step)
+        self._modal = np.stack([np.einsum("nkd,nd->nk", modes.inverse, part[:, 1:]) for part in (q, v, a)], axis=1)
+        self._modal[:, 2] += omega**2 * self._modal[:, 0]
+        self._smooth = self._rigid + np.array([np.einsum("nd,nd->n", modes.follow, part[:, 1:]) for part in (q, v)])

@@ -14,6 +14,7 @@ Redundant constraints (the same statement twice) are allowed: J then has more ro
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from scipy.linalg import qr
 
 from pgmp_petsc.mechanism.joints import N_FRAME
@@ -147,17 +148,9 @@ class RigidKinematics:
 
         They are so close (sixth order in `CONTINUATION_STEP`) that Newton's method has nothing left to do as a rule.
         """
-        position = (theta - self._theta[0]) / self._step
-        cell = np.clip(position.astype(int), 0, len(self._theta) - 2)
-        s, h = position - cell, self._step
-        # from the far end a polynomial is that of the near one, seen in the mirror
-        result = np.zeros((*self._poses.shape[:2], theta.size))
-        for at, x, sign in ((cell, s, 1.0), (cell + 1, 1.0 - s, -1.0)):
-            rest = (1.0 - x) ** 3
-            result += self._poses[..., at] * (rest * (1.0 + x * (3.0 + 6.0 * x)))
-            result += self._rates[..., at] * (sign * h * rest * x * (1.0 + 3.0 * x))
-            result += self._curvatures[..., at] * (0.5 * h * h * rest * x * x)
-        return result
+        result = np.empty((theta.size, self._continued.shape[2]))
+        _hermite(theta, self._theta[0], self._step, self._continued, result)
+        return np.ascontiguousarray(result.T).reshape(len(self.mechanism.bodies), N_FRAME, theta.size)
 
     def _jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n_constraints + n_theta, 3 n_bodies, n)."""
@@ -264,8 +257,10 @@ class RigidKinematics:
             poses.append(now[..., 0])
             rates.append(rate[..., 0])
             guess = now + rate * self._step
-        self._poses, self._rates = np.stack(poses, axis=-1), np.stack(rates, axis=-1)
-        self._curvatures = self.curvatures(self._poses, self._rates[:, :, None])[:, :, 0, 0]
+        self._poses, rates = np.stack(poses, axis=-1), np.stack(rates, axis=-1)
+        curvatures = self.curvatures(self._poses, rates[:, :, None])[:, :, 0, 0]
+        derivatives = (self._poses, rates * self._step, curvatures * (0.5 * self._step**2))
+        self._continued = np.array([part.reshape(-1, self._theta.size).T for part in derivatives])
         self._winding = np.zeros(len(self.mechanism.bodies))
         if self.coordinate.periodic:
             self._check_period()
@@ -336,3 +331,25 @@ def _push_curvature(side: Attachment, poses: np.ndarray, rates: np.ndarray) -> n
         turn = rates[side.body, 2]
         second[:2] = -np.einsum("fn,kn,ln->fkln", arm, turn, turn)
     return second
+
+
+@njit(cache=True, error_model="numpy")
+def _hermite(theta, first, step, continued, result):
+    """Fill result (n, n_p) with quintic Hermite polynomials through values and derivatives at equal distances.
+
+    `continued` holds values, first derivatives times the step and second ones times half its square, shape (3, n_points,
+    n_p).
+    """
+    for k in range(theta.size):
+        position = (theta[k] - first) / step
+        cell = min(max(int(position), 0), continued.shape[1] - 2)
+        x = position - cell
+        y = 1.0 - x
+        # seen from its far end, a cell is that of the near one in the mirror
+        a, b = y * y * y, x * x * x
+        for i in range(result.shape[1]):
+            near = continued[0, cell, i] * (1.0 + x * (3.0 + 6.0 * x)) + x * (1.0 + 3.0 * x) * continued[1, cell, i]
+            far = continued[0, cell + 1, i] * (1.0 + y * (3.0 + 6.0 * y)) - y * (1.0 + 3.0 * y) * continued[1, cell + 1, i]
+            near += x * x * continued[2, cell, i]
+            far += y * y * continued[2, cell + 1, i]
+            result[k, i] = a * near + b * far

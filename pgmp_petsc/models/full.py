@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
+from typing import Self
 
 import numpy as np
 from mpi4py import MPI
@@ -33,6 +35,12 @@ class FullModel:
         self.outputs = OutputSet.of(scene, self.kinematics)
         self._effects = effects_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics)
+
+    def with_loads(self, scene: Scene) -> Self:
+        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        other = copy(self)
+        other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        return other
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch:
         """Return a batch of samples on this rank."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -49,6 +51,12 @@ class ReducedModel:
             )
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
+
+    def with_loads(self, scene: Scene) -> Self:
+        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        other = copy(self)
+        other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        return other
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""

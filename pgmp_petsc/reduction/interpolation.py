@@ -84,8 +84,8 @@ class Interpolant:
         return self._sum(theta, slope=True)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Return the values at theta (k,), matrices of shape (n_out, n_in), times vectors (k, n_in)."""
-        result = np.zeros((len(theta), self.rows.shape[1]))
+        """Return vectors (k, n_in) times the values at theta (k,), matrices of shape (n_in, n_out); shape (k, n_out)."""
+        result = np.zeros((len(theta), self.rows.shape[2]))
         _add_products(_contiguous(theta), self.grid, self.rows, _contiguous(vectors), result)
         return result
 
@@ -116,18 +116,18 @@ def _add_rows(theta, grid, slope, table, result):
 
 @njit(cache=True, error_model="numpy")
 def _add_products(theta, grid, table, vectors, result):
-    """Add the interpolated matrices of a table (n_rows, n_out, n_in) times vectors (k, n_in) to result (k, n_out)."""
+    """Add vectors (k, n_in) times the interpolated matrices of a table (n_rows, n_in, n_out) to result (k, n_out)."""
     rows = np.empty(N_ROWS, dtype=np.int64)
     weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
     for k in range(theta.size):
         stencil(theta[k], *grid, rows, weights, slopes)
-        for r in range(N_ROWS):
-            matrix = table[rows[r]]
-            for i in range(matrix.shape[0]):
-                total = 0.0
-                for j in range(matrix.shape[1]):
-                    total += matrix[i, j] * vectors[k, j]
-                result[k, i] += weights[r] * total
+        w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+        for i in range(table.shape[1]):
+            x = vectors[k, i]
+            row_0, row_1, row_2, row_3 = table[rows[0], i], table[rows[1], i], table[rows[2], i], table[rows[3], i]
+            # along the contiguous entries, where it vectorises; the four rows in one pass
+            for j in range(table.shape[2]):
+                result[k, j] += x * (w0 * row_0[j] + w1 * row_1[j] + w2 * row_2[j] + w3 * row_3[j])
 
 
 def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant:
@@ -142,7 +142,7 @@ def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant
         if not samples.is_uniform:
             raise ValueError("Overhauser interpolation needs uniform samples")
         step = (samples.upper - samples.lower) / (samples.n if samples.periodic else samples.n - 1)
-        return Interpolant(samples.lower, step, samples.n, samples.periodic, OVERHAUSER, np.asarray(table))
+        return Interpolant(samples.lower, step, samples.n, samples.periodic, OVERHAUSER, _contiguous(table))
     if scheme == "spline":
         return _as_splines(samples, table if samples.is_uniform else _spline_on_fine_grid(samples, table))
     if scheme == "spectral":
@@ -162,7 +162,7 @@ def _as_splines(samples: Samples, uniform: np.ndarray) -> Interpolant:
     n = len(uniform)
     step = (samples.upper - samples.lower) / (n if samples.periodic else n - 1)
     coefficients = _periodic_coefficients(uniform) if samples.periodic else _coefficients(uniform)
-    return Interpolant(samples.lower, step, n, samples.periodic, B_SPLINE, coefficients)
+    return Interpolant(samples.lower, step, n, samples.periodic, B_SPLINE, _contiguous(coefficients))
 
 
 def _periodic_coefficients(values: np.ndarray) -> np.ndarray:

@@ -1,16 +1,21 @@
 """Results as data: trajectories, ensembles, tables of modes and trade-off studies, and the HDF5 files that hold them."""
 
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
+from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.selection import Attempt, Selection
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 
 __all__ = [
+    "Attempt",
     "Ensemble",
+    "EstimatedErrors",
     "Frames",
     "MeshErrors",
     "ModesTable",
     "References",
+    "Selection",
     "Statistics",
     "Times",
     "Tradeoff",

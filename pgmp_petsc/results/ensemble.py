@@ -9,6 +9,11 @@ dataset                                  shape           content
 ``/outputs/<name>``                      (N)             outputs at the end time; NaN where the sample failed
 ``/status``                              (N)             0 = fine; attribute ``meanings`` (JSON, number: text)
 ``/failure_time``                        (N)             instant at which a sample failed, s; NaN where fine
+``/errors/<name>``                       (N)             largest size of the estimated error of an output over the
+                                                         run; this and the two below for the reduced model only, NaN
+                                                         where it was not estimated
+``/errors_at_end/<name>``                (N)             estimated error at the end time, reduced less full-order
+``/validity/<name>``                     (N)             largest elastic rotation (rad) and strain over the run
 ``/statistics/<name>/mean``, ``std``     ()              over the samples that are fine
 ``.../mean_standard_error``              ()              standard errors of these two estimates,
 ``.../std_standard_error``               ()
@@ -22,11 +27,12 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import h5py
 import numpy as np
 
+from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
 
@@ -87,6 +93,8 @@ class Ensemble:
     failure_time : ndarray, shape (N,)
         s; NaN where the sample is fine.
     statistics : dict of str to Statistics
+    errors, errors_at_end, validity : dict of str to ndarray, shape (N,)
+        Estimates of the reduced model, NaN where a sample has none; empty where no sample was to have one.
     """
 
     model: str
@@ -98,14 +106,18 @@ class Ensemble:
     meanings: dict[int, str]
     failure_time: np.ndarray
     statistics: dict[str, Statistics]
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
+    errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
+    validity: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
         check_model(self.model)
         check_shape("status", self.status, (None,))
         check_shape("failure_time", self.failure_time, (n_samples,))
-        for name, values in (*self.parameters.items(), *self.outputs.items()):
-            check_shape(f"'{name}'", values, (n_samples,))
+        for arrays in (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity):
+            for name, values in arrays.items():
+                check_shape(f"'{name}'", values, (n_samples,))
         unknown = set(np.unique(self.status).tolist()) - self.meanings.keys()
         if unknown:
             raise ValueError(f"status {sorted(unknown)} has no meaning; known: {sorted(self.meanings)}")
@@ -119,9 +131,20 @@ class Ensemble:
             status = put(file, "status", self.status.astype(np.int32), "1", "how each sample ended; 0 = fine")
             status.attrs["meanings"] = json.dumps({str(key): text for key, text in self.meanings.items()})
             put(file, "failure_time", self.failure_time, "s", "instant of failure; NaN where fine")
+            self._write_estimates(file)
             for name, statistics in self.statistics.items():
                 group = file.create_group(f"statistics/{name}")
                 _write_statistics(group, name, statistics, self.units.get(name, "1"))
+
+    def _write_estimates(self, file: h5py.File) -> None:
+        """Write what is known of the reduced model's errors."""
+        if self.errors:
+            about = "largest estimated error of output '{name}' over the run; NaN where not estimated"
+            put_named(file, "errors", self.errors, self.units, about)
+            about = "estimated error of output '{name}' at the end time, reduced less full-order"
+            put_named(file, "errors_at_end", self.errors_at_end, self.units, about)
+        for name, values in self.validity.items():
+            put(file, f"validity/{name}", values, *VALIDITY[name])
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Ensemble:
@@ -141,6 +164,9 @@ class Ensemble:
                 statistics={
                     name: _read_statistics(group) for name, group in file.get("statistics", {}).items()
                 },
+                errors=take_named(file, "errors", 1),
+                errors_at_end=take_named(file, "errors_at_end", 1),
+                validity=take_named(file, "validity", 1),
             )
 
 

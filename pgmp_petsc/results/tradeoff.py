@@ -1,8 +1,8 @@
 """What accuracy costs: errors and times of many settings of both models, and of response surfaces.
 
-Layout of the file (kind ``tradeoff``; root attributes ``batch``: samples that were timed together, ``repeats``: how often
-each time was taken, the least is kept, ``waiting``: wall time over processor time of these runs, ``samples``: number of
-samples that the advice is for, ``quick``: whether fewer settings were measured):
+Layout of the file (kind ``tradeoff``; root attributes ``batch``: samples that were timed together, ``repeats``: how
+often each time was taken, the least is kept, ``waiting``: wall time over processor time of these runs, ``samples``:
+number of samples that the advice is for, ``quick``: whether fewer settings were measured):
 
 =============================== ========================= ==========================================================
 dataset                         shape                     content

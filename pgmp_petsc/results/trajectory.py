@@ -16,6 +16,7 @@ dataset                       shape                content
 ``/mesh/nodes``               (n_nodes, 2)         undeformed nodes in their body's frame, m
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
 ``/mesh/body``                (n_nodes)            body number; attribute ``names`` (JSON, in that order)
+``/errors``, ``/validity``    see `errors`         estimated errors; reduced model only, unless turned off
 ============================= ==================== ========================================================
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three
@@ -32,6 +33,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import h5py
 
+from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
 
@@ -91,6 +93,8 @@ class Trajectory:
     modal : ndarray, shape (n_t, n_delta), optional
         Flexible coordinates delta of (4), of the reduced model.
     frames : Frames, optional
+    errors : EstimatedErrors, optional
+        Of the reduced model.
     """
 
     model: str
@@ -102,6 +106,7 @@ class Trajectory:
     coordinate_units: dict[str, str] = field(default_factory=lambda: {"theta": "rad"})
     modal: np.ndarray | None = None
     frames: Frames | None = None
+    errors: EstimatedErrors | None = None
 
     def __post_init__(self) -> None:
         n_times = len(self.time)
@@ -126,6 +131,8 @@ class Trajectory:
                 put(file, "state/modal", self.modal, "1", "flexible coordinates delta")
             if self.frames is not None:
                 _write_frames(file, self.frames)
+            if self.errors is not None:
+                self.errors.write(file, self.units)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -143,6 +150,7 @@ class Trajectory:
                 coordinate_units=dict(zip(json.loads(attributes["names"]), attributes["unit"].split(", "))),
                 modal=take(file, "state/modal", 2) if "state/modal" in file else None,
                 frames=_read_frames(file) if "frames" in file else None,
+                errors=EstimatedErrors.read(file),
             )
 
 

@@ -9,11 +9,17 @@ from pydantic import Field, model_validator
 from pgmp_petsc.scene.fields import Integer, Number, Table, refusal
 
 Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
+Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 
 class Reduction(Table):
     """The reduced model."""
 
+    tolerance: Share | None = Field(
+        None,
+        description="largest error of any output by the reduction, as a share of its largest value over time; pgmp "
+        "build chooses what is not given of modes, static_modes, second_order, angles and interpolation",
+    )
     modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
     angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate")
     sampling_tolerance: Number | None = Field(
@@ -54,6 +60,11 @@ class Simulation(Table):
     """One run over time."""
 
     duration: Number = Field(1.0, gt=0.0, description="end time (s)")
+    tolerance: Share | None = Field(
+        None,
+        description="largest error of any output by the time step, as a share of its largest value over time; the step "
+        "is chosen where it is not given",
+    )
     step: Number = Field(1.0e-3, gt=0.0, description="time step (s)")
     spectral_radius: Number = Field(
         0.8,
@@ -63,13 +74,17 @@ class Simulation(Table):
         "the full-order model's multipliers then keep an alternating error",
     )
     frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
+    error_indicator: bool = Field(
+        True, description="estimate the errors of reduced runs from their residual in the full-order equations"
+    )
     initial: dict[str, InitialState] = Field(
         {}, description="start of each coordinate; 0 at rest where not given"
     )
 
     @model_validator(mode="after")
     def _step_fits(self) -> Self:
-        if self.step > self.duration:
+        chosen_later = self.tolerance is not None and "step" not in self.model_fields_set
+        if self.step > self.duration and not chosen_later:
             raise refusal(f"must not exceed the duration, {self.duration} s", "step")
         return self
 
@@ -82,3 +97,10 @@ class Ensemble(Table):
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
     batch: Integer = Field(512, ge=1, description="number of samples that a rank integrates together")
+    checked_share: Number = Field(
+        0.02,
+        ge=0.0,
+        le=1.0,
+        description="share of the reduced samples whose errors are estimated, to a thousandth: the first of every "
+        "thousand samples; 0 = none, 1 = all",
+    )

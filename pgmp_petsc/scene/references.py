@@ -83,6 +83,8 @@ def _outputs(scene: Scene) -> Iterator[str]:
     for name, output in scene.outputs.items():
         if name in scene.parameters:
             yield problem(f"outputs.{name}", "a parameter has the same name; give the output another one")
+        if name == "time":
+            yield problem("outputs.time", "result files keep instants under this name; give the output another one")
         if isinstance(output, Angle):
             yield from _revolute(scene, f"outputs.{name}.joint", output.joint)
         else:

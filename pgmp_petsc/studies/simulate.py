@@ -7,8 +7,10 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, State, count_steps, integrate
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import RunError
@@ -92,12 +94,16 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
     simulation = model.scene.simulation
     times, etas = [], []
-    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    values = {name: np.array([value]) for name, value in model.scene.values.items()}
+    system = model.batch(values, 1)
+    watched = ErrorIndicator(model).watch(values, np.array([0])) if simulation.error_indicator else None
     with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
             etas.append(state.q[0].copy())
+            if watched is not None:
+                watched.observe(step, time, state)
             bar.update(step > 0)
 
         run = integrate(system, simulation, observer=record)
@@ -107,9 +113,13 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[wanted]), 2, 0)
         outputs = model.output_frames_of(eta)
+    estimate = None
+    if watched is not None:
+        with timings.phase("errors"):
+            estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, estimate
     )
 
 
@@ -140,7 +150,7 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 
 
 def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings
+    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, estimate=None
 ) -> Trajectory:
     bodies = model.kinematics.mechanism.bodies
     stored = Frames(
@@ -150,14 +160,26 @@ def _trajectory(
         nodes={body.name: body.mesh.nodes for body in bodies},
         cells={body.name: body.mesh.cells for body in bodies},
     )
+    outputs = model.outputs.evaluate(output_frames)
     return Trajectory(
         model=model.name,
         record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict()),
         time=time,
-        outputs=model.outputs.evaluate(output_frames),
+        outputs=outputs,
         units=model.outputs.units,
         coordinates=coordinates,
         coordinate_units={model.kinematics.coordinate.name: "rad"},
         modal=modal,
         frames=stored if len(frame_times) else None,
+        errors=None if estimate is None else _errors(estimate, outputs),
+    )
+
+
+def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
+    """Return the estimate of the only sample."""
+    return EstimatedErrors(
+        time=estimate.time,
+        outputs={name: error[:, 0] for name, error in estimate.errors.items()},
+        largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
+        validity={name: float(value[0]) for name, value in estimate.validity.items()},
     )

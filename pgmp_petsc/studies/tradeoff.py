@@ -3,8 +3,8 @@
 Rounds: first the scene's own setting, lines through it and a tensor, while other ranks begin the reference; then lines
 through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
 times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
-are dealt to ranks, and each rank works by itself. What is decided on the way is decided on the first rank and from errors,
-never from times: errors do not depend on the number of ranks.
+are dealt to ranks, and each rank works by itself. What is decided on the way is decided on the first rank and from
+errors, never from times: errors do not depend on the number of ranks.
 """
 
 from __future__ import annotations

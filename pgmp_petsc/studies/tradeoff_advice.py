@@ -7,6 +7,7 @@ left out, because their errors are against another reference.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,9 +30,25 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
     targets = {name: study.errors[:, column] for column, name in enumerate(study.outputs)}
     if len(targets) > 1:
         targets = {"every output": study.errors.max(axis=1), **targets}
+    alike: dict[tuple[Choice, ...], list[str]] = {}
+    for target, errors in targets.items():
+        alike.setdefault(_choices(study, errors), []).append(target)
     said: dict[int, str] = {}
-    advice = [piece for target, errors in targets.items() for piece in _pieces(study, target, errors, said)]
+    advice = []
+    for choices, names in alike.items():
+        for choice in choices:
+            aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice.thresholds])} in {_joined(names)}"
+            advice.append(_piece(study, choice, aim, targets[names[0]], said))
     return (*advice, *_surface_sentences(study), *_mesh_sentences(study), *_reference_sentences(study))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The cheapest settings that meet some errors: of the models, and of the response surfaces; None where none does."""
+
+    thresholds: tuple[float, ...]
+    row: int | None
+    surface: int | None
 
 
 def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.ndarray) -> int | None:
@@ -49,46 +66,50 @@ def cheapest(study: Tradeoff, errors: np.ndarray, threshold: float, among: np.nd
     return int(np.argmin(np.where(good, total, np.inf))) if good.any() else None
 
 
-def _pieces(study: Tradeoff, target: str, errors: np.ndarray, said: dict[int, str]) -> list[str]:
-    """Return a piece of advice for each choice; thresholds with the same choice share one.
+def _choices(study: Tradeoff, errors: np.ndarray) -> tuple[Choice, ...]:
+    """Return what meets each threshold; those with the same setting share a choice."""
+    models = study.simulated & study.own_mesh
+    shared: dict[int | None, list[float]] = {}
+    for threshold in THRESHOLDS:
+        shared.setdefault(cheapest(study, errors, threshold, models), []).append(threshold)
+    return tuple(
+        Choice(tuple(thresholds), row, cheapest(study, errors, min(thresholds), ~study.simulated))
+        for row, thresholds in shared.items()
+    )
+
+
+def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: dict[int, str]) -> str:
+    """Return the piece of advice for a choice.
 
     Parameters
     ----------
     said
         Settings whose options were given before, with what for; is extended.
     """
-    models = study.simulated & study.own_mesh
-    choices: dict[int | None, list[float]] = {}
-    for threshold in THRESHOLDS:
-        choices.setdefault(cheapest(study, errors, threshold, models), []).append(threshold)
-    pieces = []
-    for row, thresholds in choices.items():
-        aim = f"{_joined([f'{100 * threshold:g} %' for threshold in thresholds])} in {target}"
-        if row is None:
-            lines = [f"For {aim} no setting is good enough{_nearest(study, errors, models)}."]
-        else:
-            lines = [f"For {aim} take {_name(study, row)}: {_price(study, row)}"]
-            if row in said:
-                lines[0] += f", as for {said[row]}."
-            elif study.flags[row]:
-                lines = [f"{lines[0]}:", study.flags[row]]
-            said.setdefault(row, aim)
-        surface = cheapest(study, errors, min(thresholds), ~study.simulated)
-        if surface is not None:
-            verb = "would do" if row is None else "does it too"
-            runs = study.columns["nodes"][surface]
-            lines.append(f"A response surface through {runs} full-order runs {verb}: {_price(study, surface)}.")
-        pieces.append("\n".join(lines))
-    return pieces
+    row = choice.row
+    if row is None:
+        lines = [f"For {aim} no setting is good enough{_nearest(study, errors)}."]
+    else:
+        lines = [f"For {aim} take {_name(study, row)}: {_price(study, row)}"]
+        if row in said:
+            lines[0] += f", as for {said[row]}."
+        elif study.flags[row]:
+            lines = [f"{lines[0]}:", study.flags[row]]
+        said.setdefault(row, aim)
+    if choice.surface is not None:
+        verb = "would do" if row is None else "does it too"
+        runs = study.columns["nodes"][choice.surface]
+        lines.append(f"A response surface through {runs} full-order runs {verb}: {_price(study, choice.surface)}.")
+    return "\n".join(lines)
 
 
 def _name(study: Tradeoff, row: int) -> str:
     return f"the scene as it is ({study.name(row)})" if not study.flags[row] else study.name(row)
 
 
-def _nearest(study: Tradeoff, errors: np.ndarray, among: np.ndarray) -> str:
+def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
     """Return what comes nearest."""
-    known = among & np.isfinite(errors)
+    known = study.simulated & study.own_mesh & np.isfinite(errors)
     if not known.any():
         return ": none could be measured"
     row = int(np.argmin(np.where(known, errors, np.inf)))
@@ -100,7 +121,8 @@ def _price(study: Tradeoff, row: int) -> str:
     online, offline = study.times.batch[row], study.times.offline[row]
     after = "preparation" if study.families[row] == "full" else "build" if study.simulated[row] else "runs"
     total = study.total_seconds(study.samples)[row]
-    return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({total:.3g} s for {study.samples} samples)"
+    together = f"{total:.3g} s for {study.samples} samples"
+    return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({together})"
 
 
 def _surface_sentences(study: Tradeoff) -> list[str]:
@@ -108,8 +130,8 @@ def _surface_sentences(study: Tradeoff) -> list[str]:
     if not (~study.simulated & np.isfinite(study.errors).any(axis=1)).any():
         return []
     return [
-        f"A response surface holds for these loads, this start and these outputs, between its runs over {_joined(list(study.test_values))}; "
-        "anything else needs new runs, and every further parameter many more."
+        "A response surface holds for these loads, this start and these outputs, between its runs over "
+        f"{_joined(list(study.test_values))}; anything else needs new runs, and every further parameter many more."
     ]
 
 
@@ -120,13 +142,15 @@ def _mesh_sentences(study: Tradeoff) -> list[str]:
         return []
     best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)
     worse = [
-        f"{100 * error:.2g} % in {name}" for name, error, floor in zip(study.outputs, mesh.errors[0], best) if error > floor
+        f"{100 * error:.2g} % in {name}"
+        for name, error, floor in zip(study.outputs, mesh.errors[0], best)
+        if error > floor
     ]
     if not worse:
         return []
     return [
-        f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; where "
-        "that matters, refine them before anything else."
+        f"The scene's meshes themselves are off by {_joined(worse)}, against cells cut into {mesh.refinement[-1]}; "
+        "where that matters, refine them before anything else."
     ]
 
 

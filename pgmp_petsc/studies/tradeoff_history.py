@@ -1,4 +1,4 @@
-"""Outputs over time of some samples, at instants that runs with different steps have in common, and errors between them.
+"""Outputs over time of some samples, at instants that runs with different steps have in common, and their errors.
 
 Steps are the duration over a number of steps; the scene's number times or divided by powers of two. A run with finer
 steps is kept at the scene's instants, one with coarser steps at its own, which are among those.

@@ -51,9 +51,9 @@ class Setting:
     reduction: Reduction | None = None
 
     @property
-    def build(self) -> tuple[str, int, int, Reduction | None]:
-        """What is done before the first sample; settings that differ in the step of a model alone share it."""
-        return self.family, self.refinement, self.nodes, self.reduction
+    def build(self) -> tuple[str, int, int, int, Reduction | None]:
+        """What is done before the first sample; settings of a model that differ in the step alone share it."""
+        return self.family, self.refinement, self.nodes, self.n_steps if self.nodes else 0, self.reduction
 
     def with_reduction(self, **entries: Any) -> Setting:
         """Return the setting with other entries of the reduction."""
@@ -141,7 +141,7 @@ FULL = Sweep(
 QUICK = Sweep(
     modes=(2,),
     angles=(24,),
-    schemes=("overhauser",),
+    schemes=(),
     own_modes=(),
     own_angles=(),
     own_others=False,
@@ -201,7 +201,7 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
 
 
 def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
-    """Return lines through the best settings, the best one's first; those of the others are of modes and steps alone."""
+    """Return lines through the best settings, the best one's first; those of another are of modes and steps alone."""
     n = own_steps(scene)
     settings: list[Setting] = []
     for number, setting in enumerate(best):
@@ -259,7 +259,8 @@ def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarra
         values = [None if setting.reduction is None else getattr(setting.reduction, key) for setting in settings]
         kind = next((type(value) for value in values if value is not None), float)
         filled = [kind() if value is None else value for value in values]
-        columns[key] = np.array(filled, dtype=object if kind is str else kind)
+        plain = kind in (bool, int, float)
+        columns[key] = np.array(filled if plain else [str(value) for value in filled], dtype=kind if plain else object)
     return columns
 
 

@@ -35,7 +35,10 @@ class ResponseSurface:
 
     def __init__(self, nodes: np.ndarray, outputs: Mapping[str, np.ndarray]) -> None:
         self._names = list(outputs)
-        data = np.concatenate(list(outputs.values())).T  # (n_nodes, n_outputs * n_t)
+        every = np.concatenate(list(outputs.values())).T  # (n_nodes, n_outputs * n_t)
+        # a deformation may be no number at some instants of a run that leaves a limited range
+        self._known = np.isfinite(every).all(axis=0)
+        data = every[:, self._known]
         self._low, self._width = nodes.min(axis=0), np.ptp(nodes, axis=0)
         scaled = self._scaled(nodes)
         if nodes.shape[1] == 1:
@@ -44,9 +47,13 @@ class ResponseSurface:
             self._interpolate = RBFInterpolator(scaled, data, kernel="cubic", degree=_degree(*nodes.shape))
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters)."""
+        """Return the outputs over time, each of shape (n_t, n), at parameter values of shape (n, n_parameters).
+
+        Where a run of the surface has no number, neither has the surface.
+        """
         scaled = self._scaled(points)
-        rows = self._interpolate(scaled[:, 0] if scaled.shape[1] == 1 else scaled)
+        rows = np.full((len(points), self._known.size), np.nan)
+        rows[:, self._known] = self._interpolate(scaled[:, 0] if scaled.shape[1] == 1 else scaled)
         return dict(zip(self._names, np.split(rows.T, len(self._names))))
 
     def _scaled(self, points: np.ndarray) -> np.ndarray:

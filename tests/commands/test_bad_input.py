@@ -198,7 +198,7 @@ CASES = {
     "too short a rod, trade-off": Case(
         ("tradeoff", SCENE, "-o", OUT, *overridden(*SHORT_ROD)), ("cannot close at theta = ", "joints.")
     ),
-    "no directory, trade-off": Case(("tradeoff", SCENE, "-o", "{folder}/no/such/out.h5"), ("no/such", "does not exist")),
+    "no directory, trade-off": Case(("tradeoff", SCENE, "-o", "{folder}/no/out.h5"), ("/no'", "does not exist")),
     "directory, trade-off": Case(("tradeoff", SCENE, "-o", "{folder}"), ("is a directory",)),
     "no samples, trade-off": Case(("tradeoff", SCENE, "-n", "0", "-o", OUT), ("-n", "0")),
 }

@@ -12,10 +12,21 @@ from runs import full_model, history, reduced_model, samples
 from scenes import CRANK, RADIUS, ROD, kinematics_of, pendulum
 
 from pgmp_petsc.dynamics.generalised_alpha import State, integrate
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene
 
 IMPULSE = 0.1  # N m s, on a beam of 1 m and 0.6 kg
+
+
+BEAM = (
+    "bodies.arm.section.radius=5e-3", "reduction.modes=4", "reduction.static_modes=true", "reduction.angles=16",
+    'outputs.angle={type="angle", joint="hinge"}', 'outputs.tip={type="rotation", point="arm:tip"}',
+)
+
+
+def motor(table: list) -> str:
+    """Return the override of a torque in the beam's hinge."""
+    return f'effects.motor={{type="torque", joint="hinge", table={table}}}'
 
 
 @dataclass(frozen=True)
@@ -52,11 +63,7 @@ def balance_of(model: FullModel, beams: Beams) -> Balance:
 def hinged_beam(pulse: float, step: float, duration: float) -> tuple[Scene, Beams, np.ndarray]:
     """Return a beam of 1 m and 5 mm under a triangular pulse whose corners are ends of steps, and the pulse's table."""
     table = np.array([[10 * step, 0.0], [10 * step + pulse / 2, 2 * IMPULSE / pulse], [10 * step + pulse, 0.0]])
-    scene = pendulum(
-        "bodies.arm.section.radius=5e-3", "reduction.modes=4", "reduction.static_modes=true", "reduction.angles=16",
-        f'effects.motor={{type="torque", joint="hinge", table={table.tolist()}}}', *run_for(duration, step),
-        'outputs.angle={type="angle", joint="hinge"}', 'outputs.tip={type="rotation", point="arm:tip"}',
-    )
+    scene = pendulum(*BEAM, motor(table.tolist()), *run_for(duration, step))
     return scene, chain((10,), (1.0,), [circle(5e-3, 210e9, 7800.0)]), table
 
 
@@ -95,7 +102,7 @@ def test_a_slow_impulse_moves_the_beam_as_if_it_were_rigid() -> None:
 def test_an_impulse_on_the_slider_crank_turns_it_as_if_it_were_rigid() -> None:
     """Work and speed by the rigid inertia: 1/2 I(theta) theta'^2 = the torque's work, after 0.2 s of a torque."""
     table = np.array([[0.0, 0.0], [0.1, 0.4], [0.2, 0.0]])
-    scene = accurate(f"effects.motor.table={table.tolist()}", *start(1.0), *run_for(0.4, 5e-4))
+    scene = accurate(f"effects.motor.table={table.tolist()}", *start(1.0), *run_for(0.4, 1e-3))
     section = circle(RADIUS, 210e9, 7800.0)
     beams = chain((5, 5), (CRANK, ROD), [section, section])
     balance = balance_of(full_model(scene), beams)
@@ -130,20 +137,28 @@ def test_a_torque_that_sets_in_within_a_nanosecond() -> None:
     assert_close(*both(scene, rom=nominal_rom()), angle=2e-5, bent=0.04, slider=1e-6)
 
 
-@pytest.mark.xfail(
+UNSEEN = pytest.mark.xfail(
     strict=True,
     reason="a torque's table is read at the ends of steps alone: a pulse between two of them is missed without a word, "
     "one that meets an end acts for the whole step",
 )
+
+
 @pytest.mark.parametrize("name", ["full", "reduced"])
-@pytest.mark.parametrize("peak", [0.0100, 0.0105], ids=["on the end of a step", "between ends"])
-def test_a_pulse_shorter_than_a_step_keeps_its_impulse(name: str, peak: float) -> None:
-    """0.2 ms at steps of 1 ms: the crank should turn by about J t / I."""
-    table = [[peak - 1e-4, 0.0], [peak, 100.0], [peak + 1e-4, 0.0]]
-    scene = accurate(f"effects.motor.table={table}", *start(1.0), *run_for(0.05, 1e-3))
-    resolved = accurate(f"effects.motor.table={table}", *start(1.0), *run_for(0.05, 5e-5))
-    ends = [
-        history(full_model(s) if name == "full" else ReducedModel(s, nominal_rom()), samples(s, 1), 1)[1]["angle"][-1, 0]
-        for s in (scene, resolved)
-    ]
-    assert ends[0] - 1.0 == pytest.approx(ends[1] - 1.0, rel=0.1)
+@pytest.mark.parametrize(
+    ("peak", "step"),
+    [pytest.param(0.0100, 1e-3, marks=UNSEEN), pytest.param(0.0105, 1e-3, marks=UNSEEN), (0.0105, 5e-5)],
+    ids=["on the end of a step", "between ends", "resolved"],
+)
+def test_a_pulse_of_a_fifth_of_a_millisecond_keeps_its_impulse(name: str, peak: float, step: float) -> None:
+    """The mean speed that it leaves is J / I; with steps of 1 ms it is ten times that, or none at all."""
+    impulse = 1e-3
+    table = [[peak - 1e-4, 0.0], [peak, impulse / 1e-4], [peak + 1e-4, 0.0]]
+    scene = pendulum(*BEAM, motor(table), *run_for(0.3, step))
+    model = full_model(scene) if name == "full" else reduced_model(scene)
+    time, outputs = history(model, {}, 1)
+    after = time > 0.02
+    speed = np.polyfit(time[after], outputs["tip"][after, 0], 1)[0]
+    line, rotary = circle(5e-3, 210e9, 7800.0)[3:]
+    # what is left is the vibration that a straight line does not take out
+    assert speed == pytest.approx(impulse / (line / 3 + rotary), rel=0.1)

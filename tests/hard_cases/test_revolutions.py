@@ -63,9 +63,9 @@ def energy_of(model: ReducedModel) -> tuple[Callable[[np.ndarray, np.ndarray], f
 
 
 def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[float], float]]:
-    """Return times, angles theta and energies of every 7th step, and the rigid inertia; 1,000 turns at the first speed.
+    """Return times, angles theta and energies of every 21st step, and the rigid inertia; 1,000 turns at the first speed.
 
-    7 steps are no divisor of a revolution, so that all positions are seen.
+    21 steps are no divisor of a revolution, so that all positions are seen.
     """
     scene = small(
         f"effects.motor.table=[[0.0, {torque}]]", f"simulation.spectral_radius={radius}", *start(0.0, SPEED),
@@ -77,7 +77,7 @@ def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.n
     system, rows = model.batch(samples(scene, 1), 1), []
 
     def record(step: int, time: float, state: State) -> None:
-        if step % 7 == 0:
+        if step % 21 == 0:
             rows.append((time, state.q[0, 0], energy(state.q[0], state.v[0])))
 
     assert integrate(system, scene.simulation, observer=record).status[0] == 0

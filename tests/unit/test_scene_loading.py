@@ -98,12 +98,14 @@ def test_defaults(tmp_path: Path) -> None:
         "step": 1e-3,
         "spectral_radius": 0.8,
         "frames": 101,
+        "error_indicator": True,
         "initial": {},
     }
     assert scene.ensemble.model_dump() == {
         "bins": 50,
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 512,
+        "checked_share": 0.02,
     }
     assert scene.bodies["arm"].placement is None
     assert not scene.coordinates["phi"].periodic

@@ -103,7 +103,7 @@ def test_a_setting_that_fails_is_recorded_and_the_others_go_on() -> None:
 
 def test_leaving_a_limited_range_is_a_reason() -> None:
     fast = "simulation.initial.theta.velocity=100.0"
-    result = study(small_scene(LIMITED, fast), replace(TINY, surfaces=0))
+    result = study(small_scene(LIMITED, fast))
     for family, reason in zip(result.families, result.reasons):
         if family == "reduced":
             assert "left the range" in reason
@@ -114,14 +114,16 @@ def test_leaving_a_limited_range_is_a_reason() -> None:
 
 
 def test_without_uncertain_parameters_the_scenes_values_are_the_test() -> None:
-    result = study(small_scene(LIMITED, "parameters={}", "bodies.crank.section.radius=5e-3", "simulation.duration=0.01"))
+    certain = ("parameters={}", "bodies.crank.section.radius=5e-3", "simulation.duration=0.01")
+    result = study(small_scene(LIMITED, *certain))
     assert result.test_values == {} and "surface" not in result.families
     assert np.isfinite(result.errors).all()
 
 
 def test_several_parameters() -> None:
-    two = ("materials.steel.rho=\"rho\"", 'parameters.rho={nominal=7.8e3, distribution={name="norm", loc=7.8e3, scale=1e2}}')
-    result = study(small_scene(LIMITED, *two), replace(TINY, tensor_modes=(), modes=(), angles=()))
+    density = 'parameters.rho={nominal=7.8e3, distribution={name="norm", loc=7.8e3, scale=1e2}}'
+    two = small_scene(LIMITED, density, 'materials.steel.rho="rho"')
+    result = study(two, replace(TINY, tensor_modes=(), modes=(), angles=()))
     assert set(result.test_values) == {"r1", "rho"}
     surfaces = [row for row, family in enumerate(result.families) if family == "surface"]
     assert [result.columns["nodes"][row] for row in surfaces] == [5, 10]

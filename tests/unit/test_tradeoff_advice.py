@@ -50,14 +50,15 @@ def test_the_total_counts_the_build() -> None:
 
 def pieces(study: Tradeoff, target: str) -> list[str]:
     """Return the advice for one target."""
-    return [piece for piece in advise(study) if piece.partition(" take ")[0].partition(" no ")[0].endswith(f"in {target}")]
+    pieces = [piece for piece in advise(study) if piece.startswith("For ")]
+    return [piece for piece in pieces if target in piece.partition(" take ")[0].partition(" no ")[0]]
 
 
 def test_advice_names_the_cheapest_setting_with_its_options() -> None:
     first, rest = pieces(synthetic.tradeoff(), "every output")
     lines = first.splitlines()
     assert lines[0] == (
-        "For 5 % and 1 % in every output take reduced, 7 + 1 modes, 48 angles, spline, 2 ms: "
+        "For 5 % and 1 % in every output and slider_deformation take reduced, 7 + 1 modes, 48 angles, spline, 2 ms: "
         "1 ms a sample after 0.8 s of build (10.8 s for 10000 samples):"
     )
     assert lines[1] == "--override reduction.modes=7"
@@ -65,13 +66,25 @@ def test_advice_names_the_cheapest_setting_with_its_options() -> None:
         "A response surface through 9 full-order runs does it too: 0.011 ms a sample after 0.6 s of runs "
         "(0.71 s for 10000 samples)."
     )
-    assert rest == "For 0.1 % in every output no setting is good enough; the best is full order, 0.5 ms, with 0.2 %."
+    assert rest == (
+        "For 0.1 % in every output and slider_deformation no setting is good enough; the best is full order, 0.5 ms, "
+        "with 0.2 %."
+    )
+
+
+def test_what_holds_for_all_thresholds_is_said_once() -> None:
+    (only,) = pieces(synthetic.tradeoff(), "crank_angle")
+    assert only.startswith("For 5 %, 1 % and 0.1 % in crank_angle take reduced, 2 modes")
 
 
 def test_options_are_given_once() -> None:
-    first, rest = pieces(synthetic.tradeoff(), "slider_deformation")
-    assert "as for 5 % and 1 % in every output." in first and "--" not in first
-    assert "no setting is good enough" in rest
+    study = synthetic.tradeoff()
+    errors = study.errors.copy()
+    errors[3, 0] = 0.02  # two modes are no longer enough for 1 % of the crank angle
+    first, rest = pieces(replace(study, errors=errors), "crank_angle")
+    assert "--override reduction.modes=2" in first
+    assert rest.splitlines()[0].endswith("as for 5 % and 1 % in every output and slider_deformation.")
+    assert "--" not in rest
 
 
 def test_the_scene_as_it_is_needs_no_options() -> None:
@@ -80,8 +93,18 @@ def test_the_scene_as_it_is_needs_no_options() -> None:
     batch[0] = 1e-6
     errors = np.where(np.arange(len(batch))[:, None] == 0, 1e-6, study.errors)
     only = advise(replace(study, wall=replace(study.wall, batch=batch), errors=errors, samples=10**9))[0]
-    assert only.startswith("For 5 %, 1 % and 0.1 % in every output take the scene as it is (reduced, 15 modes")
+    assert only.startswith(
+        "For 5 %, 1 % and 0.1 % in every output, crank_angle and slider_deformation take the scene as it is "
+        "(reduced, 15 modes"
+    )
     assert "--" not in only and "response surface" not in only
+
+
+def test_a_busy_machine_is_judged_by_processor_times() -> None:
+    quiet, busy = synthetic.tradeoff(), replace(synthetic.tradeoff(), waiting=2.5)
+    assert busy.times is busy.processor and quiet.times is quiet.wall
+    np.testing.assert_allclose(busy.total_seconds(100), 0.5 * quiet.total_seconds(100))
+    assert "The machine was busy" in summary(busy) and "busy" not in summary(quiet)
 
 
 def test_one_output_is_not_every_output() -> None:
@@ -92,7 +115,8 @@ def test_nothing_could_be_measured() -> None:
     study = synthetic.tradeoff()
     failed = replace(study, errors=np.full_like(study.errors, NAN), reasons=("failed",) * len(study.families))
     assert pieces(failed, "every output") == [
-        "For 5 %, 1 % and 0.1 % in every output no setting is good enough: none could be measured."
+        "For 5 %, 1 % and 0.1 % in every output, crank_angle and slider_deformation no setting is good enough: "
+        "none could be measured."
     ]
 
 

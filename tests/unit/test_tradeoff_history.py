@@ -60,7 +60,8 @@ def test_a_sample_that_fails_is_named() -> None:
     limited = scene("coordinates.theta.range=[0.0, 2.0]", "coordinates.theta.periodic=false",
                     "simulation.initial.theta.velocity=200.0")
     model = reduced_model(limited)
-    with pytest.raises(RunError, match=r"2 of 2 samples failed, the first \(r1 = 0.005\) at 0.01.* s: a coordinate left"):
+    message = r"2 of 2 samples failed, the first \(r1 = 0.005\) at 0.01.* s: a coordinate left"
+    with pytest.raises(RunError, match=message):
         history_of(model, samples(limited, 2, r1=np.array([5e-3, 6e-3])), limited.simulation, 20)
 
 
@@ -86,7 +87,8 @@ def test_instants_without_a_number() -> None:
     assert np.isnan(largest_errors({"a": np.array([[1.0], [nan], [7.0]])}, exact)).all()
     assert np.isnan(largest_errors(exact, {"a": np.full((3, 1), nan)})).all()
     long = {"a": np.ones((21, 1))}
-    assert largest_errors({"a": np.append(np.full((20, 1), 1.5), [[nan]], axis=0)}, long) == [0.5], "one instant of many"
+    one_of_many = {"a": np.append(np.full((20, 1), 1.5), [[nan]], axis=0)}
+    assert largest_errors(one_of_many, long) == [0.5]
 
 
 def test_instants_that_are_not_common_are_a_mistake() -> None:

@@ -110,7 +110,8 @@ def test_no_more_modes_than_the_mesh_has() -> None:
 
 
 def test_adaptive_sampling_stays_and_its_tolerance_is_swept() -> None:
-    adaptive = radius_scene('reduction.interpolation="spline"', "reduction.sampling_tolerance=1e-4", "reduction.angles=24")
+    spline = 'reduction.interpolation="spline"'
+    adaptive = radius_scene(spline, "reduction.sampling_tolerance=1e-4", "reduction.angles=24")
     own = own_setting(adaptive)
     settings = first_settings(adaptive, FULL, LIMITS)
     assert varied(settings, own)["sampling_tolerance"] == {1e-3, 1e-5}
@@ -120,11 +121,11 @@ def test_adaptive_sampling_stays_and_its_tolerance_is_swept() -> None:
 
 def test_overrides_turn_the_scene_into_the_setting() -> None:
     scene = radius_scene()
-    setting = replace(own_setting(scene).with_reduction(modes=7, static_modes=True, interpolation="spline"), n_steps=2000)
+    better = own_setting(scene).with_reduction(modes=7, static_modes=True, interpolation="spline")
+    setting = replace(better, n_steps=2000)
     overrides = setting.overrides(scene)
-    assert overrides == [
-        "reduction.modes=7", "reduction.static_modes=true", 'reduction.interpolation="spline"', "simulation.step=0.0005",
-    ]
+    wanted = ["reduction.modes=7", "reduction.static_modes=true", 'reduction.interpolation="spline"']
+    assert overrides == [*wanted, "simulation.step=0.0005"]
     changed = load_scene(PAPER_SCENE, overrides)
     assert own_setting(changed) == setting
     assert own_setting(scene).overrides(scene) == Setting("surface", 1000, nodes=3).overrides(scene) == []

@@ -98,6 +98,14 @@ def test_several_parameters_are_exact_on_polynomials(n: int, degree: int) -> Non
     np.testing.assert_allclose(found["a"], exact(points)["a"], rtol=1e-9)
 
 
+def test_where_a_run_has_no_number_the_surface_has_none() -> None:
+    nodes = np.linspace(0.0, 1.0, 5)
+    outputs = {"a": np.array([nodes, np.where(nodes > 0.9, np.nan, nodes)]), "b": np.array([nodes**2, nodes**3])}
+    found = ResponseSurface(nodes[:, None], outputs).evaluate(np.array([[0.3], [0.6]]))
+    np.testing.assert_allclose(found["a"], [[0.3, 0.6], [np.nan, np.nan]], rtol=1e-12)
+    np.testing.assert_allclose(found["b"], [[0.09, 0.36], [0.027, 0.216]], rtol=1e-12)
+
+
 def test_too_few_nodes_are_refused() -> None:
     with pytest.raises(ValueError, match="at least 4"):
         ResponseSurface(np.eye(3)[:, :2], {"a": np.zeros((1, 3))})

@@ -1,0 +1,1 @@
+"""Knobs from tolerances: which basis, angles, interpolation and step keep the errors that a scene allows."""

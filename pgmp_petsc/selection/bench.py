@@ -1,0 +1,294 @@
+"""The test bench: full-order references and candidates, each run under all training loads.
+
+Each load is one batch of all samples. Loads are dealt to the ranks, and a candidate is built by all of them; what a load
+leaves stays on its rank, and only errors are gathered, so that every rank decides on the same figures and the number of
+ranks has no part in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import without_progress
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
+from pgmp_petsc.selection.training import Training
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one kind over all training cases.
+
+    Attributes
+    ----------
+    values
+        Shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count.
+    loads, outputs
+        Names.
+    training
+        The cases.
+    """
+
+    values: np.ndarray
+    loads: tuple[str, ...]
+    outputs: tuple[str, ...]
+    training: Training
+
+    @property
+    def by_output(self) -> np.ndarray:
+        """Largest error of every output, shape (n_outputs,); zero where no case counts."""
+        return np.max(np.nan_to_num(self.values, nan=0.0, posinf=np.inf), axis=(0, 2))
+
+    @property
+    def largest(self) -> float:
+        """Largest error of all."""
+        return float(self.by_output.max())
+
+    @property
+    def place(self) -> tuple[int, int, int]:
+        """Load, output and sample of the largest error."""
+        filled = np.nan_to_num(self.values, nan=-1.0, posinf=np.inf)
+        return tuple(int(k) for k in np.unravel_index(np.argmax(filled), filled.shape))
+
+    @property
+    def where(self) -> str:
+        """Where the largest error is, in words."""
+        load, output, sample = self.place
+        values = self.training.sample_text(sample)
+        return f"{self.outputs[output]}, load '{self.loads[load]}'" + (f", {values}" if values else "")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A candidate that was tried.
+
+    Attributes
+    ----------
+    reduction, n_steps
+        What it is.
+    errors
+        Against the full-order model with the same step.
+    reason
+        Why it could not be built or run; empty where it could.
+    seconds
+        Wall time of build and runs.
+    rom
+        The reduced model, on all ranks; None where it could not be built.
+    histories
+        By load, on the load's rank.
+    """
+
+    reduction: Reduction
+    n_steps: int
+    errors: Errors
+    reason: str
+    seconds: float
+    rom: ReducedOrderModel | None = field(repr=False)
+    histories: Mapping[str, History] = field(repr=False)
+
+
+class Bench:
+    """Runs what is to be compared; all methods are collective on ``group.world``.
+
+    Parameters
+    ----------
+    scene
+        The scene as the user gave it.
+    meshes
+        The mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    training
+        What to run.
+    """
+
+    def __init__(
+        self, scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup, training: Training
+    ) -> None:
+        self.scene, self.meshes, self.group, self.training = scene, meshes, group, training
+        self.comm = group.world
+        self.remarks = list(training.remarks)
+        with agreed(self.comm, "preparing the full-order model"):
+            self.full_model = FullModel(scene, meshes)
+            self.outputs = tuple(self.full_model.outputs.functions)
+            self._floors = floors_of(self.full_model)
+            if not self.outputs:
+                entry = "reduction" if scene.reduction.tolerance is not None else "simulation"
+                raise InputError(f"{entry}.tolerance: errors are those of outputs, and the scene has none; name some in [outputs]")
+        self._full: dict[tuple[str, int], History] = {}
+
+    def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
+        """Return how far full-order runs with two numbers of steps are apart."""
+        names = self._names(loads)
+        for n_steps in (coarse, fine):
+            self._run_full(names, n_steps)
+        return self._gather(
+            names, lambda name: errors_between(self._full[name, coarse], self._full[name, fine], self._floors)
+        )
+
+    def check_references(self, n_steps: int) -> None:
+        """Note which training cases do not count.
+
+        Raises
+        ------
+        RunError
+            If the scene itself, at nominal parameters, cannot be run.
+        """
+        names = self._names(None)
+        self._run_full(names, n_steps)
+        mine = {}
+        for name in self._own(names):
+            history = self._full[name, n_steps]
+            failed = history.status != Status.FINE
+            mine[name] = (failed, ~failed & ~history.inside, Status(history.status[0]).meaning)
+        every = {name: item for part in self.comm.allgather(mine) for name, item in part.items()}
+        for k, name in enumerate(names):
+            failed, outside, meaning = every[name]
+            if k == 0 and (failed[0] or outside[0]):
+                reason = meaning if failed[0] else "the coordinate leaves its range"
+                raise RunError(f"training run of the full-order model at nominal parameters, own loads: {reason}")
+            for mask, what in ((failed, "fails"), (outside, "leaves the range of the coordinate")):
+                if mask.any():
+                    self.remarks.append(
+                        f"load '{name}': the full-order model {what} in {mask.sum()} of {mask.size} samples; they do not count"
+                    )
+
+    def forget(self, n_steps: int) -> None:
+        """Drop full-order runs that are not needed any more."""
+        for key in [key for key in self._full if key[1] == n_steps]:
+            del self._full[key]
+
+    def build(self, reduction: Reduction) -> ReducedOrderModel:
+        """Build a reduced model of the scene and give it to all ranks."""
+        scene = self.scene.model_copy(update={"reduction": reduction})
+        with without_progress():
+            rom = build_rom(scene, self.meshes, self.group)
+        return self.comm.bcast(rom)
+
+    def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
+        """Build a candidate, run it and compare it with the full-order model."""
+        names, start, rom = self._names(loads), perf_counter(), None
+        self._run_full(names, n_steps)
+        histories: dict[str, History] = {}
+        try:
+            rom = self.build(reduction)
+            histories = self._run_reduced(rom, reduction, names, n_steps)
+            reason = ""
+        except RunError as error:
+            reason = str(error)
+        if reason:
+            errors = Errors(np.full((len(names), len(self.outputs), self.training.n_samples), np.inf), names,
+                            self.outputs, self.training)
+        else:
+            errors = self._gather(
+                names, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
+            )
+            reason = self._failures(histories)
+        seconds = self.comm.bcast(perf_counter() - start)
+        return Trial(reduction, n_steps, errors, reason, seconds, rom, histories)
+
+    def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
+        """Compare a candidate with the full-order model at another step."""
+        self._run_full(loads, n_steps)
+        histories = self._run_reduced(trial.rom, trial.reduction, loads, n_steps)
+        return self._gather(
+            loads, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
+        )
+
+    def apart(self, one: Trial, other: Trial) -> Errors:
+        """Return how far two candidates that ran with the same step are apart."""
+        names = one.errors.loads
+        if not (one.rom and other.rom):
+            return Errors(np.full_like(one.errors.values, np.inf), names, self.outputs, self.training)
+        return self._gather(
+            names, lambda name: errors_between(one.histories[name], other.histories[name], self._floors)
+        )
+
+    def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
+        """Return the errors of a candidate under one load times a factor."""
+        variant = next(item for item in self.training.loads if item.name == load)
+        found: dict[str, np.ndarray] = {}
+        with agreed(self.comm, "runs under another load"):
+            if load in self._own((load,)):
+                scene = variant.of(self.scene, factor)
+                full = self._history(self.full_model.with_loads(scene), trial.n_steps)
+                reduced = self._reduced_model(trial.rom, trial.reduction).with_loads(scene)
+                found[load] = errors_between(self._history(reduced, trial.n_steps), full, self._floors)
+        return self._gather((load,), found.__getitem__)
+
+    def other_meshes(self, meshes: Mapping[str, LineMesh], n_steps: int) -> Errors:
+        """Return how far the full-order model on other meshes is from the scene's, under the scene's own loads."""
+        name = self.training.loads[0].name
+        found: dict[str, np.ndarray] = {}
+        self._run_full((name,), n_steps)
+        with agreed(self.comm, "runs on other meshes"):
+            if name in self._own((name,)):
+                fine = self._history(FullModel(self.scene, meshes), n_steps)
+                found[name] = errors_between(self._full[name, n_steps], fine, self._floors)
+        return self._gather((name,), found.__getitem__)
+
+    def _names(self, loads: tuple[str, ...] | None) -> tuple[str, ...]:
+        return tuple(load.name for load in self.training.loads) if loads is None else loads
+
+    def _own(self, names: tuple[str, ...]) -> list[str]:
+        """Return the loads of this rank; every load has the same rank throughout."""
+        order = [load.name for load in self.training.loads]
+        return [name for name in names if order.index(name) % self.comm.size == self.comm.rank]
+
+    def _history(self, model: FullModel | ReducedModel, n_steps: int) -> History:
+        return run_history(model, self.training.values, self.training.n_samples, n_steps)
+
+    def _run_full(self, names: tuple[str, ...], n_steps: int) -> None:
+        """Do the full-order runs that are missing."""
+        with agreed(self.comm, "full-order training runs"):
+            for name in self._own(names):
+                if (name, n_steps) not in self._full:
+                    load = next(item for item in self.training.loads if item.name == name)
+                    model = self.full_model.with_loads(load.of(self.scene))
+                    history = self._history(model, n_steps)
+                    history.outputs[..., ~history.inside] = np.nan
+                    self._full[name, n_steps] = history
+
+    def _reduced_model(self, rom: ReducedOrderModel, reduction: Reduction) -> ReducedModel:
+        return ReducedModel(self.scene.model_copy(update={"reduction": reduction}), rom)
+
+    def _run_reduced(
+        self, rom: ReducedOrderModel, reduction: Reduction, names: tuple[str, ...], n_steps: int
+    ) -> dict[str, History]:
+        histories = {}
+        with agreed(self.comm, "reduced training runs"):
+            own = self._own(names)
+            if own:
+                model = self._reduced_model(rom, reduction)
+                for load in self.training.loads:
+                    if load.name in own:
+                        histories[load.name] = self._history(model.with_loads(load.of(self.scene)), n_steps)
+        return histories
+
+    def _failures(self, histories: Mapping[str, History]) -> str:
+        """Return why samples of a candidate failed, empty where none did."""
+        meanings = sorted({Status(s).meaning for item in histories.values() for s in item.status if s != Status.FINE})
+        return "; ".join(sorted({text for part in self.comm.allgather(meanings) for text in part}))
+
+    def _gather(self, names: tuple[str, ...], of) -> Errors:
+        """Gather what `of` returns for this rank's loads, shape (n_outputs, n_samples) each."""
+        mine = {}
+        with agreed(self.comm, "comparing training runs"):
+            mine = {name: of(name) for name in self._own(names)}
+        every: dict[str, np.ndarray] = {}
+        for part in self.comm.allgather(mine):
+            every |= part
+        return Errors(np.array([every[name] for name in names]), names, self.outputs, self.training)

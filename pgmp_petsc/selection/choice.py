@@ -1,0 +1,171 @@
+"""The choice of what a scene leaves open, one part of the error after the other.
+
+1. The step, from the full-order model itself (`step_choice`), before anything is reduced. If the tolerance needs a very
+   small one, the reduction is chosen with a larger one first, and the search for the step goes on when that was worth while.
+2. The reduction, full-order and reduced model run with the same step (`reduction_choice`): angles with which interpolation
+   does not count, the cheapest basis, the fewest angles for it.
+3. Where the step became finer than in 2, the reduction is looked at again with it.
+
+Errors are the largest of any output, sample and load of the training (`training`). Each part may take its share of the
+tolerance (`ledger`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.refinement import refined
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.selection import Selection
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.selection.bench import Bench, Trial
+from pgmp_petsc.selection.ladder import Limits
+from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, Ledger
+from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
+from pgmp_petsc.selection.refusal import refuse
+from pgmp_petsc.selection.step_choice import LOADS, StepChoice
+from pgmp_petsc.selection.training import Training
+
+FINER = 4  # by how much the step is refined where the reduction has to be looked at again
+MOST_MESH_UNKNOWNS = 2000  # of the full-order model, for a look at what its mesh leaves
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen.
+
+    Attributes
+    ----------
+    scene
+        The scene with everything given and without tolerances.
+    rom
+        The reduced model where the reduction was chosen, on the first rank; None where it is still to be built.
+    selection
+        For the file.
+    """
+
+    scene: Scene
+    rom: ReducedOrderModel | None
+    selection: Selection
+
+
+def leaves_open(scene: Scene) -> bool:
+    """Return whether a scene has a tolerance to choose for."""
+    return scene.reduction.tolerance is not None or scene.simulation.tolerance is not None
+
+
+def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Choice:
+    """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
+
+    Raises
+    ------
+    InputError
+        If a tolerance cannot be met.
+    """
+    timings, ledger, trial = Timings(), Ledger(), None
+    with timings.phase("selection"):
+        bench = Bench(scene, meshes, group, Training.of(scene))
+        step = StepChoice(bench, ledger, _first_period(bench))
+        step.begin()
+        bench.check_references(step.n_steps)
+        limits = Limits.of(scene, bench.full_model.kinematics)
+        if scene.reduction.tolerance is not None:
+            trial = ReductionChoice(bench, ledger, limits, step.n_steps, step.allowed).run()
+        step.finish()
+        if trial is not None:
+            trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
+        chosen = _chosen_scene(scene, step, trial)
+        mesh = _mesh_remark(bench, step.n_steps if step.settled else trial.n_steps)
+    selection = Selection(
+        tolerances={name: getattr(scene, name).tolerance for name in ("reduction", "simulation")
+                    if getattr(scene, name).tolerance is not None},
+        allowed=_allowed(scene) | step.allowed,
+        chosen=_entries(scene, chosen, kept=False),
+        reasons=ledger.reasons,
+        kept=_entries(scene, chosen, kept=True),
+        attempts=tuple(ledger.attempts),
+        outputs=bench.outputs,
+        values=bench.training.values,
+        loads={load.name: load.description for load in bench.training.loads},
+        remarks=(*bench.remarks, *mesh),
+    )
+    rom = None
+    if trial is not None and group.world.rank == 0:
+        spent = timings.as_dict() | trial.rom.record.timings
+        rom = replace(trial.rom, record=replace(trial.rom.record, scene_toml=scene_to_toml(chosen), timings=spent))
+    return Choice(chosen, rom, selection)
+
+
+def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: StepChoice, trial: Trial) -> Trial:
+    """Return a trial that is also good enough with a step that was found later and is finer than the trial's."""
+    tolerance = bench.scene.reduction.tolerance
+    allowed = (BASIS + INTERPOLATION) * tolerance
+    names = tuple(load.name for load in bench.training.loads if load.name in LOADS)
+    while trial.n_steps < step.n_steps:
+        finest = step.n_finest
+        errors = bench.run_again(trial, finest, names)
+        ledger.add_trial("basis", KNOBS, replace(trial, n_steps=finest), errors)
+        if errors.largest <= allowed:
+            break
+        n_steps = min(FINER * trial.n_steps, finest)
+        if n_steps == trial.n_steps:
+            refuse("reduction.tolerance", tolerance, "basis", _allowed(bench.scene), ledger, [])
+        trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
+    return trial
+
+
+def _first_period(bench: Bench) -> float:
+    """Return the period of the first flexible mode at the start, nominal parameters (s)."""
+    kinematics = bench.full_model.kinematics
+    start = bench.scene.initial_state(kinematics.coordinate.name).position
+    with agreed(bench.comm, "first mode"), ModalProblem(kinematics, bench.scene.nominal, 1, bench.group.comm) as problem:
+        frequency = float(problem.solve(start).frequencies_hz[0])
+    # the first rank's: the number of steps follows from it on all of them
+    return 1.0 / bench.comm.bcast(frequency)
+
+
+def _allowed(scene: Scene) -> dict[str, float]:
+    tolerance = scene.reduction.tolerance
+    return {} if tolerance is None else {"basis": BASIS * tolerance, "interpolation": INTERPOLATION * tolerance}
+
+
+def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial | None) -> Scene:
+    """Return the scene with the chosen entries; its tables are validated anew."""
+    reduction, simulation = scene.reduction if trial is None else trial.reduction, scene.simulation
+    time = {"tolerance": None} | ({} if step.kept else {"step": step.step})
+    return scene.model_copy(
+        update={
+            "reduction": Reduction(**reduction.model_dump() | {"tolerance": None}),
+            "simulation": Simulation(**simulation.model_dump() | time),
+        }
+    )
+
+
+def _entries(scene: Scene, chosen: Scene, kept: bool) -> dict[str, object]:
+    """Return the entries that the scene gave (`kept`), or that were chosen, by dotted name."""
+    entries = {}
+    for table, knobs in (("reduction", KNOBS), ("simulation", ("step",))):
+        before = getattr(scene, table)
+        if before.tolerance is not None:
+            for knob in knobs:
+                if (knob in before.model_fields_set) == kept:
+                    entries[f"{table}.{knob}"] = getattr(getattr(chosen, table), knob)
+    return entries
+
+
+def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
+    """Say what the meshes themselves leave: no part of the tolerance."""
+    if bench.full_model.kinematics.mechanism.n_dofs > MOST_MESH_UNKNOWNS:
+        return []
+    errors = bench.other_meshes({name: refined(mesh, 2) for name, mesh in bench.meshes.items()}, n_steps)
+    moved = ", ".join(f"{name} by {error:.2g}" for name, error in zip(bench.outputs, errors.by_output))
+    return [f"no part of the tolerance: cells cut in two would move {moved}"]

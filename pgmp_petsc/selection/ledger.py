@@ -1,0 +1,43 @@
+"""Shares of the tolerances, and what was tried on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pgmp_petsc.results.selection import Attempt
+from pgmp_petsc.selection.bench import Errors, Trial
+
+# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took no
+# part in the training; with equal tolerances the parts together are within it even where all are largest at once.
+BASIS, INTERPOLATION, STEP = 0.35, 0.15, 0.5
+
+
+@dataclass
+class Ledger:
+    """Attempts in their order, and reasons of what was chosen, by dotted name."""
+
+    attempts: list[Attempt] = field(default_factory=list)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    def add_trial(self, part: str, keys: tuple[str, ...], trial: Trial, errors: Errors, cost: float = 0.0) -> None:
+        """Note a candidate; `errors` are those that count for the part."""
+        entries = {key: getattr(trial.reduction, key) for key in keys}
+        self._add(part, entries, trial.n_steps, errors, cost, trial.seconds, trial.reason)
+
+    def add_step(self, entries: Mapping[str, Any], n_steps: int, errors: Errors) -> None:
+        """Note a step."""
+        self._add("step", entries, n_steps, errors, 0.0, 0.0, "")
+
+    def best(self, part: str) -> Attempt | None:
+        """Return the attempt with the smallest error."""
+        tried = [attempt for attempt in self.attempts if attempt.part == part and np.isfinite(attempt.largest)]
+        return min(tried, key=lambda attempt: attempt.largest) if tried else None
+
+    def _add(self, part, entries, n_steps, errors: Errors, cost, seconds, reason) -> None:
+        self.attempts.append(
+            Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
+        )

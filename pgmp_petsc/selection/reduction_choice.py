@@ -1,0 +1,194 @@
+"""The reduction for a tolerance: angles that are enough, the cheapest basis, the fewest angles for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.selection.bench import Bench, Errors, Trial
+from pgmp_petsc.selection.ladder import (
+    ANGLES,
+    MIDDLE,
+    SCHEMES,
+    Limits,
+    Rung,
+    families_of,
+    first_passing,
+    nearest,
+)
+from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, Ledger
+from pgmp_petsc.selection.refusal import basis_hints, refuse
+
+KNOBS = ("modes", "static_modes", "second_order", "angles", "interpolation")
+OF_BASIS, OF_GRID = KNOBS[:3], KNOBS[3:]
+FIRST_ANGLES = 48
+MUCH_BETTER = 0.7  # terms of second order are looked at first where they leave less than this share of the error
+
+
+class ReductionChoice:
+    """Choice of what a scene leaves open of its reduction. Collective on the bench's ranks.
+
+    Parameters
+    ----------
+    bench
+        Where candidates are tried.
+    ledger
+        Takes what was tried.
+    limits
+        What the scene allows.
+    n_steps
+        Steps of all runs.
+    others
+        What the other parts of the error may be, for messages.
+    """
+
+    def __init__(self, bench: Bench, ledger: Ledger, limits: Limits, n_steps: int, others: dict[str, float]) -> None:
+        self._bench, self._ledger, self._n_steps = bench, ledger, n_steps
+        reduction = bench.scene.reduction
+        self._reduction, self.tolerance = reduction, reduction.tolerance
+        self.given = {key: getattr(reduction, key) for key in KNOBS if key in reduction.model_fields_set}
+        # angles that a build adds by itself are not looked at here
+        self._fixed_grid = "angles" in self.given and "interpolation" in self.given or reduction.sampling_tolerance is not None
+        self._families = families_of(self.given, limits)
+        self._trials: dict[tuple[Any, ...], Trial] = {}
+        self.allowed = {"basis": BASIS * self.tolerance, "interpolation": INTERPOLATION * self.tolerance} | others
+        if not self._families[0]:
+            raise InputError(
+                f"reduction.static_modes = true: the mesh has only {limits.n_modes} flexible modes, the scene "
+                f"{limits.n_static} loads; take a finer mesh"
+            )
+
+    def run(self) -> Trial:
+        """Choose; the trial that is returned is the reduced model itself.
+
+        Raises
+        ------
+        InputError
+            If the tolerance cannot be met.
+        """
+        grid = {key: getattr(self._reduction, key) for key in OF_GRID}
+        if not self._fixed_grid:
+            grid = self._enough_angles()
+        rung = self._cheapest_basis(grid)
+        trial = self._try(rung.entries | grid)
+        return trial if self._fixed_grid else self._fewest_angles(rung, grid)
+
+    def _try(self, entries: dict[str, Any]) -> Trial:
+        key = tuple(entries[name] for name in KNOBS)
+        if key not in self._trials:
+            reduction = self._reduction.model_copy(update=entries)
+            self._trials[key] = self._bench.try_out(reduction, self._n_steps)
+        return self._trials[key]
+
+    def _enough_angles(self) -> dict[str, Any]:
+        """Return angles and scheme with which interpolation does not count for a basis of medium size."""
+        rung = self._middle(self._families[0])
+        grid = {
+            "angles": self.given.get("angles", FIRST_ANGLES),
+            "interpolation": self.given.get("interpolation", SCHEMES[0]),
+        }
+        while True:
+            errors = self._left_by(rung, grid)
+            enough = errors.largest <= self.allowed["interpolation"]
+            if enough or "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
+                return grid
+            grid = grid | {"angles": 2 * grid["angles"]}
+
+    def _left_by(self, rung: Rung, grid: dict[str, Any], reference: int = 0) -> Errors:
+        """Return how far a grid is from one with twice its angles, or with `reference` angles and the first scheme."""
+        trial = self._try(rung.entries | grid)
+        finest = {
+            "angles": reference or 2 * grid["angles"],
+            "interpolation": self.given.get("interpolation", SCHEMES[0]) if reference else grid["interpolation"],
+        }
+        errors = self._bench.apart(trial, self._try(rung.entries | finest))
+        self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
+        return errors
+
+    def _cheapest_basis(self, grid: dict[str, Any]) -> Rung:
+        """Return the cheapest rung of all families that is good enough."""
+        tried: dict[int, float] = {}
+
+        def error(rung: Rung) -> float:
+            if id(rung) not in tried:
+                trial = self._try(rung.entries | grid)
+                self._ledger.add_trial("basis", OF_BASIS, trial, trial.errors, rung.cost)
+                tried[id(rung)] = trial.errors.largest
+            return tried[id(rung)]
+
+        def climb(family: list[Rung], start: int) -> Rung | None:
+            found = first_passing(len(family), lambda k: error(family[k]) <= self.allowed["basis"], start)
+            return None if found is None else family[found]
+
+        found = self._search(error, climb)
+        if found is None:
+            best = min((rung for family in self._families for rung in family if id(rung) in tried), key=error)
+            kept = {name: value for name, value in self.given.items() if name in OF_BASIS}
+            hints = basis_hints(self._bench, self._try(best.entries | grid), kept)
+            refuse("reduction.tolerance", self.tolerance, "basis", self.allowed, self._ledger, hints)
+        family = next(family for family in self._families if found in family)
+        cheaper = [rung for rung in family[: family.index(found)] if id(rung) in tried]
+        reason = f"leave {error(found):.2g}, allowed {self.allowed['basis']:.2g}"
+        if cheaper:
+            reason += f"; {cheaper[-1].entries['modes']} leave {error(cheaper[-1]):.2g}"
+        self._ledger.reasons["reduction.modes"] = reason
+        if len(self._families) > 1 and found.entries["second_order"]:
+            plain = min((rung for rung in self._families[0] if id(rung) in tried), key=error)
+            self._ledger.reasons["reduction.second_order"] = (
+                f"without it, {plain.entries['modes']} modes leave {error(plain):.2g}"
+            )
+        return found
+
+    def _search(self, error, climb) -> Rung | None:
+        """Return the cheapest rung that is good enough; see `ladder` for the order."""
+        first = self._families[0]
+        middle = first.index(self._middle(first))
+        if len(self._families) == 1 or error(first[middle]) <= self.allowed["basis"]:
+            return climb(first, middle)
+        last = self._families[-1]
+        better = error(last[middle]) <= max(self.allowed["basis"], MUCH_BETTER * error(first[middle]))
+        for family in (last, first) if better else (first, last):
+            found = climb(family, middle)
+            if found is not None:
+                break
+        cheaper = [rung for rung in first if found in last and rung.cost < found.cost]
+        if cheaper and error(cheaper[-1]) <= self.allowed["basis"]:
+            found = climb(cheaper, len(cheaper) - 1)
+        return found
+
+    def _middle(self, family: list[Rung]) -> Rung:
+        return family[nearest([rung.entries["modes"] for rung in family], MIDDLE)]
+
+    def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
+        """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""
+        allowed = self.allowed["interpolation"]
+        counts = [self.given["angles"]] if "angles" in self.given else [n for n in ANGLES if n <= grid["angles"]]
+        reference = 2 * grid["angles"]
+
+        def passes(count: int, scheme: str) -> bool:
+            candidate = {"angles": count, "interpolation": scheme}
+            return self._left_by(rung, candidate, reference).largest <= allowed
+
+        while not any(passes(counts[-1], scheme) for scheme in self._schemes()):
+            if "angles" in self.given or 2 * reference > ANGLES[-1]:
+                hints = [f"the tables change too fast over the range for {counts[-1]} angles"]
+                refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
+            counts, reference = [reference], 2 * reference
+        chosen = None
+        for scheme in self._schemes():
+            found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
+            if found is not None:
+                chosen = {"angles": counts[found], "interpolation": scheme}
+                counts = counts[:found]
+            if not counts:
+                break
+        trial = self._try(rung.entries | chosen)
+        left = self._bench.apart(trial, self._try(rung.entries | self._finest(reference))).largest
+        self._ledger.reasons["reduction.angles"] = f"leave {left:.2g} against {reference}, allowed {allowed:.2g}"
+        return trial
+
+    def _finest(self, reference: int) -> dict[str, Any]:
+        return {"angles": reference, "interpolation": self.given.get("interpolation", SCHEMES[0])}
+
+    def _schemes(self) -> tuple[str, ...]:
+        return (self.given["interpolation"],) if "interpolation" in self.given else SCHEMES

@@ -1,0 +1,147 @@
+"""What tolerances are tried on: parameter values and loads that span those of later runs.
+
+Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
+applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
+together (corners). Torques take the scene's own tables, a half-sine pulse over the whole run, `PULSE` times as large
+as the largest torque, and the own tables `HASTE` times as fast. Loads that set in at once are tried where they are the
+scene's own, and not otherwise: no step and no small basis follows what they set off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import Torque
+
+OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
+SMALLEST = 1e-9  # probability above which a parameter that must be positive is so
+MOST_CORNERS = 3  # parameters whose corners are all tried; of more, only all low and all high
+PULSE = 1.6
+HASTE = 2.0
+N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
+
+Table = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Load:
+    """The torques of one variant.
+
+    Attributes
+    ----------
+    name, description
+        For messages.
+    tables
+        Table of every torque, by the effect's name.
+    """
+
+    name: str
+    description: str
+    tables: Mapping[str, Table]
+
+    def of(self, scene: Scene, factor: float = 1.0) -> Scene:
+        """Return the scene under these loads, times a factor."""
+        effects = dict(scene.effects)
+        for name, table in self.tables.items():
+            scaled = tuple((time, factor * value) for time, value in table)
+            effects[name] = effects[name].model_copy(update={"table": scaled})
+        return scene.model_copy(update={"effects": effects})
+
+
+@dataclass(frozen=True)
+class Training:
+    """Training cases: every sample under every load.
+
+    Attributes
+    ----------
+    values
+        Value of every parameter, shape (n_samples,); the first sample is the nominal one.
+    n_samples
+        One without parameters.
+    loads
+        The scene's own first.
+    remarks
+        What is not varied, and why.
+    """
+
+    values: dict[str, np.ndarray]
+    n_samples: int
+    loads: tuple[Load, ...]
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scene: Scene) -> Training:
+        """Return the training cases of a scene."""
+        values, n_samples = training_values(scene)
+        loads, remarks = training_loads(scene), []
+        if not uncertain_names(scene):
+            remarks.append("no parameter has a distribution: none is varied")
+        if len(loads) == 1:
+            remarks.append("no torque acts: loads are not varied")
+        return cls(values, n_samples, loads, tuple(remarks))
+
+    def sample_text(self, sample: int) -> str:
+        """Return the parameter values of a sample, ``r1 = 0.0056``."""
+        return ", ".join(f"{name} = {column[sample]:.4g}" for name, column in self.values.items())
+
+
+def uncertain_names(scene: Scene) -> list[str]:
+    """Return the parameters with a distribution, sorted."""
+    return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
+
+
+def training_values(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
+    """Return the values of every parameter, shape (n_samples,), and n_samples."""
+    names = uncertain_names(scene)
+    levels = {name: _levels(scene, name) for name in names}
+    samples = [dict(scene.nominal)]
+    for name, (low, high) in levels.items():
+        nominal = scene.nominal[name]
+        for value in (low, 0.5 * (low + nominal), 0.5 * (nominal + high), high):
+            samples.append(scene.nominal | {name: value})
+    if 1 < len(names) <= MOST_CORNERS:
+        samples += [scene.nominal | dict(zip(names, corner)) for corner in product(*levels.values())]
+    elif len(names) > MOST_CORNERS:
+        samples += [scene.nominal | {name: levels[name][side] for name in names} for side in (0, 1)]
+    samples.append(scene.values)
+    once = [sample for k, sample in enumerate(samples) if sample not in samples[:k]]
+    return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)
+
+
+def training_loads(scene: Scene) -> tuple[Load, ...]:
+    """Return the variants of the loads, the scene's own first."""
+    own = {name: effect.table for name, effect in scene.effects.items() if isinstance(effect, Torque)}
+    peaks = {name: max((value for _, value in table), key=abs) for name, table in own.items()}
+    loads = [Load("own", "the scene's own loads", own)]
+    if not any(peaks.values()):
+        return tuple(loads)
+    phase = np.linspace(0.0, 1.0, N_ROWS)
+    pulse = {
+        name: tuple(
+            (float(scene.simulation.duration * x), float(PULSE * peak * np.sin(np.pi * x))) for x in phase
+        )
+        for name, peak in peaks.items()
+    }
+    about = f"a half sine over the run, {PULSE:g} times the largest torque"
+    loads.append(Load("pulse", about, pulse))
+    quick = {name: tuple((time / HASTE, value) for time, value in table) for name, table in own.items()}
+    if any(len({value for _, value in table}) > 1 for table in quick.values()):
+        loads.append(Load("quick", f"the scene's torques {HASTE:g} times as fast", quick))
+    return tuple(loads)
+
+
+def _levels(scene: Scene, name: str) -> tuple[float, float]:
+    """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
+    parameter = scene.parameters[name]
+    law = parameter.frozen()
+    low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
+    least, most = law.cdf(low), law.cdf(high)
+    if name in scene.positive_parameters and low <= 0.0:
+        least = max(least, law.cdf(0.0) + SMALLEST)
+    first, last = law.ppf(least + np.array([OUTERMOST, 1.0 - OUTERMOST]) * (most - least))
+    return float(first), float(last)
