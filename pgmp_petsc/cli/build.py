@@ -13,6 +13,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.inputs import read_scene
 
 POOR_COSINE = 0.5
@@ -32,14 +33,22 @@ def build(
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
-    """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5)."""
+    """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5).
+
+    With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
+    error; all that was tried is kept in the file.
+    """
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
-    rom = build_rom(loaded, meshes, RankGroup.split(comm, ranks_per_angle))
-    save(context, rom, output)
+    group = RankGroup.split(comm, ranks_per_angle)
+    choice = choose(loaded, meshes, group) if leaves_open(loaded) else None
+    rom = build_rom(loaded, meshes, group) if choice is None else choice.rom
+    save(context, rom if choice is None else choice, output)
     if rom is not None:
         say(context, report(rom, output))
+    if choice is not None:
+        say(context, "\n".join(choice.selection.lines(attempts=False)))
 
 
 def report(rom: ReducedOrderModel, path: Path) -> str:

@@ -17,7 +17,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, physical
-from pgmp_petsc.ensemble.selection import checked
+from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.models import Model, ReducedModel

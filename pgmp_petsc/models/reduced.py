@@ -25,6 +25,13 @@ from pgmp_petsc.scene import Scene
 class ReducedModel:
     """Rigid coordinate and flexible modes over interpolated tables; see `Model`.
 
+    Parameters
+    ----------
+    scene, rom
+        The scene, which may differ from the reduced model's in what its tables do not depend on.
+    kinematics
+        The mechanism's, where it is at hand; made from the scene otherwise.
+
     Raises
     ------
     InputError
@@ -33,11 +40,11 @@ class ReducedModel:
 
     name = "reduced"
 
-    def __init__(self, scene: Scene, rom: ReducedOrderModel) -> None:
+    def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
         self.meshes = rom.meshes
-        mechanism = Mechanism.from_scene(scene, rom.meshes)
-        self.kinematics = RigidKinematics(mechanism)
+        self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
+        mechanism = self.kinematics.mechanism
         self.outputs = OutputSet.of(scene, self.kinematics)
         self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
         self._effects = effects_of(scene, mechanism)

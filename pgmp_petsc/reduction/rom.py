@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+
+if TYPE_CHECKING:
+    import h5py
 
 NODE_UNITS = "m of the translations, 1 of the rotations, per unit of the modal coordinate (kg^-1/2)"
 CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two modal coordinates (kg^-1)"
@@ -56,8 +60,8 @@ class ReducedOrderModel:
     record: RunRecord = field(repr=False)
     curvature: np.ndarray | None = None
 
-    def write(self, path: str | Path) -> None:
-        """Write the file ROM.h5 (one process)."""
+    def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
+        """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there."""
         tables = self.tables
         with write_file(path, "rom", {"n_redundant": self.n_redundant}) as file:
             self.record.write(file)
@@ -86,6 +90,8 @@ class ReducedOrderModel:
                 put(body, "cells", mesh.cells, "1", "nodes of the elements")
                 body.attrs["point_names"] = list(mesh.points)
                 body.attrs["point_nodes"] = list(mesh.points.values())
+            for part in parts:
+                part(file)
 
     @classmethod
     def read(cls, path: str | Path, with_projection: bool = True) -> ReducedOrderModel:

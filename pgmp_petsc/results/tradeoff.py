@@ -239,9 +239,11 @@ class Tradeoff:
 
     def modes(self, row: int) -> str:
         """Return ``7 + 1``: modes and static modes of a reduced setting; ``7`` where it has no static ones."""
-        n_modes = int(self.columns["modes"][row])
-        n_static = int(self.columns["coordinates"][row]) - 1 - n_modes
-        return f"{n_modes} + {n_static}" if n_static > 0 else str(n_modes)
+        n_modes, n_coordinates = int(self.columns["modes"][row]), int(self.columns["coordinates"][row])
+        if not self.columns["static_modes"][row]:
+            return str(n_modes)
+        # a setting that failed has none to count
+        return f"{n_modes} + {n_coordinates - 1 - n_modes if n_coordinates else 'static'}"
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""

@@ -139,7 +139,7 @@ class Bench:
             names, lambda name: errors_between(self._full[name, coarse], self._full[name, fine], self._floors)
         )
 
-    def check_references(self, n_steps: int) -> None:
+    def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count.
 
         Raises
@@ -147,7 +147,7 @@ class Bench:
         RunError
             If the scene itself, at nominal parameters, cannot be run.
         """
-        names = self._names(None)
+        names = self._names(loads)
         self._run_full(names, n_steps)
         mine = {}
         for name in self._own(names):
@@ -208,6 +208,11 @@ class Bench:
             loads, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
         )
 
+    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        """Return how far runs of a candidate with two numbers of steps are apart."""
+        one, other = (self._run_reduced(trial.rom, trial.reduction, loads, n_steps) for n_steps in (coarse, fine))
+        return self._gather(loads, lambda name: errors_between(one[name], other[name], self._floors))
+
     def apart(self, one: Trial, other: Trial) -> Errors:
         """Return how far two candidates that ran with the same step are apart."""
         names = one.errors.loads
@@ -263,7 +268,8 @@ class Bench:
                     self._full[name, n_steps] = history
 
     def _reduced_model(self, rom: ReducedOrderModel, reduction: Reduction) -> ReducedModel:
-        return ReducedModel(self.scene.model_copy(update={"reduction": reduction}), rom)
+        scene = self.scene.model_copy(update={"reduction": reduction})
+        return ReducedModel(scene, rom, self.full_model.kinematics)
 
     def _run_reduced(
         self, rom: ReducedOrderModel, reduction: Reduction, names: tuple[str, ...], n_steps: int

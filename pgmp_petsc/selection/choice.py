@@ -14,8 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-
-import numpy as np
+from pathlib import Path
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
@@ -23,6 +22,7 @@ from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -32,7 +32,7 @@ from pgmp_petsc.selection.ladder import Limits
 from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step_choice import LOADS, StepChoice
+from pgmp_petsc.selection.step_choice import StepChoice
 from pgmp_petsc.selection.training import Training
 
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
@@ -48,7 +48,7 @@ class Choice:
     scene
         The scene with everything given and without tolerances.
     rom
-        The reduced model where the reduction was chosen, on the first rank; None where it is still to be built.
+        The reduced model, on the first rank; None elsewhere.
     selection
         For the file.
     """
@@ -56,6 +56,10 @@ class Choice:
     scene: Scene
     rom: ReducedOrderModel | None
     selection: Selection
+
+    def write(self, path: Path) -> None:
+        """Write the reduced model with what was chosen; by one process."""
+        self.rom.write(path, self.selection.write_into)
 
 
 def leaves_open(scene: Scene) -> bool:
@@ -71,20 +75,26 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
     InputError
         If a tolerance cannot be met.
     """
-    timings, ledger, trial = Timings(), Ledger(), None
+    timings, ledger = Timings(), Ledger()
     with timings.phase("selection"):
         bench = Bench(scene, meshes, group, Training.of(scene))
         step = StepChoice(bench, ledger, _first_period(bench))
         step.begin()
-        bench.check_references(step.n_steps)
-        limits = Limits.of(scene, bench.full_model.kinematics)
-        if scene.reduction.tolerance is not None:
-            trial = ReductionChoice(bench, ledger, limits, step.n_steps, step.allowed).run()
-        step.finish()
-        if trial is not None:
+        if scene.reduction.tolerance is None:
+            bench.check_references(step.n_basis, step.loads)
+            step.finish()
+            trial = bench.try_out(scene.reduction, step.n_basis, step.loads)
+        else:
+            bench.check_references(step.n_basis)
+            limits = Limits.of(scene, bench.full_model.kinematics)
+            trial = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed).run()
+            step.finish()
             trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
+        if trial.rom is None:
+            raise RunError(trial.reason)
+        step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
-        mesh = _mesh_remark(bench, step.n_steps if step.settled else trial.n_steps)
+        mesh = _mesh_remark(bench, trial.n_steps)
     selection = Selection(
         tolerances={name: getattr(scene, name).tolerance for name in ("reduction", "simulation")
                     if getattr(scene, name).tolerance is not None},
@@ -98,21 +108,20 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
         loads={load.name: load.description for load in bench.training.loads},
         remarks=(*bench.remarks, *mesh),
     )
-    rom = None
-    if trial is not None and group.world.rank == 0:
-        spent = timings.as_dict() | trial.rom.record.timings
-        rom = replace(trial.rom, record=replace(trial.rom.record, scene_toml=scene_to_toml(chosen), timings=spent))
-    return Choice(chosen, rom, selection)
+    if group.world.rank > 0:
+        return Choice(chosen, None, selection)
+    record = trial.rom.record
+    record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
+    return Choice(chosen, replace(trial.rom, record=record), selection)
 
 
 def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: StepChoice, trial: Trial) -> Trial:
     """Return a trial that is also good enough with a step that was found later and is finer than the trial's."""
     tolerance = bench.scene.reduction.tolerance
     allowed = (BASIS + INTERPOLATION) * tolerance
-    names = tuple(load.name for load in bench.training.loads if load.name in LOADS)
     while trial.n_steps < step.n_steps:
         finest = step.n_finest
-        errors = bench.run_again(trial, finest, names)
+        errors = bench.run_again(trial, finest, step.loads)
         ledger.add_trial("basis", KNOBS, replace(trial, n_steps=finest), errors)
         if errors.largest <= allowed:
             break
@@ -138,14 +147,13 @@ def _allowed(scene: Scene) -> dict[str, float]:
     return {} if tolerance is None else {"basis": BASIS * tolerance, "interpolation": INTERPOLATION * tolerance}
 
 
-def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial | None) -> Scene:
+def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial) -> Scene:
     """Return the scene with the chosen entries; its tables are validated anew."""
-    reduction, simulation = scene.reduction if trial is None else trial.reduction, scene.simulation
     time = {"tolerance": None} | ({} if step.kept else {"step": step.step})
     return scene.model_copy(
         update={
-            "reduction": Reduction(**reduction.model_dump() | {"tolerance": None}),
-            "simulation": Simulation(**simulation.model_dump() | time),
+            "reduction": Reduction(**trial.reduction.model_dump() | {"tolerance": None}),
+            "simulation": Simulation(**scene.simulation.model_dump() | time),
         }
     )
 

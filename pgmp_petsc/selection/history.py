@@ -23,6 +23,8 @@ class History:
 
     Attributes
     ----------
+    n_steps
+        Steps of the run.
     every
         Steps between two kept instants.
     outputs
@@ -33,6 +35,7 @@ class History:
         Samples that stayed in the range of their coordinate, shape (n_samples,).
     """
 
+    n_steps: int
     every: int
     outputs: np.ndarray
     status: np.ndarray
@@ -78,7 +81,7 @@ def run_history(
     frames = model.output_frames_of(np.concatenate(kept)) if reduced else np.concatenate(kept, axis=-1)
     outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(frames).values()])
     outputs[..., run.status != Status.FINE] = np.nan
-    return History(every, outputs, run.status, _inside(angles, coordinate, n_samples))
+    return History(n_steps, every, outputs, run.status, _inside(angles, coordinate, n_samples))
 
 
 def _inside(angles: list[np.ndarray], coordinate, n_samples: int) -> np.ndarray:
@@ -101,9 +104,15 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     The error is a share of the largest value of the exact output over time, or of `floors` where that is larger. It is
     infinite where only `found` failed, and NaN where the exact run failed or has no number (a deformation outside a
     limited range) at any instant.
+
+    Parameters
+    ----------
+    found, exact
+        Histories of the same samples; one's number of steps divides the other's.
+    floors
+        In the outputs' units, shape (n_outputs,).
     """
-    every = max(found.every, exact.every)
-    one, other = found.outputs[:, :: every // found.every], exact.outputs[:, :: every // exact.every]
+    one, other = _common(found, exact)
     known = np.isfinite(other)
     scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
     difference = np.where(known & np.isfinite(one), np.abs(one - np.where(known, other, 0.0)), 0.0)
@@ -111,3 +120,11 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     errors[:, found.status != Status.FINE] = np.inf
     errors[~known.any(axis=1)] = np.nan
     return errors
+
+
+def _common(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the outputs of both at the instants that both kept."""
+    finest = max(one.n_steps, other.n_steps)
+    strides = [item.every * (finest // item.n_steps) for item in (one, other)]
+    shared = int(np.lcm(*strides))
+    return tuple(item.outputs[:, :: shared // stride] for item, stride in zip((one, other), strides))

@@ -101,7 +101,9 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
     static = given.get("static_modes", limits.n_static > 0)
     n_static = limits.n_static if static else 0
     most = limits.n_modes - n_static
-    modes = (given["modes"],) if "modes" in given else tuple(n for n in MODES if n < most) + (most,) * (most <= MODES[-1])
+    modes = tuple(n for n in MODES if n < most) + ((most,) if 1 <= most <= MODES[-1] else ())
+    if "modes" in given:
+        modes = (given["modes"],)
     orders = (given["second_order"],) if "second_order" in given else (False, True)
     return [
         [
@@ -115,10 +117,24 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
     ]
 
 
-def first_passing(n: int, passes: Callable[[int], bool], start: int) -> int | None:
-    """Return the first of n candidates that passes, if all after a passing one pass too; None if the last fails.
+def first_passing(
+    n: int, passes: Callable[[int], bool], start: int, hopeless: Callable[[int, int], bool] = lambda before, now: False
+) -> int | None:
+    """Return the first of n candidates that passes, if all after a passing one pass too; None if none was found.
 
     The search begins at `start`, gallops in the direction that the answer tells and then halves the interval.
+
+    Parameters
+    ----------
+    n
+        Number of candidates.
+    passes
+        Tells of a candidate whether it is good enough.
+    start
+        Candidate to begin with.
+    hopeless
+        Tells of a failing candidate and a later one that fails whether there is no use in going on; two times in a row end
+        the search.
     """
     start = min(start, n - 1)
     if passes(start):
@@ -129,12 +145,13 @@ def first_passing(n: int, passes: Callable[[int], bool], start: int) -> int | No
             stride *= 2
         low = high - stride if high - low > stride else low
     else:
-        low, high, stride = start, n, 1
-        while low < n - 1:
+        low, high, stride, stalled = start, n, 1, 0
+        while low < n - 1 and stalled < 2:
             probe = min(low + stride, n - 1)
             if passes(probe):
                 high = probe
                 break
+            stalled = stalled + 1 if hopeless(low, probe) else 0
             low, stride = probe, 2 * stride
         if high == n:
             return None

@@ -23,6 +23,7 @@ KNOBS = ("modes", "static_modes", "second_order", "angles", "interpolation")
 OF_BASIS, OF_GRID = KNOBS[:3], KNOBS[3:]
 FIRST_ANGLES = 48
 MUCH_BETTER = 0.7  # terms of second order are looked at first where they leave less than this share of the error
+STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
 
 
 class ReductionChoice:
@@ -117,7 +118,10 @@ class ReductionChoice:
             return tried[id(rung)]
 
         def climb(family: list[Rung], start: int) -> Rung | None:
-            found = first_passing(len(family), lambda k: error(family[k]) <= self.allowed["basis"], start)
+            def stalls(before: int, now: int) -> bool:
+                return error(family[now]) > max(STALLED * error(family[before]), NEAR * self.allowed["basis"])
+
+            found = first_passing(len(family), lambda k: error(family[k]) <= self.allowed["basis"], start, stalls)
             return None if found is None else family[found]
 
         found = self._search(error, climb)
@@ -147,10 +151,10 @@ class ReductionChoice:
             return climb(first, middle)
         last = self._families[-1]
         better = error(last[middle]) <= max(self.allowed["basis"], MUCH_BETTER * error(first[middle]))
-        for family in (last, first) if better else (first, last):
-            found = climb(family, middle)
-            if found is not None:
-                break
+        found = None if better else climb(first, middle)
+        if found is None:
+            # what more modes cannot do without terms of second order they can still do with them, not the reverse
+            found = climb(last, middle)
         cheaper = [rung for rung in first if found in last and rung.cost < found.cost]
         if cheaper and error(cheaper[-1]) <= self.allowed["basis"]:
             found = climb(cheaper, len(cheaper) - 1)
@@ -163,11 +167,13 @@ class ReductionChoice:
         """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""
         allowed = self.allowed["interpolation"]
         counts = [self.given["angles"]] if "angles" in self.given else [n for n in ANGLES if n <= grid["angles"]]
-        reference = 2 * grid["angles"]
+        reference, left = 2 * grid["angles"], {}
 
         def passes(count: int, scheme: str) -> bool:
-            candidate = {"angles": count, "interpolation": scheme}
-            return self._left_by(rung, candidate, reference).largest <= allowed
+            key = count, scheme, reference
+            if key not in left:
+                left[key] = self._left_by(rung, {"angles": count, "interpolation": scheme}, reference).largest
+            return left[key] <= allowed
 
         while not any(passes(counts[-1], scheme) for scheme in self._schemes()):
             if "angles" in self.given or 2 * reference > ANGLES[-1]:
@@ -182,13 +188,9 @@ class ReductionChoice:
                 counts = counts[:found]
             if not counts:
                 break
-        trial = self._try(rung.entries | chosen)
-        left = self._bench.apart(trial, self._try(rung.entries | self._finest(reference))).largest
-        self._ledger.reasons["reduction.angles"] = f"leave {left:.2g} against {reference}, allowed {allowed:.2g}"
-        return trial
-
-    def _finest(self, reference: int) -> dict[str, Any]:
-        return {"angles": reference, "interpolation": self.given.get("interpolation", SCHEMES[0])}
+        error = left[chosen["angles"], chosen["interpolation"], reference]
+        self._ledger.reasons["reduction.angles"] = f"leave {error:.2g} against {reference}, allowed {allowed:.2g}"
+        return self._try(rung.entries | chosen)
 
     def _schemes(self) -> tuple[str, ...]:
         return (self.given["interpolation"],) if "interpolation" in self.given else SCHEMES

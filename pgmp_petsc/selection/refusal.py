@@ -14,6 +14,7 @@ from pgmp_petsc.selection.bench import Bench, Trial
 from pgmp_petsc.selection.ledger import BASIS, Ledger
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
+UNRESOLVED = 5.0  # times the error, moved by halving the step: no basis can be judged with it
 PARTS = {
     "basis": "the basis",
     "interpolation": "the interpolation between angles",
@@ -70,7 +71,7 @@ def basis_hints(bench: Bench, trial: Trial, kept: Mapping[str, Any]) -> list[str
         causes.append("the deformation is too large for the terms of first and second order that a reduced model has")
     if nominal <= FELL * errors.largest:
         causes.append("the modes are those of nominal parameters, and these values are too far from them")
-    if unresolved > errors.largest:
+    if unresolved > UNRESOLVED * errors.largest:
         causes.append("the loads set off vibrations that the step does not resolve and that a small basis does not have")
     if causes:
         hints.append("; ".join(causes))

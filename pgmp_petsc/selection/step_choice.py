@@ -1,17 +1,18 @@
-"""The step for a tolerance, from runs of the full-order model under the training loads."""
+"""The step for a tolerance, from runs of the full-order model under the training loads, and of the reduced one."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.selection.bench import Bench, Errors
+from pgmp_petsc.selection.bench import Bench, Errors, Trial
 from pgmp_petsc.selection.ledger import STEP, Ledger
 from pgmp_petsc.selection.refusal import refuse
 from pgmp_petsc.selection.step import AHEAD, FEWEST, FIRST_PER_PERIOD, MOST_PER_PERIOD, StepSearch, step_of
 
-EARLY_PER_PERIOD = 128
-BASIS_PER_PERIOD = 64
+EARLY_PER_PERIOD = 128  # steps a period of the first flexible mode that are tried before anything is reduced
+# a reduction is looked at with steps at least as fine as the first, and with the second where the step is not yet known
+BASIS_PER_PERIOD = (16, 64)
 LOADS = ("own", "pulse")  # quicker loads set off more vibrations; a step for all of them would be one for none
 
 
@@ -36,8 +37,9 @@ class StepChoice:
         self.n_given = count_steps(simulation.duration, simulation.step)
         self._duration = simulation.duration
         self._periods = max(simulation.duration / period, FEWEST / FIRST_PER_PERIOD)
-        self._names = tuple(load.name for load in bench.training.loads if load.name in LOADS)
+        self.loads = tuple(load.name for load in bench.training.loads if load.name in LOADS)
         self._search: StepSearch | None = None
+        self._n_reduced = 0
 
     @property
     def allowed(self) -> dict[str, float]:
@@ -51,15 +53,21 @@ class StepChoice:
 
     @property
     def n_steps(self) -> int:
+        """Number of steps, where it is settled."""
+        return self.n_given if self.kept else max(self._search.chosen, self._n_reduced)
+
+    @property
+    def n_basis(self) -> int:
         """Number of steps that the reduction is looked at with."""
         if self.kept:
             return self.n_given
-        return self._search.chosen if self.settled else self._first * BASIS_PER_PERIOD // FIRST_PER_PERIOD
+        fewest, unknown = (round(n * self._periods) for n in BASIS_PER_PERIOD)
+        return max(self._search.chosen, fewest) if self.settled else unknown
 
     @property
     def n_finest(self) -> int:
-        """Steps of the finest run that is at hand."""
-        return self.n_given if self.kept else max(self._search.finest, self.n_steps)
+        """Steps of the finest full-order run that is at hand."""
+        return self.n_given if self.kept else self._search.finest
 
     @property
     def step(self) -> float:
@@ -101,12 +109,30 @@ class StepChoice:
             f"{search.finest} steps of the full-order model"
         )
 
+    def fit_reduced(self, trial: Trial) -> None:
+        """Take more steps if the reduced model needs more than the full-order one.
+
+        With large steps the two differ: an integrator's error is not the same in their coordinates. From the steps that
+        the reduction was looked at with they are known to agree.
+        """
+        if self.kept:
+            return
+        n_steps = self.n_steps
+        while n_steps < trial.n_steps:
+            errors = self._bench.moved_reduced(trial, n_steps, AHEAD * n_steps, self.loads)
+            self._note(n_steps, errors)
+            if errors.largest <= STEP * self.tolerance:
+                break
+            n_steps = min(2 * n_steps, trial.n_steps)
+            self._ledger.reasons["simulation.step"] += f"; the reduced model needs {n_steps}"
+        self._n_reduced = n_steps
+
     @property
     def _first(self) -> int:
         return int(np.ceil(FIRST_PER_PERIOD * self._periods))
 
     def _compare(self, coarse: int, fine: int) -> np.ndarray:
-        errors = self._bench.moved(coarse, fine, self._names)
+        errors = self._bench.moved(coarse, fine, self.loads)
         if fine == AHEAD * coarse:
             self._note(coarse, errors)
         return errors.by_output
@@ -114,7 +140,7 @@ class StepChoice:
     def _check_given(self) -> None:
         n = self.n_given
         ahead = AHEAD if AHEAD * n <= MOST_PER_PERIOD * self._periods else 2
-        errors = self._bench.moved(n, ahead * n, self._names)
+        errors = self._bench.moved(n, ahead * n, self.loads)
         self._note(n, errors)
         if errors.largest > STEP * self.tolerance:
             hint = f"simulation.step = {self._bench.scene.simulation.step:g} is kept as given; leave it out to have it chosen"

@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.studies.tradeoff_history import step_of
 from pgmp_petsc.studies.tradeoff_surface import node_counts
 from pgmp_petsc.studies.tradeoff_values import uncertain_names
@@ -60,14 +60,17 @@ class Setting:
         return replace(self, reduction=self.reduction.model_copy(update=entries))
 
     def overrides(self, scene: Scene) -> list[str]:
-        """Return what to override in a scene, ``dotted.key=VALUE``; a refined mesh is not among it."""
+        """Return what to override in a scene, ``dotted.key=VALUE``; a refined mesh is not among it.
+
+        What a scene with a tolerance leaves to `pgmp build` is given too, so that it is not chosen again.
+        """
         changes = []
         if self.reduction is not None:
             for key, value in self.reduction.model_dump(exclude_none=True).items():
-                if value != getattr(scene.reduction, key):
+                if value != getattr(scene.reduction, key) or _left_open(scene.reduction, key):
                     changes.append(f"reduction.{key}={json.dumps(value)}")
         simulation = scene.simulation
-        if self.n_steps != count_steps(simulation.duration, simulation.step):
+        if self.n_steps != count_steps(simulation.duration, simulation.step) or _left_open(simulation, "step"):
             changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
         return changes
 
@@ -145,8 +148,8 @@ QUICK = Sweep(
     own_modes=(),
     own_angles=(),
     own_others=False,
-    finer=1,
-    coarser=1,
+    finer=0,
+    coarser=2,
     tensor_modes=(4, 8),
     tensor_angles=48,
     refinements=(2,),
@@ -154,7 +157,7 @@ QUICK = Sweep(
     surfaces=3,
     repeats=2,
     few_repeats=1,
-    reference_halvings=(4, 3),
+    reference_halvings=(3, 3),
 )
 
 
@@ -293,6 +296,11 @@ def _static(limits: Limits) -> tuple[bool, ...]:
 
 def _within(modes: Sequence[int], limits: Limits) -> list[int]:
     return [n for n in modes if n <= limits.n_modes]
+
+
+def _left_open(table: Reduction | Simulation, key: str) -> bool:
+    """Whether a table has a tolerance and leaves an entry to the choice that follows from it."""
+    return table.tolerance is not None and key not in table.model_fields_set
 
 
 def own_steps(scene: Scene) -> int:

@@ -109,9 +109,9 @@ def flywheel_meshes(scene: Scene, length: float = 0.25, differ: float = 0.0) -> 
 def dense_eigenvalues(kinematics: RigidKinematics, theta: float, values: Mapping[str, float], n: int) -> np.ndarray:
     """Return the n lowest flexible eigenvalues, by SciPy's dense solver on a null space of the constraints.
 
-    Unknowns are scaled to a unit diagonal of K, and the solver is given ``M x = mu (K + s M) x``, ``mu = 1 / (lambda + s)``:
-    the largest mu are good to round-off, 1e-11 where radii differ by a factor of ten (checked with 40 digits). On K and M
-    unscaled it errs by round-off of the highest lambda, there 7e-7 of the lowest.
+    Unknowns are scaled to a unit diagonal of K, and the solver is given ``M x = mu (K + s M) x``, ``mu = 1 / (lambda +
+    s)``: the largest mu are good to round-off, 1e-11 where radii differ by a factor of ten (checked with 40 digits).
+    On K and M unscaled it errs by round-off of the highest lambda, there 7e-7 of the lowest.
     """
     mechanism, shift = kinematics.mechanism, 1e4
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))

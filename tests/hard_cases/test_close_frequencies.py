@@ -183,11 +183,24 @@ def test_the_basis_is_continuous_where_modes_meet() -> None:
     assert jumps[1] == pytest.approx(0.5 * jumps[0], rel=0.1)
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="modes whose frequencies are far apart drift by more than 0.2 from sample to sample and are put in one "
+    "group, whose lowest mode is then spoilt by the highest: measured 0.38 of its eigenvalue between the samples",
+)
+def test_half_as_many_angles_are_enough_for_the_lowest_mode() -> None:
+    """It changes slowly with the angle; at the nominal radius 48 angles leave 6e-4."""
+    scene, kinematics = accurate(f"parameters.r1.nominal={MEETING_R1}"), kinematics_of(slider_crank())
+    rom = built_at(MEETING_R1, 48)
+    for theta in rom.tables.samples.theta[:24:3] + np.pi / 48:
+        exact = dense_eigenvalues(kinematics, theta, scene.nominal, 1)
+        np.testing.assert_allclose(interpolated_eigenvalues(rom, scene, theta)[:1], exact, rtol=1e-2)
+
+
 def test_adaptive_sampling_finds_the_angles_that_close_modes_need() -> None:
-    """48 angles are too few there: the modes drift by more than 0.2 from sample to sample and all fall in one group."""
     scene = accurate(
-        f"parameters.r1.nominal={MEETING_R1}", "reduction.sampling_tolerance=1e-2", *run_for(0.5, 1e-3), *start(0.5, 4.0),
-        angles=24,
+        f"parameters.r1.nominal={MEETING_R1}", "reduction.sampling_tolerance=1e-2", *run_for(0.5, 1e-3),
+        *start(0.5, 4.0), angles=24,
     )
     rom = rom_of(scene)
     assert 48 < rom.tables.samples.n < 192

@@ -104,14 +104,14 @@ def loaded_trammel(torque: float) -> Scene:
     return trammel(
         "reduction.modes=8", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
         f'effects.motor={{type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.3, {torque}]]}}',
-        'outputs.angle={type="angle", joint="crank_hinge"}', 'outputs.bent={type="deformation", point="rod:tip", axis="y"}',
-        *run_for(0.4, 1e-3),
+        'outputs.angle={type="angle", joint="crank_hinge"}', *run_for(0.4, 1e-3),
+        'outputs.bent={type="deformation", point="rod:tip", axis="y"}',
     )
 
 
 @pytest.mark.parametrize("torque", [2.0, 0.02])
 def test_an_elliptic_trammel_with_a_redundant_crank(torque: float) -> None:
-    """One constraint more than the rigid rod needs, at every angle; measured up to 3e-5, and 0.5 % of 3 mm."""
+    """One constraint more than the rigid rod needs, at every angle; measured up to 4e-5, and 0.5 % of 3 mm."""
     scene = loaded_trammel(torque)
     assert kinematics_of(scene).n_redundant == 1
-    assert_close(*both(scene, rom=trammel_rom()), angle=6e-5, bent=1e-2)
+    assert_close(*both(scene, rom=trammel_rom()), angle=1e-4, bent=1e-2)

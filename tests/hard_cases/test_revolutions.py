@@ -63,7 +63,7 @@ def energy_of(model: ReducedModel) -> tuple[Callable[[np.ndarray, np.ndarray], f
 
 
 def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[float], float]]:
-    """Return times, angles theta and energies of every 21st step, and the rigid inertia; 1,000 turns at the first speed.
+    """Run 1,000 revolutions; return times, angles theta and energies of every 21st step, and the rigid inertia.
 
     21 steps are no divisor of a revolution, so that all positions are seen.
     """
@@ -108,7 +108,7 @@ def test_a_thousand_revolutions_left_to_itself() -> None:
 
 
 def test_a_thousand_revolutions_driven_with_numerical_damping() -> None:
-    """A torque that adds half of the energy over the run: energy follows the torque's work, the angle the closed form."""
+    """A torque that adds half of the energy: energy follows the torque's work, the angle the closed form."""
     torque = 0.5 * 0.01 * SPEED**2 / (REVOLUTIONS * TURN)
     time, angle, energy, rigid = long_run(0.8, torque)
     assert angle[-1] > REVOLUTIONS * TURN

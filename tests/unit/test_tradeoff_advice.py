@@ -107,6 +107,18 @@ def test_a_busy_machine_is_judged_by_processor_times() -> None:
     assert "The machine was busy" in summary(busy) and "busy" not in summary(quiet)
 
 
+def test_settings_have_names() -> None:
+    study = synthetic.tradeoff()
+    assert [study.name(row) for row in (0, 2, 8, 10)] == [
+        "reduced, 15 modes, 629 angles, spline, 1 ms",
+        "reduced, 7 + 1 modes, 48 angles, spline, 2 ms",
+        "full order, 1 ms, cells / 2",
+        "response surface, 9 full-order runs",
+    ]
+    failed = study.columns | {"coordinates": np.zeros(11, dtype=int), "second_order": np.ones(11, dtype=bool)}
+    assert replace(study, columns=failed).name(1) == "reduced, 7 + static modes, 48 angles, spline, second order, 1 ms"
+
+
 def test_one_output_is_not_every_output() -> None:
     assert not [piece for piece in advise(synthetic.tradeoff(n_outputs=1)) if "every output" in piece]
 

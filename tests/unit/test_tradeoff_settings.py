@@ -9,7 +9,7 @@ import pytest
 from runs import PAPER_SCENE, paper_scene
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import Scene, load_scene
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.studies.tradeoff_dealing import Dealer, ReferenceRun, tasks_of
 from pgmp_petsc.studies.tradeoff_settings import (
@@ -129,6 +129,14 @@ def test_overrides_turn_the_scene_into_the_setting() -> None:
     changed = load_scene(PAPER_SCENE, overrides)
     assert own_setting(changed) == setting
     assert own_setting(scene).overrides(scene) == Setting("surface", 1000, nodes=3).overrides(scene) == []
+
+
+def test_what_a_tolerance_leaves_open_is_given() -> None:
+    text = PAPER_SCENE.read_text().replace("modes = 15 ", "tolerance = 0.01 #").replace("angles = 629", "# angles")
+    open_scene = scene_from_toml(text, PAPER_SCENE.parent, ("simulation.tolerance=0.01",))
+    overrides = own_setting(open_scene).with_reduction(modes=3).overrides(open_scene)
+    assert "reduction.modes=3" in overrides and "reduction.angles=629" in overrides
+    assert not [override for override in overrides if "tolerance" in override or "step" in override]
 
 
 def test_a_setting_that_the_schema_refuses_is_refused() -> None:
