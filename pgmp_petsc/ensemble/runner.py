@@ -111,8 +111,7 @@ def _with_estimates(batch: Batch, watched: WatchedRun | None, status: np.ndarray
     named["validity"] = {name: np.full(status.size, np.nan) for name in VALIDITY}
     if watched is not None:
         estimate = watched.estimate(status)
-        at_end = {name: error[-1] for name, error in estimate.errors.items()}
-        for kind, found in zip(named, (estimate.largest, at_end, estimate.validity)):
+        for kind, found in zip(named, (estimate.largest, estimate.at_end, estimate.validity)):
             for name, values in found.items():
                 named[kind][name][chosen] = values
     return replace(batch, **named)

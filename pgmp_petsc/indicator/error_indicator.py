@@ -27,13 +27,15 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
+from pgmp_petsc.indicator.schedule import Schedule, choose, schedules
 from pgmp_petsc.indicator.step_error import StepError
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
+from pgmp_petsc.results.errors import VALIDITY
 
-N_EVALUATIONS = 100
-N_HOLDS = 25  # how often the modes of the vibrations are taken anew
+HOLD = 0.25  # rad that a sample may turn with the same modes
+LOOK = 10  # steps between two looks at how far it has turned
 PREFIX = "pgmp_error_ts_"
 
 
@@ -43,22 +45,20 @@ class Estimate:
 
     Attributes
     ----------
-    time
-        Instants of evaluation, shape (n_e,), s.
-    errors
-        Reduced less full-order value of every output, shape (n_e, n).
+    largest
+        Largest size of the error of every output over the run, shape (n,).
+    at_end
+        Error of every output at the end, reduced less full-order, shape (n,).
     validity
         See `validity`; each of shape (n,).
+    histories
+        Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
     """
 
-    time: np.ndarray
-    errors: dict[str, np.ndarray]
+    largest: dict[str, np.ndarray]
+    at_end: dict[str, np.ndarray]
     validity: dict[str, np.ndarray]
-
-    @property
-    def largest(self) -> dict[str, np.ndarray]:
-        """Largest size of the error of every output over the run, shape (n,)."""
-        return {name: np.max(np.abs(error), axis=0) for name, error in self.errors.items()}
+    histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
 
 
 class ErrorIndicator:
@@ -67,15 +67,11 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel) -> None:
         self.model = model
         self.simulation = model.scene.simulation
-        self.n_steps = count_steps(self.simulation.duration, self.simulation.step)
-        self.step = self.simulation.duration / self.n_steps
-        self.steps = evaluation_steps(self.n_steps)
-        self.interval = self.simulation.duration / (self.steps.size - 1)
+        n_steps = count_steps(self.simulation.duration, self.simulation.step)
+        self.step = self.simulation.duration / n_steps
+        self.schedules = schedules(n_steps, self.simulation.duration)
         self.modes = FlexibleModes(model.terms.tables, model.scene.reduction.interpolation)
-        self.loads = tuple(
-            SampledLoad(effect, self.steps, self.step, self.interval)
-            for effect in effects_of(model.scene, model.kinematics.mechanism)
-        )
+        self.effects = effects_of(model.scene, model.kinematics.mechanism)
 
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
@@ -87,8 +83,11 @@ class ErrorIndicator:
         samples
             Numbers of the samples within the batch whose errors are wanted, shape (n,).
         """
-        chosen = {name: np.ascontiguousarray(value[samples]) for name, value in values.items()}
-        return WatchedRun(self, chosen, np.asarray(samples))
+        return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
+
+    def loads(self, schedule: Schedule) -> tuple[SampledLoad, ...]:
+        """Return the loads at the instants of a schedule."""
+        return tuple(SampledLoad(effect, schedule.steps, self.step, schedule.interval) for effect in self.effects)
 
 
 class WatchedRun:
@@ -99,33 +98,41 @@ class WatchedRun:
         self._values = values
         self._samples = samples
         self._weights = indicator.modes.weights(values, samples.size)
-        self._evaluated = set(indicator.steps.tolist())
-        holds = np.linspace(0, indicator.n_steps, N_HOLDS + 1).round().astype(int)
-        self._holds = dict(zip(holds[:-1].tolist(), np.diff(holds).tolist()))
-        self._plain: list[np.ndarray] = []
-        self._states: list[np.ndarray] = []
+        kept = indicator.schedules[-1].steps
+        self._place = dict(zip(kept.tolist(), range(kept.size)))
+        n_eta = 1 + indicator.model.terms.tables.n_modes
+        # coordinates, velocities, accelerations, and what vibrations lack; and the angle of the run itself
+        self._states = np.empty((kept.size, 4, samples.size, n_eta))
+        self._angles = np.empty((kept.size, samples.size))
+        self._speeds = np.zeros(samples.size)
 
     def observe(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
         q, v, a = (part[self._samples] for part in (state.q, state.v, state.a))
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):
-            if number > 0:
+            if number == 0:
+                self._middles = q[:, 0] + 0.5 * np.copysign(HOLD, v[:, 0])
+                modes = self._indicator.modes.at(self._middles, self._weights)
+                self._step_error = StepError(self._indicator.step, q, v, a, modes)
+            else:
                 self._step_error.advance(q, v, a)
-            if number in self._holds:
-                self._hold(number, q, v, a)
-            if number in self._evaluated:
-                self._plain.append(q)
-                self._states.append(np.array([*self._step_error.exact_steps(), a, self._step_error.vibration()]))
+                if number % LOOK == 0:
+                    self._hold(q[:, 0], v[:, 0])
+            np.maximum(self._speeds, np.abs(v[:, 0]), out=self._speeds)
+        if number in self._place:
+            states = self._states[self._place[number]]
+            states[2] = a
+            self._step_error.describe(states[:2], states[3])
+            self._angles[self._place[number]] = q[:, 0]
 
-    def _hold(self, number: int, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Take the modes anew, those of the middle of the stretch that they are held for."""
-        ahead = q[:, 0] + 0.5 * self._holds[number] * self._indicator.step * v[:, 0]
-        modes = self._indicator.modes.at(ahead, self._weights)
-        if number == 0:
-            self._step_error = StepError(self._indicator.step, q, v, a, modes)
-        else:
-            self._step_error.hold(modes)
+    def _hold(self, theta: np.ndarray, speed: np.ndarray) -> None:
+        """Take the modes anew where a sample has turned too far: those of the middle of the turn before it."""
+        turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD))
+        if turned.size:
+            self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
+            weights = tuple(part[turned] for part in self._weights)
+            self._step_error.hold(turned, self._indicator.modes.at(self._middles[turned], weights))
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
@@ -135,17 +142,40 @@ class WatchedRun:
         status
             Of the whole batch, shape (n_batch,).
         """
-        model, simulation = self._indicator.model, self._indicator.simulation
-        plain, states = np.array(self._plain), np.array(self._states)
-        fine = (status[self._samples] == Status.FINE) & self._placeable(states)
+        n, names = self._samples.size, self._indicator.model.outputs.functions
+        largest, at_end = ({name: np.full(n, np.nan) for name in names} for _ in range(2))
+        validity = {name: np.full(n, np.nan) for name in VALIDITY}
+        fine = (status[self._samples] == Status.FINE) & self._placeable()
+        needed = choose(self._indicator.schedules, np.where(fine, self._speeds, 0.0))
+        histories: list = [None] * n
+        for number in np.unique(needed):
+            schedule, chosen = self._indicator.schedules[number], np.flatnonzero(needed == number)
+            errors, found = self._evaluate(schedule, chosen, fine[chosen])
+            for name, error in errors.items():
+                largest[name][chosen], at_end[name][chosen] = np.max(np.abs(error), axis=0), error[-1]
+            for name, values in found.items():
+                validity[name][chosen] = values
+            time = schedule.steps * self._indicator.step
+            for column, sample in enumerate(chosen):
+                histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
+        return Estimate(largest, at_end, validity, tuple(histories))
+
+    def _evaluate(
+        self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Return errors (n_e, n) and validity (n,) of some samples at the instants of a schedule."""
+        model, n = self._indicator.model, chosen.size
+        states = self._states[schedule.places][:, :, chosen]
         # what cannot be placed stands still at the start, and is never advanced
-        for part in (plain, states):
-            part[..., ~fine, :] = part[:1, ..., ~fine, :]
-        n, interval = self._samples.size, self._indicator.interval
-        motion = ReferenceMotion(model.frames_of, states, self._indicator.step)
+        states[:, :, ~fine] = states[:1, :, ~fine]
+        plain = states[:, 0].copy()
+        plain[..., fine, 0] = self._angles[schedule.places][:, chosen[fine]]
+        values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         start = start_of(model.scene, model.kinematics)
-        system = ErrorSystem(FullBatch(model.kinematics, self._indicator.loads, self._values, start, n), motion, interval)
-        validity = Validity(model.scene, model.kinematics.mechanism, self._values, n)
+        full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
+        motion = ReferenceMotion(model.frames_of, states, self._indicator.step)
+        system = ErrorSystem(full, motion, schedule.interval)
+        validity = Validity(model.scene, model.kinematics.mechanism, values, n)
         nodes, waiting, corrected = list(model.outputs.nodes), [], []
 
         def record(number: int, time: float, state: State) -> None:
@@ -158,19 +188,15 @@ class WatchedRun:
                 validity.add(np.stack(waiting, axis=2), poses.reshape(*poses.shape[:2], *theta.shape))
                 waiting.clear()
 
-        run = integrate(
-            system,
-            simulation.model_copy(update={"step": interval, "spectral_radius": 0.0}),
-            alive=fine,
-            observer=record,
-            prefix=PREFIX,
+        simulation = self._indicator.simulation.model_copy(
+            update={"step": schedule.interval, "spectral_radius": 0.0}
         )
-        fine &= run.status == Status.FINE
+        run = integrate(system, simulation, alive=fine, observer=record, prefix=PREFIX)
+        known = run.status == Status.FINE
         errors = self._errors(plain, np.array(corrected))
-        return Estimate(
-            time=self._indicator.steps * self._indicator.step,
-            errors={name: np.where(fine, error, np.nan) for name, error in errors.items()},
-            validity={name: np.where(fine, validity.largest[name], np.nan) for name in validity.largest},
+        return (
+            {name: np.where(known, error, np.nan) for name, error in errors.items()},
+            {name: np.where(known, values, np.nan) for name, values in validity.largest.items()},
         )
 
     def _errors(self, plain: np.ndarray, corrected: np.ndarray) -> dict[str, np.ndarray]:
@@ -181,14 +207,8 @@ class WatchedRun:
         there = outputs.evaluate(frames.reshape(*frames.shape[:2], shape[0] * shape[1]))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
-    def _placeable(self, states: np.ndarray) -> np.ndarray:
+    def _placeable(self) -> np.ndarray:
         """Return which samples stay finite, and where the rigid mechanism can be placed, shape (n,)."""
-        theta = np.array([states[:, 0, :, 0], states[:, 0, :, 0] + states[:, 3, :, 0]])
-        finite = np.isfinite(states).all(axis=(0, 1, 3))
+        theta = np.array([self._states[:, 0, :, 0], self._states[:, 0, :, 0] + self._states[:, 3, :, 0]])
+        finite = np.isfinite(self._states).all(axis=(0, 1, 3))
         return finite & self._indicator.model.kinematics.within_reach(theta).all(axis=(0, 1))
-
-
-def evaluation_steps(n_steps: int) -> np.ndarray:
-    """Return the numbers of the steps at which errors are evaluated: about `N_EVALUATIONS`, as even as steps allow."""
-    n_intervals = n_steps if n_steps <= 2 * N_EVALUATIONS else N_EVALUATIONS
-    return np.linspace(0, n_steps, n_intervals + 1).round().astype(int)

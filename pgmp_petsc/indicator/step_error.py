@@ -7,8 +7,8 @@ free vibration (Hairer, Norsett and Wanner 1993, section II.3)::
 
     E_{n+1} = R(omega h) E_n + (x~ - x, x~' - x')_{n+1},     R = [[cos, sin / omega], [-omega sin, cos]]
 
-However coarse the step is for a frequency, the sum x + E is what it should be, up to the phase. Modes are held for a
-while (`hold`) and then taken anew.
+However coarse the step is for a frequency, the sum x + E is what it should be, up to the phase. The modes of a sample
+are held for a while, until it has turned a little, and then taken anew (`hold`).
 
 **Rigid motion.** ``s = theta + follow.delta`` does not vibrate, so its accelerations at the steps, which fulfil the
 equations of motion, determine it: integrated twice with fourth order from the exact start, they give the angle
@@ -113,6 +113,38 @@ def oscillators(omega: np.ndarray, step: float) -> np.ndarray:
     )
 
 
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def describe(motion, shapes, follow, vibration, smooth, exact, missing):
+    """Fill what a motion lacks; see `StepError.describe`.
+
+    Parameters
+    ----------
+    motion
+        ``(q, v)``, each (n, 1 + m).
+    shapes, follow
+        Of the modes, (n, m, m) and (n, m).
+    vibration, smooth
+        As `advance` leaves them.
+    exact
+        Result: coordinates and velocities, (2, n, 1 + m).
+    missing
+        Result: vibrations, (n, 1 + m).
+    """
+    n, m = follow.shape
+    for b in range(n):
+        missing[b, 0] = 0.0
+        for p in range(2):
+            exact[p, b, 0] = smooth[p, b]
+            for d in range(m):
+                exact[p, b, 0] -= follow[b, d] * motion[p][b, 1 + d]
+                exact[p, b, 1 + d] = motion[p][b, 1 + d]
+        for d in range(m):
+            missing[b, 1 + d] = 0.0
+            for k in range(m):
+                missing[b, 1 + d] += shapes[b, d, k] * vibration[b, 0, k]
+            missing[b, 0] -= follow[b, d] * missing[b, 1 + d]
+
+
 class StepError:
     """Errors of the time step of n samples, from the start of a run on.
 
@@ -127,57 +159,56 @@ class StepError:
     """
 
     def __init__(self, step: float, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: Modes) -> None:
-        n, n_eta = q.shape
+        n, m = modes.omega.shape
         self._step = step
         self._number = 0
         self._motion = (q, v, a)
-        self._past = np.zeros((N_VALUES - 1, n, n_eta))
+        self._past = np.zeros((N_VALUES - 1, n, 1 + m))
         self._past[0] = a
-        self._vibration = np.zeros((n, 2, n_eta - 1))
-        # the exact angle and its rate, of which the smooth sum is made whenever `follow` changes
-        self._rigid = np.array([q[:, 0], v[:, 0]])
-        self._take(modes)
+        self._vibration = np.zeros((n, 2, m))
+        self._shapes, self._follow = np.zeros((n, m, m)), np.zeros((n, m))
+        self._squares, self._columns = np.maximum(modes.omega, SOFTEST / step) ** 2, np.empty((n, m, m))
+        self._oscillators, self._modal = np.empty((n, 7, m)), np.empty((n, 3, m))
+        self._smooth = np.array([q[:, 0], v[:, 0]])
+        self.hold(np.arange(n), modes)
 
     def advance(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
         """Take in the state at the end of the next step, each of shape (n, n_eta); it is kept."""
         self._motion = (q, v, a)
         weights = WEIGHTS[min(self._number, len(WEIGHTS) - 1)]
+        modes = (self._squares, self._columns, self._follow)
         advance(
-            self._step, weights, self._motion, self._past, self._kept, self._oscillators, self._modal, self._vibration,
+            self._step, weights, self._motion, self._past, modes, self._oscillators, self._modal, self._vibration,
             self._smooth,
         )
         self._number += 1
 
-    def hold(self, modes: Modes) -> None:
-        """Go on with other modes; what vibrates is expressed in them."""
-        self._rigid = self._angles()
-        moved = np.einsum("ndk,npk->npd", self._modes.shapes, self._vibration)
-        self._vibration = np.einsum("nkd,npd->npk", modes.inverse, moved)
-        self._take(modes)
-
-    def exact_steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities with the angle that follows from the accelerations, (n, n_eta) each."""
-        q, v = self._motion[0].copy(), self._motion[1].copy()
-        q[:, 0], v[:, 0] = self._angles()
-        return q, v
-
-    def vibration(self) -> np.ndarray:
-        """Return what the vibrations lack, in reduced coordinates, shape (n, n_eta)."""
-        delta = np.einsum("ndk,nk->nd", self._modes.shapes, self._vibration[:, 0])
-        theta = -np.einsum("nd,nd->n", self._modes.follow, delta)
-        return np.hstack([theta[:, None], delta])
-
-    def _angles(self) -> np.ndarray:
-        """Return the angle that follows from the accelerations, and its rate, shape (2, n)."""
-        follow = self._modes.follow
-        return self._smooth - np.array([np.einsum("nd,nd->n", follow, part[:, 1:]) for part in self._motion[:2]])
-
-    def _take(self, modes: Modes) -> None:
-        q, v, a = self._motion
+    def hold(self, samples: np.ndarray, modes: Modes) -> None:
+        """Go on with other modes of some samples, given by their numbers; what vibrates is expressed in them."""
+        q, v, a = (part[samples, 1:] for part in self._motion)
+        moved = self._vibration[samples] @ np.swapaxes(self._shapes[samples], 1, 2)
+        columns = np.swapaxes(modes.inverse, 1, 2)
         omega = np.maximum(modes.omega, SOFTEST / self._step)
-        self._modes = modes
-        self._kept = (omega**2, np.ascontiguousarray(np.swapaxes(modes.inverse, 1, 2)), np.ascontiguousarray(modes.follow))
-        self._oscillators = oscillators(omega, self._step)
-        self._modal = np.stack([np.einsum("nkd,nd->nk", modes.inverse, part[:, 1:]) for part in (q, v, a)], axis=1)
-        self._modal[:, 2] += omega**2 * self._modal[:, 0]
-        self._smooth = self._rigid + np.array([np.einsum("nd,nd->n", modes.follow, part[:, 1:]) for part in (q, v)])
+        modal = np.stack([q, v, a], axis=1) @ columns
+        modal[:, 2] += omega**2 * modal[:, 0]
+        # the angle and its rate are what they are; the sum that does not vibrate is another one
+        change = modes.follow - self._follow[samples]
+        self._smooth[:, samples] += np.sum(change * np.array([q, v]), axis=2)
+        # a frequency that changes slowly leaves energy / omega as it is; a jump of it would not
+        steeper = np.sqrt(omega / np.sqrt(self._squares[samples]))[:, None]
+        self._vibration[samples] = moved @ columns * np.concatenate([1.0 / steeper, steeper], axis=1)
+        self._modal[samples], self._columns[samples] = modal, columns
+        self._shapes[samples], self._follow[samples] = modes.shapes, modes.follow
+        self._squares[samples], self._oscillators[samples] = omega**2, oscillators(omega, self._step)
+
+    def describe(self, exact: np.ndarray, missing: np.ndarray) -> None:
+        """Fill what the motion should be.
+
+        Parameters
+        ----------
+        exact
+            Coordinates and velocities with the angle that follows from the accelerations, shape (2, n, n_eta).
+        missing
+            What the vibrations lack, in reduced coordinates, shape (n, n_eta).
+        """
+        describe(self._motion[:2], self._shapes, self._follow, self._vibration, self._smooth, exact, missing)

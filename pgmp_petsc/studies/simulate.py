@@ -177,9 +177,10 @@ def _trajectory(
 
 def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
     """Return the estimate of the only sample."""
+    time, errors = estimate.histories[0]
     return EstimatedErrors(
-        time=estimate.time,
-        outputs={name: error[:, 0] for name, error in estimate.errors.items()},
+        time=time,
+        outputs=errors,
         largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
         validity={name: float(value[0]) for name, value in estimate.validity.items()},
     )

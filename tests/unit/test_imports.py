@@ -15,7 +15,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
     "scene", "mesh", "bodies", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
-    "indicator", "ensemble", "studies", "figures", "export", "cli",
+    "indicator", "ensemble", "selection", "studies", "figures", "export", "cli",
 )
 FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows

@@ -87,6 +87,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert scene.reduction.model_dump() == {
         "modes": 15,
         "angles": 629,
+        "tolerance": None,
         "sampling_tolerance": None,
         "max_angles": 2000,
         "static_modes": False,
@@ -96,6 +97,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert scene.simulation.model_dump() == {
         "duration": 1.0,
         "step": 1e-3,
+        "tolerance": None,
         "spectral_radius": 0.8,
         "frames": 101,
         "error_indicator": True,
