@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Pattern, correct
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.effects import Effect, loads_of
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
 
@@ -54,10 +54,10 @@ class FullBatch:
         self.n_samples = n_samples
         self.n_blocks = -(-n_samples // LANES)
         self.n_dofs = mechanism.n_dofs
-        self.n_constraints = mechanism.n_constraints
         self._kinematics = kinematics
         self._initial = initial
-        self._constraints = ConstraintSet(mechanism)
+        self._constraints = independent_constraints(kinematics, initial[0])
+        self.n_constraints = self._constraints.n_constraints
         values = {name: np.broadcast_to(value, (n_samples,)) for name, value in values.items()}
         self._section = self._sections(values)
         self._loads(effects, values)
@@ -80,7 +80,7 @@ class FullBatch:
             np.broadcast_to(q[None, :, None], shape).copy(),
             np.broadcast_to(v[None, :, None], shape).copy(),
             np.zeros(shape),
-            np.zeros((self.n_blocks, mechanism.n_constraints, LANES)),
+            np.zeros((self.n_blocks, self.n_constraints, LANES)),
         )
         # acceleration and multipliers enter linearly: one correction with the mass alone solves
         # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
@@ -193,7 +193,7 @@ class FullBatch:
         rows, columns = self._constraints.jacobian_pattern
         curved_rows, curved_columns = self._constraints.curvature_pattern
         multiplier = self.n_dofs + rows
-        n = self.n_dofs + mechanism.n_constraints
+        n = self.n_dofs + self.n_constraints
         i = np.concatenate([dofs[:, PACKED_ROWS].ravel(), multiplier, curved_rows])
         j = np.concatenate([dofs[:, PACKED_COLUMNS].ravel(), columns, curved_columns])
         lower = sp.coo_matrix((np.ones(i.size), (i, j)), shape=(n, n))

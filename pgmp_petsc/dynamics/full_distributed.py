@@ -28,7 +28,7 @@ from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, owned_rows, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
 from pgmp_petsc.effects import Effect, loads_of
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
@@ -68,10 +68,10 @@ class FullDistributed:
         mechanism = kinematics.mechanism
         self.comm = comm
         self._kinematics, self._initial = kinematics, initial
-        self._constraints = ConstraintSet(mechanism)
+        self._constraints = independent_constraints(kinematics, initial[0])
         self.n_dofs = mechanism.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
-        self._n_multipliers = mechanism.n_constraints if comm.rank == comm.size - 1 else 0
+        self._n_multipliers = self._constraints.n_constraints if comm.rank == comm.size - 1 else 0
         matrices = assemble(mechanism.bodies, self.rows)
         loads = loads_of(effects, matrices)
         by_name = {effect.name: effect for effect in effects}

@@ -28,13 +28,13 @@ from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
 from pgmp_petsc.indicator.schedule import Schedule, choose, schedules
-from pgmp_petsc.indicator.step_error import StepError
+from pgmp_petsc.indicator.step_error import SOFTEST, StepError
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.results.errors import VALIDITY
 
-HOLD = 0.25  # rad that a sample may turn with the same modes
+HOLD = 0.12  # rad that a sample may turn with the same modes
 LOOK = 10  # steps between two looks at how far it has turned
 PREFIX = "pgmp_error_ts_"
 
@@ -114,6 +114,7 @@ class WatchedRun:
             if number == 0:
                 self._middles = q[:, 0] + 0.5 * np.copysign(HOLD, v[:, 0])
                 modes = self._indicator.modes.at(self._middles, self._weights)
+                self._slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / self._indicator.step)
                 self._step_error = StepError(self._indicator.step, q, v, a, modes)
             else:
                 self._step_error.advance(q, v, a)
@@ -173,7 +174,7 @@ class WatchedRun:
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         start = start_of(model.scene, model.kinematics)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
-        motion = ReferenceMotion(model.frames_of, states, self._indicator.step)
+        motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval)
         validity = Validity(model.scene, model.kinematics.mechanism, values, n)
         nodes, waiting, corrected = list(model.outputs.nodes), [], []

@@ -49,10 +49,11 @@ class ReferenceMotion:
         Reduced coordinates, velocities, accelerations and missing vibrations at every instant, shape (n_instants, 4,
         n_samples, n_eta).
     longest
-        Largest step of the differences, s.
+        Largest step of the differences of every sample, shape (n_samples,), s: the bodies' own vibrations set it where
+        the mechanism does not turn.
     """
 
-    def __init__(self, frames: Frames, states: np.ndarray, longest: float) -> None:
+    def __init__(self, frames: Frames, states: np.ndarray, longest: np.ndarray) -> None:
         self._frames = frames
         self._states = states
         self._longest = longest
@@ -69,7 +70,8 @@ class ReferenceMotion:
         n_dofs = self._nodal(self._states[:1, 0]).shape[1]
         n_instants = max(1, LARGEST // (3 * n_dofs * n_samples))
         q, v, a, vibration = np.moveaxis(self._states[number : number + n_instants], 1, 0)
-        tau = TURN / np.sqrt(np.maximum(v[..., :1] ** 2 + TURN * np.abs(a[..., :1]), (TURN / self._longest) ** 2))
+        pace = np.maximum(v[..., 0] ** 2 + TURN * np.abs(a[..., 0]), (TURN / self._longest) ** 2)
+        tau = (TURN / np.sqrt(pace))[..., None]
         here = self._nodal(q)
         second = DIFFERENCE[0] * here
         for at in (-2, -1, 1, 2):

@@ -13,7 +13,7 @@ import numpy as np
 
 N_EVALUATIONS = 100
 MOST = 1600
-TURN = 0.12  # rad
+TURN = 0.15  # rad
 
 
 @dataclass(frozen=True)

@@ -167,7 +167,7 @@ class StepError:
         self._past[0] = a
         self._vibration = np.zeros((n, 2, m))
         self._shapes, self._follow = np.zeros((n, m, m)), np.zeros((n, m))
-        self._squares, self._columns = np.maximum(modes.omega, SOFTEST / step) ** 2, np.empty((n, m, m))
+        self._squares, self._columns = np.empty((n, m)), np.empty((n, m, m))
         self._oscillators, self._modal = np.empty((n, 7, m)), np.empty((n, 3, m))
         self._smooth = np.array([q[:, 0], v[:, 0]])
         self.hold(np.arange(n), modes)
@@ -194,9 +194,7 @@ class StepError:
         # the angle and its rate are what they are; the sum that does not vibrate is another one
         change = modes.follow - self._follow[samples]
         self._smooth[:, samples] += np.sum(change * np.array([q, v]), axis=2)
-        # a frequency that changes slowly leaves energy / omega as it is; a jump of it would not
-        steeper = np.sqrt(omega / np.sqrt(self._squares[samples]))[:, None]
-        self._vibration[samples] = moved @ columns * np.concatenate([1.0 / steeper, steeper], axis=1)
+        self._vibration[samples] = moved @ columns
         self._modal[samples], self._columns[samples] = modal, columns
         self._shapes[samples], self._follow[samples] = modes.shapes, modes.follow
         self._squares[samples], self._oscillators[samples] = omega**2, oscillators(omega, self._step)

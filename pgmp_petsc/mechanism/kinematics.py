@@ -191,8 +191,7 @@ class RigidKinematics:
             if not np.all(np.isfinite(gap)):
                 break
             moving = poses[..., open_ones]
-            inverse = np.linalg.pinv(np.moveaxis(self._jacobian(moving), -1, 0), rcond=1e-10)
-            step = np.einsum("npc,cn->pn", inverse, residual[:, open_ones]).reshape(moving.shape)
+            step = self._newton_step(moving, residual[:, open_ones])
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(np.abs(step[:, 2]), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
@@ -204,6 +203,11 @@ class RigidKinematics:
             f"a gap of {np.max(np.abs(rows[blame.rows])):.3g} m remains. Check the bodies' lengths and placements, "
             f"or narrow coordinates.{self.coordinate.name}.range"
         )
+
+    def _newton_step(self, poses: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Return what to take off the poses."""
+        inverse = np.linalg.pinv(np.moveaxis(self._jacobian(poses), -1, 0), rcond=1e-10)
+        return np.einsum("npc,cn->pn", inverse, residual).reshape(poses.shape)
 
     def _check_count(self) -> None:
         """Compare the number of coordinates with the degrees of freedom at the assembled configuration."""
@@ -257,8 +261,12 @@ class RigidKinematics:
             poses.append(now[..., 0])
             rates.append(rate[..., 0])
             guess = now + rate * self._step
-        self._poses, rates = np.stack(poses, axis=-1), np.stack(rates, axis=-1)
-        curvatures = self.curvatures(self._poses, rates[:, :, None])[:, :, 0, 0]
+        self._poses = np.stack(poses, axis=-1)
+        # one step more, to the last digit: all later poses are interpolated between these
+        self._poses -= self._newton_step(self._poses, self.residual(self._poses, self._theta))
+        rates = self.rates(self._poses)
+        curvatures = self.curvatures(self._poses, rates)[:, :, 0, 0]
+        rates = rates[:, :, 0]
         derivatives = (self._poses, rates * self._step, curvatures * (0.5 * self._step**2))
         self._continued = np.array([part.reshape(-1, self._theta.size).T for part in derivatives])
         self._winding = np.zeros(len(self.mechanism.bodies))

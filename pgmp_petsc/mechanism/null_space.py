@@ -34,11 +34,14 @@ class NullSpace:
         The unknowns that stay, shape (n_independent,), increasing.
     n_redundant
         Number of constraints that followed from the others.
+    rows
+        As many constraints as the rank, from which the others follow, shape (rank,), increasing.
     """
 
     matrix: sp.csr_matrix
     independent: np.ndarray
     n_redundant: int
+    rows: np.ndarray
 
 
 def null_space(constraints: sp.csr_matrix) -> NullSpace:
@@ -51,9 +54,11 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
     n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)
     dependent = np.zeros(n_dofs, dtype=bool)
     rows, columns, values = [], [], []
+    chosen_rows = [np.zeros(0, dtype=int)]
     n_redundant = 0
     for group in range(n_groups):
-        block_rows = constraints[group_of == group]
+        members = np.flatnonzero(group_of == group)
+        block_rows = constraints[members]
         touched = np.unique(block_rows.indices)
         r, order = qr(block_rows[:, touched].toarray(), mode="r", pivoting=True)
         pivots = np.abs(np.diagonal(r))
@@ -61,6 +66,9 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
         n_redundant += block_rows.shape[0] - rank
         if rank == 0:
             continue
+        if rank < members.size:
+            members = members[qr(block_rows[:, touched].toarray().T, mode="r", pivoting=True)[1][:rank]]
+        chosen_rows.append(members)
         gone, kept = touched[order[:rank]], touched[order[rank:]]
         dependent[gone] = True
         weights = -solve_triangular(r[:rank, :rank], r[:rank, rank:])
@@ -77,5 +85,5 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
         (np.concatenate(values), (np.concatenate(rows), position[np.concatenate(columns)])),
         shape=(n_dofs, independent.size),
     ).tocsr()
-    return NullSpace(matrix, independent, n_redundant)
+    return NullSpace(matrix, independent, n_redundant, np.sort(np.concatenate(chosen_rows)))
 

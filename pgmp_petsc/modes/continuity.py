@@ -28,7 +28,10 @@ from scipy.sparse.csgraph import connected_components
 
 EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
-MIXING_TOLERANCE = 0.2  # overlap of different modes from one sample to the next that makes one group of them
+MIXING_TOLERANCE = 0.2  # overlap of different vectors from one sample to the next that makes one group of them
+VEERING = 0.1  # the same of modes whose eigenvalues come closer than FAR_APART
+FAR_APART = 0.5  # relative gap of eigenvalues; modes beyond it drift into each other as the angle grows ...
+EXCHANGE = 0.5  # ... and are linked only where one turns into the other between two samples
 
 
 def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
@@ -87,9 +90,15 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
         Numbers of the vectors of every group, increasing.
     """
     n_modes = eigenvalues.shape[1]
-    linked = np.max(np.abs(overlaps), axis=0, initial=0.0) > MIXING_TOLERANCE
-    close = np.min(np.diff(eigenvalues, axis=1) / eigenvalues[:, 1:], axis=0, initial=np.inf) < CLOSE_TOLERANCE
-    linked[np.arange(n_modes - 1), np.arange(1, n_modes)] |= close
+    mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
+    linked = mixing > MIXING_TOLERANCE
+    larger = np.maximum(eigenvalues[:, :, None], eigenvalues[:, None, :])
+    differences = np.abs(eigenvalues[:, :, None] - eigenvalues[:, None, :])
+    gaps = np.min(differences / larger, axis=0)
+    among = mixing[:n_modes, :n_modes]
+    veering = (among > VEERING) & (gaps < FAR_APART)
+    # static modes have no eigenvalues
+    linked[:n_modes, :n_modes] = (gaps < CLOSE_TOLERANCE) | veering | (among > EXCHANGE)
     n_groups, label = connected_components(linked, directed=False)
     return [np.flatnonzero(label == group) for group in range(n_groups)]
 

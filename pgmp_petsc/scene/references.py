@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.integrate import trapezoid
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import Torque
@@ -15,6 +19,8 @@ from pgmp_petsc.scene.outputs import Angle
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
+
+LOST_IMPULSE = 0.01  # share of a torque's impulse that steps may miss
 
 
 def reference_problems(scene: Scene) -> list[str]:
@@ -77,6 +83,29 @@ def _effects(scene: Scene) -> Iterator[str]:
     for name, effect in scene.effects.items():
         if isinstance(effect, Torque):
             yield from _revolute(scene, f"effects.{name}.joint", effect.joint)
+            yield from _impulse(scene, f"effects.{name}.table", effect)
+
+
+def _impulse(scene: Scene, entry: str, torque: Torque) -> Iterator[str]:
+    """Check that what the integrator sees of a torque, its values at the ends of steps, has the table's impulse."""
+    run = scene.simulation
+    if run.tolerance is not None:  # the step is not known yet
+        return
+    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
+    ends = np.linspace(0.0, run.duration, n_steps + 1)
+    times, values = np.array(torque.table, dtype=float).T
+    everywhere = np.union1d(ends, times[(times > 0.0) & (times < run.duration)])
+    exact = trapezoid(np.interp(everywhere, times, values), everywhere)
+    seen = trapezoid(np.interp(ends, times, values), ends)
+    whole = trapezoid(np.abs(np.interp(everywhere, times, values)), everywhere)
+    # a torque that sets in within a step is seen half a step early or late; that is as it should be
+    tolerated = max(LOST_IMPULSE * whole, 0.5 * run.step * np.max(np.abs(np.interp(ends, times, values))))
+    if abs(seen - exact) > tolerated:
+        yield problem(
+            entry,
+            f"has an impulse of {exact:.4g} N m s, but {seen:.4g} with a torque read every {run.step:g} s; take a smaller "
+            "simulation.step, or a pulse that lasts several steps",
+        )
 
 
 def _outputs(scene: Scene) -> Iterator[str]:

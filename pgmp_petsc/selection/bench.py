@@ -8,7 +8,7 @@ ranks has no part in them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -179,26 +179,37 @@ class Bench:
         return self.comm.bcast(rom)
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
-        """Build a candidate, run it and compare it with the full-order model."""
-        names, start, rom = self._names(loads), perf_counter(), None
-        self._run_full(names, n_steps)
-        histories: dict[str, History] = {}
+        """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
+        names, start = self._names(loads), perf_counter()
         try:
-            rom = self.build(reduction)
-            histories = self._run_reduced(rom, reduction, names, n_steps)
-            reason = ""
+            rom, reason = self.build(reduction), ""
         except RunError as error:
-            reason = str(error)
-        if reason:
-            errors = Errors(np.full((len(names), len(self.outputs), self.training.n_samples), np.inf), names,
-                            self.outputs, self.training)
+            rom, reason = None, str(error)
+        nothing = Errors(np.full((0, len(self.outputs), self.training.n_samples), np.inf), (), self.outputs, self.training)
+        trial = Trial(reduction, n_steps, nothing, reason, self.comm.bcast(perf_counter() - start), rom, {})
+        return self.go_on(trial, names)
+
+    def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
+        """Run a candidate under further loads."""
+        start, n_steps = perf_counter(), trial.n_steps
+        names = tuple(name for name in self._names(loads) if name not in trial.errors.loads)
+        if trial.rom is None:
+            shape = (len(names), len(self.outputs), self.training.n_samples)
+            errors, histories, reason = Errors(np.full(shape, np.inf), names, self.outputs, self.training), {}, trial.reason
         else:
+            self._run_full(names, n_steps)
+            histories = self._run_reduced(trial.rom, trial.reduction, names, n_steps)
             errors = self._gather(
                 names, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
             )
-            reason = self._failures(histories)
-        seconds = self.comm.bcast(perf_counter() - start)
-        return Trial(reduction, n_steps, errors, reason, seconds, rom, histories)
+            reason = trial.reason or self._failures(histories)
+        together = replace(
+            trial.errors, values=np.concatenate([trial.errors.values, errors.values]), loads=(*trial.errors.loads, *names)
+        )
+        seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
+        return replace(
+            trial, errors=together, reason=reason, seconds=seconds, histories={**trial.histories, **histories}
+        )
 
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         """Compare a candidate with the full-order model at another step."""
@@ -214,10 +225,10 @@ class Bench:
         return self._gather(loads, lambda name: errors_between(one[name], other[name], self._floors))
 
     def apart(self, one: Trial, other: Trial) -> Errors:
-        """Return how far two candidates that ran with the same step are apart."""
-        names = one.errors.loads
+        """Return how far two candidates that ran with the same step are apart, under the loads that both ran with."""
+        names = tuple(name for name in one.errors.loads if name in other.errors.loads)
         if not (one.rom and other.rom):
-            return Errors(np.full_like(one.errors.values, np.inf), names, self.outputs, self.training)
+            return replace(one.errors, values=np.full_like(one.errors.values, np.inf))
         return self._gather(
             names, lambda name: errors_between(one.histories[name], other.histories[name], self._floors)
         )

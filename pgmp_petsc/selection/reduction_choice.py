@@ -52,6 +52,8 @@ class ReductionChoice:
         self._fixed_grid = "angles" in self.given and "interpolation" in self.given or reduction.sampling_tolerance is not None
         self._families = families_of(self.given, limits)
         self._trials: dict[tuple[Any, ...], Trial] = {}
+        self._worst_load = ""
+        self._left = 0.0  # by the interpolation with the angles that were enough
         self.allowed = {"basis": BASIS * self.tolerance, "interpolation": INTERPOLATION * self.tolerance} | others
         if not self._families[0]:
             raise InputError(
@@ -75,34 +77,41 @@ class ReductionChoice:
         return trial if self._fixed_grid else self._fewest_angles(rung, grid)
 
     def _try(self, entries: dict[str, Any]) -> Trial:
+        """Return the trial of a candidate; one that the worst load tells to be bad is not run under the others."""
         key = tuple(entries[name] for name in KNOBS)
         if key not in self._trials:
             reduction = self._reduction.model_copy(update=entries)
-            self._trials[key] = self._bench.try_out(reduction, self._n_steps)
+            loads = (self._worst_load,) if self._worst_load else None
+            trial = self._bench.try_out(reduction, self._n_steps, loads)
+            if not self._worst_load:
+                self._worst_load = trial.errors.loads[trial.errors.place[0]]
+            elif trial.errors.largest <= self.allowed["basis"] + self.allowed["interpolation"]:
+                trial = self._bench.go_on(trial)
+            self._trials[key] = trial
         return self._trials[key]
 
     def _enough_angles(self) -> dict[str, Any]:
         """Return angles and scheme with which interpolation does not count for a basis of medium size."""
-        rung = self._middle(self._families[0])
         grid = {
             "angles": self.given.get("angles", FIRST_ANGLES),
             "interpolation": self.given.get("interpolation", SCHEMES[0]),
         }
-        while True:
-            errors = self._left_by(rung, grid)
-            enough = errors.largest <= self.allowed["interpolation"]
-            if enough or "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
-                return grid
+        while not self._settles(self._middle(self._families[0]), grid):
+            if "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
+                break
             grid = grid | {"angles": 2 * grid["angles"]}
+        return grid
 
-    def _left_by(self, rung: Rung, grid: dict[str, Any], reference: int = 0) -> Errors:
-        """Return how far a grid is from one with twice its angles, or with `reference` angles and the first scheme."""
+    def _settles(self, rung: Rung, grid: dict[str, Any]) -> bool:
+        """Return whether twice the angles would change little, and remember how much."""
+        errors = self._apart(rung, grid, grid | {"angles": 2 * grid["angles"]})
+        self._left = errors.largest
+        return errors.largest <= self.allowed["interpolation"]
+
+    def _apart(self, rung: Rung, grid: dict[str, Any], finer: dict[str, Any]) -> Errors:
+        """Return how far a grid is from a finer one."""
         trial = self._try(rung.entries | grid)
-        finest = {
-            "angles": reference or 2 * grid["angles"],
-            "interpolation": self.given.get("interpolation", SCHEMES[0]) if reference else grid["interpolation"],
-        }
-        errors = self._bench.apart(trial, self._try(rung.entries | finest))
+        errors = self._bench.apart(trial, self._try(rung.entries | finer))
         self._ledger.add_trial("interpolation", (*OF_BASIS, *OF_GRID), trial, errors)
         return errors
 
@@ -165,31 +174,29 @@ class ReductionChoice:
 
     def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""
-        allowed = self.allowed["interpolation"]
-        counts = [self.given["angles"]] if "angles" in self.given else [n for n in ANGLES if n <= grid["angles"]]
-        reference, left = 2 * grid["angles"], {}
+        middle = self._middle(self._families[0])
+        settled = rung.entries["modes"] <= middle.entries["modes"] and self._left <= self.allowed["interpolation"]
+        while not settled and not self._settles(rung, grid):
+            if "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
+                hints = [f"the tables change too fast over the range for {grid['angles']} angles"]
+                refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
+            grid = grid | {"angles": 2 * grid["angles"]}
+        # what the finest grid leaves is no candidate's to leave again
+        allowed, left = self.allowed["interpolation"] - self._left, {}
 
         def passes(count: int, scheme: str) -> bool:
-            key = count, scheme, reference
-            if key not in left:
-                left[key] = self._left_by(rung, {"angles": count, "interpolation": scheme}, reference).largest
-            return left[key] <= allowed
+            candidate = {"angles": count, "interpolation": scheme}
+            left[count, scheme] = self._apart(rung, candidate, grid).largest
+            return left[count, scheme] <= allowed
 
-        while not any(passes(counts[-1], scheme) for scheme in self._schemes()):
-            if "angles" in self.given or 2 * reference > ANGLES[-1]:
-                hints = [f"the tables change too fast over the range for {counts[-1]} angles"]
-                refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
-            counts, reference = [reference], 2 * reference
-        chosen = None
+        chosen, counts = grid, [] if "angles" in self.given else [n for n in ANGLES if n < grid["angles"]]
         for scheme in self._schemes():
-            found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1)
+            found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1) if counts else None
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]
-            if not counts:
-                break
-        error = left[chosen["angles"], chosen["interpolation"], reference]
-        self._ledger.reasons["reduction.angles"] = f"leave {error:.2g} against {reference}, allowed {allowed:.2g}"
+        error = left.get(tuple(chosen.values()), 0.0) + self._left
+        self._ledger.reasons["reduction.angles"] = f"leave {error:.2g}, allowed {self.allowed['interpolation']:.2g}"
         return self._try(rung.entries | chosen)
 
     def _schemes(self) -> tuple[str, ...]:

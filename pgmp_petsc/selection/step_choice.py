@@ -11,8 +11,10 @@ from pgmp_petsc.selection.refusal import refuse
 from pgmp_petsc.selection.step import AHEAD, FEWEST, FIRST_PER_PERIOD, MOST_PER_PERIOD, StepSearch, step_of
 
 EARLY_PER_PERIOD = 128  # steps a period of the first flexible mode that are tried before anything is reduced
-# a reduction is looked at with steps at least as fine as the first, and with the second where the step is not yet known
-BASIS_PER_PERIOD = (16, 64)
+UNKNOWN_PER_PERIOD = 64  # that a reduction is looked at with where the step is not known yet
+# A reduction is looked at with smaller steps than it will run with: the integrator's error is not the same in the coordinates
+# of the two models, and is a quarter or less of itself then. A step that was chosen is as large as its tolerance allows.
+FINER_THAN_GIVEN, FINER_THAN_CHOSEN = 2, 4
 LOADS = ("own", "pulse")  # quicker loads set off more vibrations; a step for all of them would be one for none
 
 
@@ -60,9 +62,9 @@ class StepChoice:
     def n_basis(self) -> int:
         """Number of steps that the reduction is looked at with."""
         if self.kept:
-            return self.n_given
-        fewest, unknown = (round(n * self._periods) for n in BASIS_PER_PERIOD)
-        return max(self._search.chosen, fewest) if self.settled else unknown
+            return FINER_THAN_GIVEN * self.n_given
+        unknown = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
+        return min(FINER_THAN_CHOSEN * self._search.chosen, max(unknown, self._search.chosen)) if self.settled else unknown
 
     @property
     def n_finest(self) -> int:

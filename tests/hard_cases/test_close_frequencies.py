@@ -183,11 +183,6 @@ def test_the_basis_is_continuous_where_modes_meet() -> None:
     assert jumps[1] == pytest.approx(0.5 * jumps[0], rel=0.1)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="modes whose frequencies are far apart drift by more than 0.2 from sample to sample and are put in one "
-    "group, whose lowest mode is then spoilt by the highest: measured 0.38 of its eigenvalue between the samples",
-)
 def test_half_as_many_angles_are_enough_for_the_lowest_mode() -> None:
     """It changes slowly with the angle; at the nominal radius 48 angles leave 6e-4."""
     scene, kinematics = accurate(f"parameters.r1.nominal={MEETING_R1}"), kinematics_of(slider_crank())

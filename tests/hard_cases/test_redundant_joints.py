@@ -29,12 +29,6 @@ GUIDED = (
 )
 THIRD = 'joints.third={type="point_on_line", connect=["ground:origin", "block:2"], direction=[1.0, 0.0]}'
 
-SINGULAR = pytest.mark.xfail(
-    strict=True,
-    reason="the full-order models keep constraints that follow from others between the same nodes: their equations are "
-    "singular (status 2 in the first step, or RunError: the linear solver failed)",
-)
-
 
 @lru_cache(maxsize=1)
 def plain() -> tuple[Outputs, Outputs]:
@@ -52,7 +46,6 @@ def test_doubled_joints_are_dropped_from_the_reduced_model(name: str) -> None:
     assert_close(plain()[1], found, angle=1e-11, bent=1e-8, slider=1e-11)
 
 
-@SINGULAR
 @pytest.mark.parametrize("name", DOUBLED)
 def test_doubled_joints_are_dropped_from_batches(name: str) -> None:
     scene = accurate(*MOVING, *DOUBLED[name][0], angles=24)
@@ -60,7 +53,6 @@ def test_doubled_joints_are_dropped_from_batches(name: str) -> None:
     assert_close(plain()[0], found, angle=1e-11, bent=1e-8, slider=1e-11)
 
 
-@SINGULAR
 def test_a_doubled_line_that_turns_with_a_body() -> None:
     again = 'joints.again={type="point_on_line", connect=["rocker:2", "crank:tip"], direction=[-2.0, 0.0]}'
     ends = []
@@ -71,7 +63,6 @@ def test_a_doubled_line_that_turns_with_a_body() -> None:
     np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-11)
 
 
-@SINGULAR
 def test_doubled_joints_are_dropped_from_the_distributed_model() -> None:
     scene = accurate(*MOVING, TWICE, "simulation.duration=0.02")
     with full_model(scene).distributed(scene.values, MPI.COMM_SELF) as system:

@@ -11,7 +11,9 @@ from scipy.linalg import block_diag, expm
 
 from pgmp_petsc.modes.continuity import (
     CLOSE_TOLERANCE,
+    EXCHANGE,
     MIXING_TOLERANCE,
+    VEERING,
     Closure,
     canonical_rotation,
     close_revolution,
@@ -222,11 +224,22 @@ def test_groups_are_linked_by_values_and_by_overlaps() -> None:
     once_close[3, 1] = 3.0 * (1 - 0.9 * CLOSE_TOLERANCE)
     assert numbers(group_modes(once_close, nothing)) == [[0], [1, 2], [3], [4]]
     once_mixed = nothing.copy()
-    once_mixed[2, 4, 0] = -1.1 * MIXING_TOLERANCE
-    assert numbers(group_modes(values, once_mixed)) == [[0, 4], [1], [2], [3]]
+    once_mixed[2, 4, 3] = -1.1 * VEERING
+    assert numbers(group_modes(values, once_mixed)) == [[0], [1], [2], [3, 4]]
     # friends of friends
-    once_mixed[4, 2, 0] = 0.9
-    assert numbers(group_modes(once_close, once_mixed)) == [[0, 1, 2, 4], [3]]
+    once_mixed[4, 3, 2] = 0.9
+    assert numbers(group_modes(once_close, once_mixed)) == [[0], [1, 2, 3, 4]]
+    # modes far apart drift, but do not change places
+    far = nothing.copy()
+    far[2, 4, 0] = 0.9 * EXCHANGE
+    assert numbers(group_modes(values, far)) == [[0], [1], [2], [3], [4]]
+    # ... unless they do
+    far[2, 4, 0] = 1.1 * EXCHANGE
+    assert numbers(group_modes(values, far)) == [[0, 4], [1], [2], [3]]
+    # a static mode has no eigenvalue: its overlap alone decides
+    static = np.tile(np.eye(6), (5, 1, 1))
+    static[1, 5, 0] = 1.1 * MIXING_TOLERANCE
+    assert numbers(group_modes(values, static)) == [[0, 5], [1], [2], [3], [4]]
     assert numbers(group_modes(values[:1, :1], nothing[:0, :1, :1])) == [[0]]
 
 

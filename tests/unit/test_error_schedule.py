@@ -1,0 +1,88 @@
+"""When errors are evaluated, which samples are checked, and integrals of what the steps see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import paper_scene
+from scenes import kinematics_of, slider_crank
+
+from pgmp_petsc.effects import effects_of
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.indicator.quadrature import integrals
+from pgmp_petsc.indicator.sampled_load import SampledLoad
+from pgmp_petsc.indicator.schedule import MOST, N_EVALUATIONS, TURN, choose, schedules
+
+
+@pytest.mark.parametrize("n_steps", [1, 2, 150, 200, 201, 1000, 1009, 10_000])
+def test_schedules_are_even_nested_and_end_with_the_run(n_steps: int) -> None:
+    found = schedules(n_steps, 3.0)
+    kept = found[-1].steps
+    assert kept.size - 1 == min(n_steps, MOST)
+    assert found[0].steps.size - 1 == (n_steps if n_steps <= 2 * N_EVALUATIONS else N_EVALUATIONS)
+    for one in found:
+        assert (one.steps[0], one.steps[-1]) == (0, n_steps)
+        np.testing.assert_array_equal(kept[one.places], one.steps)
+        assert one.interval * (one.steps.size - 1) == pytest.approx(3.0, rel=1e-12)
+        assert np.ptp(np.diff(one.steps)) <= 1
+
+
+def test_a_sample_is_evaluated_as_often_as_it_turns() -> None:
+    choices = schedules(1000, 1.0)
+    assert [one.steps.size - 1 for one in choices] == [100, 200, 400, 800, 1000]
+    slow = TURN / 0.01
+    np.testing.assert_array_equal(choose(choices, np.array([0.0, slow, 1.01 * slow, 3 * slow, 1e9])), [0, 0, 1, 2, 4])
+
+
+def test_the_first_of_every_thousand_are_checked() -> None:
+    assert np.flatnonzero(checked(0.02, 0, 3000)).tolist() == [k + 1000 * m for m in range(3) for k in range(20)]
+    assert checked(1.0, 5, 2500).all()
+    assert not checked(0.0, 0, 2500).any()
+    assert checked(1e-5, 0, 1000).sum() == 1
+    whole = checked(0.3, 0, 2000)
+    np.testing.assert_array_equal(np.concatenate([checked(0.3, first, first + 125) for first in range(0, 2000, 125)]), whole)
+
+
+def test_integrals_of_steps() -> None:
+    """Exact for a straight line at once, of fourth order from then on."""
+    np.testing.assert_allclose(integrals(np.arange(5.0), 0.5), 0.25 * np.arange(5.0) ** 2, rtol=1e-14)
+    errors = []
+    for n in (40, 80, 160):
+        time = np.linspace(0.0, 2.0, n + 1)
+        # its second derivative vanishes at the start, where the first step is a trapezium
+        errors.append(np.abs(integrals(np.cos(time) + 0.5 * time**2, 2.0 / n) - np.sin(time) - time**3 / 6).max())
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 4.0, rtol=0, atol=0.2)
+
+
+def sampled(table: str, n_steps: int = 100, n_evaluations: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Return instants of evaluation and amplitudes of a torque in a run of 1 s."""
+    scene = slider_crank(f"effects.motor.table={table}")
+    (effect,) = effects_of(scene, kinematics_of(scene).mechanism)
+    steps = np.linspace(0, n_steps, n_evaluations + 1).round().astype(int)
+    load = SampledLoad(effect, steps, 1.0 / n_steps, 1.0 / n_evaluations)
+    time = np.arange(n_evaluations + 1) / n_evaluations
+    np.testing.assert_array_equal(load.amplitude(time), [load.amplitude(float(t)) for t in time])
+    assert load.name == effect.name
+    return time, load.amplitude(time)
+
+
+def test_a_load_that_the_steps_resolve_is_what_it_is() -> None:
+    time, found = sampled("[[0.0, 1.0], [1.0, 3.0]]")
+    np.testing.assert_allclose(found, 1.0 + 2.0 * time, rtol=1e-12)
+
+
+@pytest.mark.parametrize("jump", [0.302, 0.3051, 0.309])
+def test_the_impulse_between_steps_is_not_lost(jump: float) -> None:
+    """Steps see the torque from the next one on, weighted by Adams and Moulton; its impulse up to the end is exact."""
+    time, found = sampled(f"[[0.0, 0.0], [{jump}, 0.0], [{jump + 1e-9}, 2.0], [1.0, 2.0]]")
+    plain = np.where(time > jump, 2.0, 0.0)
+    seen = integrals(np.where(np.arange(101) / 100 > jump, 2.0, 0.0), 0.01)[-1]
+    assert (found - plain).sum() * 0.1 == pytest.approx(2.0 * (1.0 - jump) - seen, abs=2e-3 * 2.0 / 16 * 10)
+    np.testing.assert_allclose(found[np.abs(time - jump) > 0.1], plain[np.abs(time - jump) > 0.1], rtol=0, atol=1e-12)
+
+
+def test_gravity_does_not_change() -> None:
+    scene = paper_scene('effects.weight={type="gravity"}')
+    weight = effects_of(scene, kinematics_of(slider_crank()).mechanism)[1]
+    load = SampledLoad(weight, np.arange(0, 101, 10), 0.01, 0.1)
+    np.testing.assert_allclose(load.amplitude(np.linspace(0.0, 1.0, 11)), 1.0, rtol=1e-12)

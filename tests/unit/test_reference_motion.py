@@ -1,0 +1,129 @@
+"""The nodal motion behind a reduced state, its accelerations, and how far it leaves small deformations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import paper_scene, reduced_model
+from scenes import kinematics_of, mechanism_of, slider_crank
+
+import pgmp_petsc.indicator.reference_motion as module
+from pgmp_petsc.indicator.reference_motion import ReferenceMotion
+from pgmp_petsc.indicator.validity import Validity, half_height
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.errors import ROTATION_LIMIT, beyond_limit
+
+
+@pytest.fixture(scope="module")
+def model() -> ReducedModel:
+    return reduced_model(paper_scene("reduction.modes=4", "reduction.angles=24", 'reduction.interpolation="spline"'))
+
+
+def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent: float = 1.0) -> np.ndarray:
+    """Return made-up states, (n_instants, 4, n_samples, n_eta): speeds from rest to fast, and bending of 1e-4 m."""
+    random = np.random.default_rng(1)
+    states = random.normal(size=(n_instants, 4, n_samples, 1 + model.terms.tables.n_modes))
+    states[..., 1:] *= bent * 1e-5
+    states[:, 1] *= np.linspace(0.0, 30.0, n_instants)[:, None, None]
+    states[:, 2] *= 50.0
+    states[:, 3] *= 1e-3
+    return states
+
+
+def test_rigid_accelerations(model: ReducedModel) -> None:
+    """rho' theta'' + rho'' theta'^2, by the exact kinematics."""
+    states = states_of(model, bent=0.0)
+    states[..., 1:] = 0.0
+    motion = ReferenceMotion(model.frames_of, states, np.full(3, 3e-3))
+    kinematics, mechanism = model.kinematics, model.kinematics.mechanism
+    for number, state in enumerate(states):
+        instant = motion.at(number)
+        for sample in range(3):
+            theta, speed, change = (state[part, sample, 0] for part in range(3))
+            poses = kinematics.poses(np.array([theta]))
+            rates = kinematics.rates(poses)[..., 0]
+            curvatures = kinematics.curvatures(poses, kinematics.rates(poses))[..., 0]
+            expected = mechanism.place_rates(poses[..., 0], rates)[:, 0] * change
+            # d/dtheta of the rates: the bodies' own curvature, and their arms that turn
+            step = 1e-4
+            ahead, behind = (kinematics.poses(np.array([theta + sign * step])) for sign in (1.0, -1.0))
+            second = mechanism.place(ahead) - 2 * mechanism.place(poses) + mechanism.place(behind)
+            expected = expected + second[:, 0] / step**2 * speed**2
+            scale = np.abs(expected).max() + 1.0
+            np.testing.assert_allclose(instant.a[:, sample], expected, rtol=0, atol=3e-7 * scale)
+            np.testing.assert_allclose(instant.q[:, sample], mechanism.place(poses)[:, 0], rtol=0, atol=1e-12)
+            body = expected.reshape(-1, 3)[mechanism.bodies[0].nodes, 2]
+            np.testing.assert_allclose(body, curvatures[0, 2, 0, 0] * speed**2 + rates[0, 2, 0] * change, atol=3e-7 * scale)
+
+
+def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -> None:
+    """At rest at one angle, the nodes' accelerations are the shapes times those of the coordinates."""
+    states = states_of(model)
+    states[:, 1] = 0.0
+    states[:, 2, :, 0] = 0.0
+    motion = ReferenceMotion(model.frames_of, states, np.full(3, 3e-3))
+    for number, state in enumerate(states):
+        ends = (model.frames_of(state[0] + sign * 1e-3 * state[2]) for sign in (1.0, -1.0))
+        plus, minus = (frames.reshape(-1, 3) for frames in ends)
+        np.testing.assert_allclose(motion.at(number).a, (plus - minus) / 2e-3, rtol=0, atol=1e-8)
+        shaken = model.frames_of(state[0] + state[3]).reshape(-1, 3)
+        np.testing.assert_allclose(motion.at(number).shaken, shaken, rtol=0, atol=1e-15)
+
+
+def test_instants_do_not_depend_on_what_is_computed_together(
+    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    states = states_of(model)
+    together = ReferenceMotion(model.frames_of, states, np.full(3, 3e-3))
+    expected = [together.at(number) for number in range(len(states))]
+    monkeypatch.setattr(module, "LARGEST", 1)
+    alone = ReferenceMotion(model.frames_of, states, np.full(3, 3e-3))
+    for number in (0, 1, 5, 2):
+        np.testing.assert_array_equal(alone.at(number).q, expected[number].q)
+        np.testing.assert_allclose(alone.at(number).a, expected[number].a, rtol=1e-12)
+
+
+def test_rigid_bodies_are_neither_turned_nor_strained() -> None:
+    scene = slider_crank()
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    theta = np.linspace(-9.0, 9.0, 24)
+    poses = kinematics.poses(theta)
+    frames = mechanism.place(poses).reshape(-1, 3, 6, 4)
+    validity = Validity(scene, mechanism, scene.values, 4)
+    validity.add(frames, poses.reshape(*poses.shape[:2], 6, 4))
+    for values in validity.largest.values():
+        np.testing.assert_allclose(values, np.zeros(4), rtol=0, atol=1e-12)
+
+
+def test_a_stretched_arc() -> None:
+    """A rod bent to an arc and stretched: rotation at its ends, and the strain of its outermost fibre."""
+    scene = slider_crank("bodies.rod.section={shape=\"rectangle\", width=0.01, height=0.02}")
+    mechanism = mechanism_of(scene)
+    crank, rod = mechanism.bodies
+    poses = np.zeros((2, 3, 2, 1))
+    frames = mechanism.place(poses[:, :, 0])[:, None].repeat(2, axis=1).reshape(-1, 3, 2, 1)
+    along = rod.mesh.nodes[:, 0] - rod.mesh.nodes[0, 0]
+    angle = 0.3 * along
+    chord = np.sin(0.15 * along) / 0.15
+    stretched = np.array([chord * np.cos(angle / 2), chord * np.sin(angle / 2)]).T * 1.001
+    frames[rod.nodes, :2, 1, 0] = stretched + frames[rod.nodes.start, :2, 0, 0]
+    frames[rod.nodes, 2, 1, 0] = angle
+    validity = Validity(scene, mechanism, scene.values, 1)
+    validity.add(frames, poses)
+    assert validity.largest["elastic_rotation"][0] == pytest.approx(0.3 * along.max(), rel=1e-12)
+    # a chord is shorter than its arc by (kappa h)^2 / 24
+    element = rod.mesh.lengths.max()
+    assert validity.largest["elastic_strain"][0] == pytest.approx(0.001 + 0.01 * 0.3, abs=(0.3 * element) ** 2 / 20)
+
+
+def test_half_heights_may_be_parameters() -> None:
+    scene = paper_scene()
+    radii = np.array([1e-3, 2e-3])
+    np.testing.assert_array_equal(half_height(scene, "crank", {"r1": radii}), radii)
+    assert half_height(scene, "rod", {"r1": radii}) == 5.6e-3
+
+
+def test_the_limit_of_small_rotations() -> None:
+    assert ROTATION_LIMIT**2 / 2 == pytest.approx(0.01, rel=0.03)
+    assert beyond_limit(np.array([0.1, 0.2, np.nan])).tolist() == [False, True, False]

@@ -1,0 +1,133 @@
+"""The error of the time step: exact for oscillators and rigid motions whose solution is known, whatever the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import paper_scene, rom_of
+from scenes import RADIUS
+
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Scheme, State
+from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes, _factors
+from pgmp_petsc.indicator.step_error import StepError
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+STEP = 1e-3
+
+
+class Oscillators:
+    """Oscillators ``x'' + omega^2 x = force (1 + t)`` beside an angle with ``theta'' = 6 t``.
+
+    In reduced coordinates, ``delta = shapes x`` and ``theta = t^3 - follow.delta``.
+    """
+
+    comm = None
+    n_samples = 1
+
+    def __init__(self, modes: Modes, force: np.ndarray) -> None:
+        self.modes, self.force = modes, force
+
+    def start(self) -> State:
+        rest = np.zeros((1, 1 + self.force.size))
+        return State(rest, rest.copy(), np.concatenate([[0.0], self.force])[None], np.zeros(0))
+
+    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
+        x, x_2 = state.q[0, 1:], state.a[0, 1:]
+        omega = self.modes.omega[0]
+        change = -(x_2 + omega**2 * x - self.force * (1.0 + time)) / (scheme.gain_a + omega**2)
+        turn = np.array([-(state.a[0, 0] - 6.0 * time) / scheme.gain_a])
+        step = np.concatenate([turn, change])
+        state.q[0] += step
+        state.v[0] += scheme.gain_v * step
+        state.a[0] += scheme.gain_a * step
+        return np.array([np.abs(step).max()])
+
+    def outside(self, state: State) -> np.ndarray:
+        return np.zeros(1, dtype=bool)
+
+    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
+        if samples.any():
+            state.q, state.v, state.a = previous.q, previous.v, previous.a
+
+    def reduced(self, state: State) -> list[np.ndarray]:
+        """Return q, v, a in reduced coordinates."""
+        delta = [part[:, 1:] @ self.modes.shapes[0].T for part in (state.q, state.v, state.a)]
+        whole = [part[:, :1] - d @ self.modes.follow[0][:, None] for part, d in zip((state.q, state.v, state.a), delta)]
+        return [np.hstack([w, d]) for w, d in zip(whole, delta)]
+
+
+class Vector:
+    """What the stepper leaves its solution in."""
+
+    def setArray(self, array: np.ndarray) -> None:  # noqa: N802 (PETSc's name)
+        """Do nothing."""
+
+
+def made_up_modes(frequencies: list[float]) -> Modes:
+    """Return modes with shapes that are not orthogonal, and a rigid coordinate that follows."""
+    random = np.random.default_rng(3)
+    n = len(frequencies)
+    shapes = random.normal(size=(1, n, n))
+    omega = 2 * np.pi * np.array([frequencies])
+    return Modes(omega, shapes, np.linalg.inv(shapes), random.normal(size=(1, n)))
+
+
+@pytest.mark.parametrize("held", [1, 7, 10_000])
+def test_the_motion_and_its_error_are_the_exact_motion(held: int) -> None:
+    """Frequencies from a twentieth of the step's to one that it cannot see at all; modes taken anew, or not."""
+    modes = made_up_modes([50.0, 240.0, 900.0])
+    force = np.array([1.0, 50.0, 3000.0])
+    system = Oscillators(modes, force)
+    stepper = GeneralisedAlpha(system, 0.8, STEP, np.ones(1, dtype=bool))
+    error = StepError(STEP, *system.reduced(stepper.state), modes)
+    exact, missing = np.empty((2, 1, 4)), np.empty((1, 4))
+    for number in range(1, 401):
+        stepper.solveStep(None, number * STEP, Vector())
+        now = system.reduced(stepper.state)
+        error.advance(*now)
+        if number % held == 0:
+            error.hold(np.array([0]), modes)
+        error.describe(exact, missing)
+        time, omega = number * STEP, modes.omega[0]
+        x = force / omega**2 * (1.0 + time - np.cos(omega * time) - np.sin(omega * time) / omega)
+        delta = modes.shapes[0] @ x
+        np.testing.assert_allclose(now[0][0, 1:] + missing[0, 1:], delta, rtol=0, atol=1e-9 * np.abs(delta).max() + 1e-14)
+        # the rigid sum has accelerations linear in time, which every rule integrates exactly
+        follow = modes.follow[0]
+        assert exact[0, 0, 0] + follow @ exact[0, 0, 1:] == pytest.approx(time**3, rel=1e-9)
+        assert exact[1, 0, 0] + follow @ exact[1, 0, 1:] == pytest.approx(3 * time**2, rel=1e-9)
+        assert missing[0, 0] == pytest.approx(-follow @ missing[0, 1:], rel=1e-12, abs=1e-18)
+    assert np.abs(missing).max() > 0.1 * np.abs(delta).max(), "there was something to correct"
+
+
+@pytest.fixture(scope="module")
+def small_rom() -> ReducedOrderModel:
+    return rom_of(paper_scene("reduction.modes=4", "reduction.angles=24"))
+
+
+def test_modes_are_those_of_the_tables(small_rom: ReducedOrderModel) -> None:
+    tables = small_rom.tables
+    modes_at = FlexibleModes(tables, "overhauser")
+    theta = tables.samples.theta
+    for radius in (RADIUS, 0.8 * RADIUS):
+        weights = modes_at.weights({"r1": np.full(theta.size, radius)}, theta.size)
+        found = modes_at.at(theta, weights)
+        expected = tables.frequencies_hz(weights[0][0], weights[1][0])
+        np.testing.assert_allclose(found.omega / (2 * np.pi), expected, rtol=1e-9)
+        np.testing.assert_allclose(found.inverse @ found.shapes, np.broadcast_to(np.eye(4), (theta.size, 4, 4)), atol=1e-9)
+        mass = np.einsum("ntij,nt->nij", tables.mass, weights[0])
+        # a vibration has no momentum of the rigid motion
+        momentum = mass[:, 0, 1:] - mass[:, :1, 0] * found.follow
+        np.testing.assert_allclose(momentum, 0.0, atol=1e-15)
+
+
+def test_modes_where_there_are_none(small_rom: ReducedOrderModel) -> None:
+    """Beyond a limited range those of its end; a matrix that lost its definiteness spoils no other sample's."""
+    modes_at = FlexibleModes(small_rom.tables, "overhauser")
+    weights = modes_at.weights({"r1": np.full(3, RADIUS)}, 3)
+    found = modes_at.at(np.array([np.nan, 1e30, 0.0]), weights)
+    np.testing.assert_allclose(found.omega, np.broadcast_to(found.omega[2], (3, 4)), rtol=1e-9)
+    matrices = np.array([np.diag([4.0, 9.0]), np.diag([4.0, -1e-9])])
+    factors = _factors(matrices)
+    np.testing.assert_allclose(factors[0], np.diag([2.0, 3.0]), rtol=1e-12)
+    assert np.isfinite(factors).all() and (np.diagonal(factors[1]) > 0).all()
