@@ -249,7 +249,7 @@ class RigidKinematics:
         self._theta = np.linspace(lower, upper, n_steps + 1)
         self._step = self._theta[1] - self._theta[0]
         sign = self._choose_pivots(self._start)
-        poses, rates = [], []
+        poses = []
         guess = self._start
         for theta in self._theta:
             now = self._close(guess, np.array([theta]))
@@ -257,10 +257,8 @@ class RigidKinematics:
             if self._orientation(now) != sign:
                 self._check_change(poses[-1][..., None], theta - self._step, theta, sign)
                 sign = self._choose_pivots(now)
-            rate = self.rates(now)[:, :, 0]
             poses.append(now[..., 0])
-            rates.append(rate[..., 0])
-            guess = now + rate * self._step
+            guess = now + self.rates(now)[:, :, 0] * self._step
         self._poses = np.stack(poses, axis=-1)
         # one step more, to the last digit: all later poses are interpolated between these
         self._poses -= self._newton_step(self._poses, self.residual(self._poses, self._theta))

@@ -8,7 +8,6 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.integrate import trapezoid
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effects import Torque
@@ -88,6 +87,8 @@ def _effects(scene: Scene) -> Iterator[str]:
 
 def _impulse(scene: Scene, entry: str, torque: Torque) -> Iterator[str]:
     """Check that what the integrator sees of a torque, its values at the ends of steps, has the table's impulse."""
+    from scipy.integrate import trapezoid  # late: reading a scene without a torque needs no scipy
+
     run = scene.simulation
     if run.tolerance is not None:  # the step is not known yet
         return

@@ -60,7 +60,16 @@ def test_the_shipped_scene_is_the_published_mechanism(slider_crank: Scene) -> No
     assert scene.joints["slider"].direction == (1.0, 0.0)
     assert scene.effects["motor"].table == ((0.0, 0.0), (0.25, 0.5), (1.0, 0.5))
     assert list(scene.outputs) == ["crank_angle", "slider_position", "slider_deformation"]
-    assert (scene.reduction.modes, scene.reduction.angles) == (15, 629)
+    assert (scene.reduction.modes, scene.reduction.angles) == (7, 48)
+
+
+def test_the_paper_s_scene_is_the_same_mechanism_with_the_paper_s_reduction(slider_crank: Scene) -> None:
+    paper = load_scene(SLIDER_CRANK.with_name("slider_crank_paper.toml"))
+    reduction = paper.reduction
+    assert (reduction.modes, reduction.angles, reduction.interpolation) == (15, 629, "overhauser")
+    assert not (reduction.static_modes or reduction.second_order)
+    same = paper.model_dump(exclude={"scene", "reduction", "directory"})
+    assert same == slider_crank.model_dump(exclude={"scene", "reduction", "directory"})
 
 
 def test_the_points_of_the_shipped_scene_are_in_its_meshes(slider_crank: Scene) -> None:
