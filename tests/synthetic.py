@@ -6,6 +6,7 @@ import numpy as np
 
 from pgmp_petsc.results import (
     Ensemble,
+    EstimatedErrors,
     Frames,
     MeshErrors,
     ModesTable,
@@ -15,6 +16,7 @@ from pgmp_petsc.results import (
     Tradeoff,
     Trajectory,
 )
+from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.runtime.files import RunRecord
 
 SCENE = """
@@ -54,7 +56,18 @@ def trajectory(
         units={"crank_angle": "rad", "slider_position": "m", "slider_deformation": "m"},
         coordinates=angle[:, None],
         modal=np.outer(wave, np.arange(3.0)) if model == "reduced" else None,
+        errors=errors(time, outputs) if model == "reduced" else None,
         frames=frames(np.linspace(0.0, 1.0, n_frames), r1) if n_frames else None,
+    )
+
+
+def errors(time: np.ndarray, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
+    """Return estimates of some per cent at every tenth instant."""
+    return EstimatedErrors(
+        time=time[::10],
+        outputs={name: 0.03 * values[::10] * np.cos(7.0 * time[::10]) for name, values in outputs.items()},
+        largest={name: float(np.abs(values).max()) for name, values in outputs.items()},
+        validity={"elastic_rotation": 2e-3, "elastic_strain": 4e-5},
     )
 
 
@@ -108,7 +121,20 @@ def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed
         meanings={0: "fine", 2: "Newton's method did not converge"},
         failure_time=failure_time,
         statistics={name: statistics(values) for name, values in outputs.items()},
+        **(estimates(outputs) if model == "reduced" else {}),
     )
+
+
+def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, dict[str, np.ndarray]]:
+    """Return the estimated errors of the first samples."""
+    n_samples = len(next(iter(outputs.values())))
+    checked = np.arange(n_samples) < n_checked
+    at_end = {name: np.where(checked, 1e-3 * values, np.nan) for name, values in outputs.items()}
+    return {
+        "errors": {name: 1.5 * np.abs(values) for name, values in at_end.items()},
+        "errors_at_end": at_end,
+        "validity": {name: np.where(checked, 1e-3, np.nan) for name in VALIDITY},
+    }
 
 
 def statistics(values: np.ndarray) -> Statistics:

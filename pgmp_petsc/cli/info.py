@@ -24,6 +24,7 @@ def info(context: click.Context, file: Path, scene: bool) -> None:
 
 def describe(path: Path) -> str:
     """Return the description of a result file of any kind."""
+    from pgmp_petsc.results import Selection
     from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
     from pgmp_petsc.runtime.timings import Timings
 
@@ -40,6 +41,9 @@ def describe(path: Path) -> str:
             f"seed       {'none' if record.seed is None else record.seed}",
             f"ranks      {record.ranks}",
         ]
+        selection = Selection.read(file)
+        if selection is not None:
+            lines += ["", *selection.lines()]
         if record.timings:
             lines += ["", "timings", _indented(Timings(record.timings).table())]
         lines += ["", "datasets", _indented(_datasets(file))]

@@ -19,6 +19,7 @@ from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.settled_step import settle_step
 
 
 @click.command()
@@ -56,12 +57,15 @@ def montecarlo(
         loaded, rom = read_rom(source, overrides, settings, comm)
         with agreed(comm, "preparing the reduced model"):
             model = ReducedModel(loaded, rom)
+    model, remark = settle_step(model, comm, ensemble=True)
+    if remark:
+        say(context, remark)
     plan = Plan(n_samples, seed, output, resume)
     ensemble = run_ensemble(model, plan, comm)
     save(context, ensemble, output)
     failed = 0
     if ensemble is not None:
-        Checkpoint(plan, scene_to_toml(loaded), model.name).remove()
+        Checkpoint(plan, scene_to_toml(model.scene), model.name).remove()
         failed = int(np.sum(ensemble.status != 0))
         say(context, report(ensemble, output))
     if comm.bcast(failed):

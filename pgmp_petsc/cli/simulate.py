@@ -14,6 +14,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 
@@ -38,15 +39,17 @@ def simulate(
         loaded, meshes = read_scene(source, overrides, settings, comm)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
+        model, remark = settle_step(model, comm)
         trajectory = simulate_full(model, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
         with agreed(comm, "preparing the reduced model"):
             reduced = ReducedModel(loaded, rom)
+        reduced, remark = settle_step(reduced, comm)
         trajectory = simulate_reduced(reduced, comm)
     save(context, trajectory, output)
     if trajectory is not None:
-        say(context, report(trajectory, output))
+        say(context, "\n".join(filter(None, (remark, report(trajectory, output)))))
 
 
 def report(trajectory: Trajectory, path: Path) -> str:

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from pgmp_petsc.figures.style import (
     PALETTE,
@@ -78,7 +80,8 @@ def trajectories(
 ) -> Figure:
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
-    A run that stands alone is a line, and without any pair there is no panel of errors.
+    A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel of
+    errors.
 
     Parameters
     ----------
@@ -131,6 +134,11 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
     for comparison, colour in zip(comparisons, PALETTE * 10):
         line, crosses = comparison.runs[0], comparison.reduced if comparison.full is not None else None
         axes.plot(line.time, line.outputs[output] * factor, color=colour)
+        if line.errors is not None:
+            # against a full-order run, the errors have a panel of their own
+            error = np.interp(line.time, line.errors.time, np.abs(line.errors.outputs[output]))
+            band = ((line.outputs[output] + sign * error) * factor for sign in (-1.0, 1.0))
+            axes.fill_between(line.time, *band, color=colour, alpha=0.25, linewidth=0.0)
         if crosses is not None:
             step = max(1, len(crosses.time) // N_CROSSES)
             axes.plot(
@@ -168,13 +176,15 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
         )
 
 
-def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Line2D]:
-    """Return the keys: a colour for each label, then what lines and crosses are."""
+def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:
+    """Return the keys: a colour for each label, then what lines, crosses and bands are."""
     keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, PALETTE * 10) if label]
     if any(len(comparison.runs) == 2 for comparison in comparisons):
         colour = QUIET if keys else PALETTE[0]
         keys.append(Line2D([], [], color=colour, label="full order"))
         keys.append(Line2D([], [], color=colour, linestyle="none", marker="x", label="reduced"))
+    if any(comparison.runs[0].errors is not None for comparison in comparisons):
+        keys.append(Patch(color=QUIET if keys else PALETTE[0], alpha=0.25, linewidth=0.0, label="estimated error"))
     return keys
 
 

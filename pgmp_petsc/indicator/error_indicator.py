@@ -27,7 +27,7 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
-from pgmp_petsc.indicator.schedule import Schedule, choose, schedules
+from pgmp_petsc.indicator.schedule import Schedule, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
@@ -35,7 +35,7 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.results.errors import VALIDITY
 
 HOLD = 0.12  # rad that a sample may turn with the same modes
-LOOK = 10  # steps between two looks at how far it has turned
+LOOK = 10  # steps that are taken in together
 PREFIX = "pgmp_error_ts_"
 
 
@@ -67,9 +67,9 @@ class ErrorIndicator:
     def __init__(self, model: ReducedModel) -> None:
         self.model = model
         self.simulation = model.scene.simulation
-        n_steps = count_steps(self.simulation.duration, self.simulation.step)
-        self.step = self.simulation.duration / n_steps
-        self.schedules = schedules(n_steps, self.simulation.duration)
+        self.n_steps = count_steps(self.simulation.duration, self.simulation.step)
+        self.step = self.simulation.duration / self.n_steps
+        self.schedules = schedules(self.n_steps, self.simulation.duration)
         self.modes = FlexibleModes(model.terms.tables, model.scene.reduction.interpolation)
         self.effects = effects_of(model.scene, model.kinematics.mechanism)
 
@@ -99,38 +99,53 @@ class WatchedRun:
         self._samples = samples
         self._weights = indicator.modes.weights(values, samples.size)
         kept = indicator.schedules[-1].steps
-        self._place = dict(zip(kept.tolist(), range(kept.size)))
+        self._place = np.full(indicator.n_steps + 1, -1)
+        self._place[kept] = np.arange(kept.size)
         n_eta = 1 + indicator.model.terms.tables.n_modes
         # coordinates, velocities, accelerations, and what vibrations lack; and the angle of the run itself
         self._states = np.empty((kept.size, 4, samples.size, n_eta))
         self._angles = np.empty((kept.size, samples.size))
         self._speeds = np.zeros(samples.size)
+        self._waiting = np.empty((LOOK, 3, samples.size, n_eta))
+        self._n_waiting = 0
 
     def observe(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        q, v, a = (part[self._samples] for part in (state.q, state.v, state.a))
-        # a sample that fails may overflow here before it is given up
-        with np.errstate(all="ignore"):
-            if number == 0:
-                self._middles = q[:, 0] + 0.5 * np.copysign(HOLD, v[:, 0])
-                modes = self._indicator.modes.at(self._middles, self._weights)
-                self._slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / self._indicator.step)
-                self._step_error = StepError(self._indicator.step, q, v, a, modes)
-            else:
-                self._step_error.advance(q, v, a)
-                if number % LOOK == 0:
-                    self._hold(q[:, 0], v[:, 0])
-            np.maximum(self._speeds, np.abs(v[:, 0]), out=self._speeds)
-        if number in self._place:
-            states = self._states[self._place[number]]
-            states[2] = a
-            self._step_error.describe(states[:2], states[3])
-            self._angles[self._place[number]] = q[:, 0]
+        waiting = self._waiting[self._n_waiting]
+        for target, part in zip(waiting, (state.q, state.v, state.a)):
+            np.take(part, self._samples, axis=0, out=target)
+        self._n_waiting += 1
+        if number == 0:
+            self._begin(waiting)
+        elif self._n_waiting == LOOK or number == self._indicator.n_steps:
+            # a sample that fails may overflow here before it is given up
+            with np.errstate(all="ignore"):
+                self._look(self._waiting[: self._n_waiting], number)
+            self._n_waiting = 0
 
-    def _hold(self, theta: np.ndarray, speed: np.ndarray) -> None:
-        """Take the modes anew where a sample has turned too far: those of the middle of the turn before it."""
+    def _begin(self, start: np.ndarray) -> None:
+        q, v, a = start
+        self._middles = q[:, 0] + 0.5 * np.copysign(HOLD, v[:, 0])
+        modes = self._indicator.modes.at(self._middles, self._weights)
+        self._slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / self._indicator.step)
+        self._step_error = StepError(self._indicator.step, start.copy(), modes)
+        self._states[0] = q, v, a, np.zeros_like(q)
+        self._angles[0] = q[:, 0]
+        self._n_waiting = 0
+
+    def _look(self, motion: np.ndarray, last: int) -> None:
+        """Follow the errors over some steps, the last one given by its number, and take modes anew where needed."""
+        exact, missing = self._step_error.advance(motion)
+        places = self._place[last + 1 - len(motion) : last + 1]
+        kept = np.flatnonzero(places >= 0)
+        places = places[kept]
+        self._states[places, :2], self._states[places, 2] = exact[kept], motion[kept, 2]
+        self._states[places, 3], self._angles[places] = missing[kept], motion[kept, 0, :, 0]
+        np.maximum(self._speeds, np.max(np.abs(motion[:, 1, :, 0]), axis=0), out=self._speeds)
+        theta, speed = motion[-1, :2, :, 0]
         turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD))
         if turned.size:
+            # those of the middle of the turn that lies ahead
             self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
             weights = tuple(part[turned] for part in self._weights)
             self._step_error.hold(turned, self._indicator.modes.at(self._middles[turned], weights))
@@ -147,7 +162,10 @@ class WatchedRun:
         largest, at_end = ({name: np.full(n, np.nan) for name in names} for _ in range(2))
         validity = {name: np.full(n, np.nan) for name in VALIDITY}
         fine = (status[self._samples] == Status.FINE) & self._placeable()
-        needed = choose(self._indicator.schedules, np.where(fine, self._speeds, 0.0))
+        with np.errstate(all="ignore"):
+            bent, missing = (np.max(np.abs(self._states[:, part, :, 1:]), axis=(0, 2)) for part in (0, 3))
+            longest = longest_intervals(self._speeds, missing / bent, self._slowest)
+        needed = choose(self._indicator.schedules, np.where(fine, longest, np.inf))
         histories: list = [None] * n
         for number in np.unique(needed):
             schedule, chosen = self._indicator.schedules[number], np.flatnonzero(needed == number)

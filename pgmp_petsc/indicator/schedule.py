@@ -2,7 +2,9 @@
 
 About a hundred evaluations do for a motion that turns slowly. The residual changes as the mechanism turns, though, and
 bends the bodies the more dynamically the faster; a sample is therefore evaluated so often that it turns by no more than
-`TURN` between two evaluations. Each sample goes by its own speed, so that no sample has a part in another's estimate.
+`TURN` between two evaluations. Where vibrations make up a good part of the bending, the residual vibrates too, and
+evaluations follow at the pace of the slowest one. Each sample goes by its own motion, so that none has a part in
+another's estimate.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 N_EVALUATIONS = 100
 MOST = 1600
 TURN = 0.15  # rad
+SHAKEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,23 @@ def schedules(n_steps: int, duration: float) -> list[Schedule]:
     ]
 
 
-def choose(choices: list[Schedule], speeds: np.ndarray) -> np.ndarray:
-    """Return the number of the schedule that each sample needs, for its largest speed (rad/s), shape (n,)."""
-    allowed = np.array([TURN / choice.interval for choice in choices])
-    return np.minimum(np.searchsorted(allowed, speeds), len(choices) - 1)
+def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray) -> np.ndarray:
+    """Return the longest time between two evaluations, shape (n,), s.
+
+    Parameters
+    ----------
+    speeds
+        Largest speed of the rigid coordinate over the run, shape (n,), rad/s.
+    shaken
+        What the time step did to the vibrations as a share of the bending, shape (n,).
+    periods
+        Time in which the slowest vibration turns by a radian, shape (n,), s.
+    """
+    return np.minimum(TURN / np.maximum(speeds, 1e-300), np.where(shaken > SHAKEN, periods, np.inf))
+
+
+def choose(choices: list[Schedule], longest: np.ndarray) -> np.ndarray:
+    """Return the number of the schedule that each sample needs for its longest interval (s), shape (n,)."""
+    rates = np.array([1.0 / choice.interval for choice in choices])
+    # round-off must not cost twice the evaluations
+    return np.minimum(np.searchsorted(rates * (1.0 + 1e-9), 1.0 / longest), len(choices) - 1)

@@ -28,22 +28,22 @@ SOFTEST = 1e-3  # of omega h: below, a mode is taken for this stiff, and nothing
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def advance(step, weights, motion, past, modes, oscillator, modal, vibration, smooth):
-    """Advance the errors of all samples over one step, in place.
+def advance(step, first, motion, past, modes, oscillator, modal, vibration, smooth, exact, missing):
+    """Advance the errors of all samples over some steps, in place, and say what the motion should be after each.
 
     Parameters
     ----------
     step
         s.
-    weights
-        Of the accelerations now and before, shape (4,); see `quadrature`.
+    first
+        Number of steps done before.
     motion
-        ``(q, v, a)`` at the end of the step, each (n, 1 + m).
+        Coordinates, velocities and accelerations at the end of every step, shape (n_steps, 3, n, 1 + m).
     past
-        Accelerations at its beginning and before, shape (3, n, 1 + m); moved on.
+        Accelerations at the beginning and before, shape (3, n, 1 + m); moved on.
     modes
-        ``(squares, columns, follow)``: omega^2 of shape (n, m), the inverse of the shapes by its columns, (n, m, m), and
-        ``follow``, (n, m).
+        ``(squares, columns, shapes, follow)``: omega^2 of shape (n, m), the inverse of the shapes by its columns and the
+        shapes, (n, m, m), and ``follow``, (n, m).
     oscillator
         Of every mode over the step, shape (n, 7, m); see `oscillators`.
     modal
@@ -52,43 +52,63 @@ def advance(step, weights, motion, past, modes, oscillator, modal, vibration, sm
         E, displacement and velocity, shape (n, 2, m).
     smooth
         s and its rate, shape (2, n).
+    exact, missing
+        Results; see `StepError.advance`.
     """
-    q, v, a = motion
-    squares, columns, follow = modes
+    squares, columns, shapes, follow = modes
     n, m = squares.shape
-    s = np.empty(weights.size)
+    s = np.empty(N_VALUES)
     now = np.empty((3, m))
-    for b in range(n):
-        s[0] = a[b, 0]
-        for r in range(past.shape[0]):
-            s[1 + r] = past[r, b, 0]
-        now[:] = 0.0
-        for d in range(m):
-            q_d, v_d, a_d = q[b, 1 + d], v[b, 1 + d], a[b, 1 + d]
-            s[0] += follow[b, d] * a_d
-            for r in range(past.shape[0]):
-                s[1 + r] += follow[b, d] * past[r, b, 1 + d]
-            for k in range(m):
-                now[0, k] += columns[b, d, k] * q_d
-                now[1, k] += columns[b, d, k] * v_d
-                now[2, k] += columns[b, d, k] * a_d
-        rate = smooth[1, b]
-        for r in range(weights.size):
-            smooth[1, b] += step * weights[r] * s[r]
-        smooth[0, b] += 0.5 * step * (rate + smooth[1, b]) + step * step / 12.0 * (s[1] - s[0])
-        x, y, of = vibration[b], modal[b], oscillator[b]
-        for k in range(m):
-            force = now[2, k] + squares[b, k] * now[0, k]
-            rise = force - y[2, k]
-            # a free vibration of the error and of the motion, from the same instant
-            moved, rate_moved = x[0, k] + y[0, k], x[1, k] + y[1, k]
-            x[0, k] = of[0, k] * moved + of[1, k] * rate_moved + of[3, k] * y[2, k] + of[4, k] * rise - now[0, k]
-            x[1, k] = of[2, k] * moved + of[0, k] * rate_moved + of[5, k] * y[2, k] + of[6, k] * rise - now[1, k]
-            y[0, k], y[1, k], y[2, k] = now[0, k], now[1, k], force
-        for d in range(m + 1):
-            for r in range(past.shape[0] - 1, 0, -1):
-                past[r, b, d] = past[r - 1, b, d]
-            past[0, b, d] = a[b, d]
+    for number in range(motion.shape[0]):
+        weights = WEIGHTS[min(first + number, WEIGHTS.shape[0] - 1)]
+        for b in range(n):
+            s[0] = motion[number, 2, b, 0]
+            for r in range(N_VALUES - 1):
+                s[1 + r] = past[r, b, 0]
+            now[:] = 0.0
+            for d in range(m):
+                s[0] += follow[b, d] * motion[number, 2, b, 1 + d]
+                for r in range(N_VALUES - 1):
+                    s[1 + r] += follow[b, d] * past[r, b, 1 + d]
+                for p in range(3):
+                    value = motion[number, p, b, 1 + d]
+                    for k in range(m):
+                        now[p, k] += columns[b, d, k] * value
+            rate = smooth[1, b]
+            for r in range(N_VALUES):
+                smooth[1, b] += step * weights[r] * s[r]
+            smooth[0, b] += 0.5 * step * (rate + smooth[1, b]) + step * step / 12.0 * (s[1] - s[0])
+            oscillate(now, squares[b], oscillator[b], modal[b], vibration[b])
+            for r in range(N_VALUES - 2, 0, -1):
+                past[r, b] = past[r - 1, b]
+            past[0, b] = motion[number, 2, b]
+            missing[number, b, 0] = 0.0
+            for d in range(m):
+                lack = 0.0
+                for k in range(m):
+                    lack += shapes[b, d, k] * vibration[b, 0, k]
+                missing[number, b, 1 + d] = lack
+                missing[number, b, 0] -= follow[b, d] * lack
+            for p in range(2):
+                angle = smooth[p, b]
+                for d in range(m):
+                    angle -= follow[b, d] * motion[number, p, b, 1 + d]
+                    exact[number, p, b, 1 + d] = motion[number, p, b, 1 + d]
+                exact[number, p, b, 0] = angle
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def oscillate(now, squares, oscillator, modal, vibration):
+    """Advance the vibrations of one sample; `now` holds displacements, velocities, accelerations at the end, (3, m)."""
+    of = oscillator
+    for k in range(squares.size):
+        force = now[2, k] + squares[k] * now[0, k]
+        constant, rise = modal[2, k], force - modal[2, k]
+        # a free vibration of the error and of the motion, from the same instant
+        x, y = vibration[0, k] + modal[0, k], vibration[1, k] + modal[1, k]
+        vibration[0, k] = of[0, k] * x + of[1, k] * y + of[3, k] * constant + of[4, k] * rise - now[0, k]
+        vibration[1, k] = of[2, k] * x + of[0, k] * y + of[5, k] * constant + of[6, k] * rise - now[1, k]
+        modal[0, k], modal[1, k], modal[2, k] = now[0, k], now[1, k], force
 
 
 def oscillators(omega: np.ndarray, step: float) -> np.ndarray:
@@ -113,38 +133,6 @@ def oscillators(omega: np.ndarray, step: float) -> np.ndarray:
     )
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def describe(motion, shapes, follow, vibration, smooth, exact, missing):
-    """Fill what a motion lacks; see `StepError.describe`.
-
-    Parameters
-    ----------
-    motion
-        ``(q, v)``, each (n, 1 + m).
-    shapes, follow
-        Of the modes, (n, m, m) and (n, m).
-    vibration, smooth
-        As `advance` leaves them.
-    exact
-        Result: coordinates and velocities, (2, n, 1 + m).
-    missing
-        Result: vibrations, (n, 1 + m).
-    """
-    n, m = follow.shape
-    for b in range(n):
-        missing[b, 0] = 0.0
-        for p in range(2):
-            exact[p, b, 0] = smooth[p, b]
-            for d in range(m):
-                exact[p, b, 0] -= follow[b, d] * motion[p][b, 1 + d]
-                exact[p, b, 1 + d] = motion[p][b, 1 + d]
-        for d in range(m):
-            missing[b, 1 + d] = 0.0
-            for k in range(m):
-                missing[b, 1 + d] += shapes[b, d, k] * vibration[b, 0, k]
-            missing[b, 0] -= follow[b, d] * missing[b, 1 + d]
-
-
 class StepError:
     """Errors of the time step of n samples, from the start of a run on.
 
@@ -152,61 +140,63 @@ class StepError:
     ----------
     step
         s.
-    q, v, a
-        Reduced coordinates, velocities and accelerations at the start, shape (n, n_eta).
+    start
+        Reduced coordinates, velocities and accelerations at the start, shape (3, n, n_eta).
     modes
         Modes to begin with.
     """
 
-    def __init__(self, step: float, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: Modes) -> None:
+    def __init__(self, step: float, start: np.ndarray, modes: Modes) -> None:
         n, m = modes.omega.shape
         self._step = step
         self._number = 0
-        self._motion = (q, v, a)
+        self._motion = start
         self._past = np.zeros((N_VALUES - 1, n, 1 + m))
-        self._past[0] = a
+        self._past[0] = start[2]
         self._vibration = np.zeros((n, 2, m))
         self._shapes, self._follow = np.zeros((n, m, m)), np.zeros((n, m))
         self._squares, self._columns = np.empty((n, m)), np.empty((n, m, m))
         self._oscillators, self._modal = np.empty((n, 7, m)), np.empty((n, 3, m))
-        self._smooth = np.array([q[:, 0], v[:, 0]])
+        self._smooth = start[:2, :, 0].copy()
         self.hold(np.arange(n), modes)
 
-    def advance(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
-        """Take in the state at the end of the next step, each of shape (n, n_eta); it is kept."""
-        self._motion = (q, v, a)
-        weights = WEIGHTS[min(self._number, len(WEIGHTS) - 1)]
-        modes = (self._squares, self._columns, self._follow)
+    def advance(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take in the next steps.
+
+        Parameters
+        ----------
+        motion
+            Coordinates, velocities and accelerations at the end of each, shape (n_steps, 3, n, n_eta).
+
+        Returns
+        -------
+        exact : ndarray, shape (n_steps, 2, n, n_eta)
+            Coordinates and velocities with the angle that follows from the accelerations.
+        missing : ndarray, shape (n_steps, n, n_eta)
+            What the vibrations lack, in reduced coordinates.
+        """
+        exact, missing = np.empty_like(motion[:, :2]), np.empty_like(motion[:, 0])
+        modes = (self._squares, self._columns, self._shapes, self._follow)
         advance(
-            self._step, weights, self._motion, self._past, modes, self._oscillators, self._modal, self._vibration,
-            self._smooth,
+            self._step, self._number, motion, self._past, modes, self._oscillators, self._modal, self._vibration,
+            self._smooth, exact, missing,
         )
-        self._number += 1
+        self._number += len(motion)
+        self._motion = motion[-1].copy()
+        return exact, missing
 
     def hold(self, samples: np.ndarray, modes: Modes) -> None:
         """Go on with other modes of some samples, given by their numbers; what vibrates is expressed in them."""
-        q, v, a = (part[samples, 1:] for part in self._motion)
+        flexible = self._motion[:, samples, 1:]
         moved = self._vibration[samples] @ np.swapaxes(self._shapes[samples], 1, 2)
         columns = np.swapaxes(modes.inverse, 1, 2)
         omega = np.maximum(modes.omega, SOFTEST / self._step)
-        modal = np.stack([q, v, a], axis=1) @ columns
+        modal = np.swapaxes(flexible, 0, 1) @ columns
         modal[:, 2] += omega**2 * modal[:, 0]
         # the angle and its rate are what they are; the sum that does not vibrate is another one
         change = modes.follow - self._follow[samples]
-        self._smooth[:, samples] += np.sum(change * np.array([q, v]), axis=2)
+        self._smooth[:, samples] += np.sum(change * flexible[:2], axis=2)
         self._vibration[samples] = moved @ columns
         self._modal[samples], self._columns[samples] = modal, columns
         self._shapes[samples], self._follow[samples] = modes.shapes, modes.follow
         self._squares[samples], self._oscillators[samples] = omega**2, oscillators(omega, self._step)
-
-    def describe(self, exact: np.ndarray, missing: np.ndarray) -> None:
-        """Fill what the motion should be.
-
-        Parameters
-        ----------
-        exact
-            Coordinates and velocities with the angle that follows from the accelerations, shape (2, n, n_eta).
-        missing
-            What the vibrations lack, in reduced coordinates, shape (n, n_eta).
-        """
-        describe(self._motion[:2], self._shapes, self._follow, self._vibration, self._smooth, exact, missing)

@@ -127,7 +127,7 @@ class Selection:
             errors, texts = take(group, "errors", 2), [json.loads(text) for text in group["attempts"].asstr()[()]]
             columns = [take(group, name, 1).tolist() for name in ("steps", "largest", "cost", "seconds")]
             attempts = tuple(
-                Attempt(text["part"], text["entries"], int(n), row, largest, text["where"], cost, seconds, text["reason"])
+                Attempt(errors=row, n_steps=n, largest=largest, cost=cost, seconds=seconds, **text)
                 for text, row, n, largest, cost, seconds in zip(texts, errors, *columns, strict=True)
             )
             return cls(
@@ -145,7 +145,8 @@ class Selection:
         lines = [f"chosen for {asked}"]
         lines += [f"  {name} = {json.dumps(value)}{self._why(name)}" for name, value in self.chosen.items()]
         if self.kept:
-            lines.append("  kept as given: " + ", ".join(f"{name} = {json.dumps(value)}" for name, value in self.kept.items()))
+            given = ", ".join(f"{name} = {json.dumps(value)}" for name, value in self.kept.items())
+            lines.append(f"  kept as given: {given}")
         for part, allowed in self.allowed.items() if attempts else ():
             tried = [attempt for attempt in self.attempts if attempt.part == part]
             if tried:

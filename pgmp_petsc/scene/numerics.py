@@ -75,7 +75,7 @@ class Simulation(Table):
     )
     frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(
-        True, description="estimate the errors of reduced runs from their residual in the full-order equations"
+        True, strict=True, description="estimate the errors of reduced runs from their residual in the full-order equations"
     )
     initial: dict[str, InitialState] = Field(
         {}, description="start of each coordinate; 0 at rest where not given"

@@ -1,8 +1,8 @@
 """The test bench: full-order references and candidates, each run under all training loads.
 
-Each load is one batch of all samples. Loads are dealt to the ranks, and a candidate is built by all of them; what a load
-leaves stays on its rank, and only errors are gathered, so that every rank decides on the same figures and the number of
-ranks has no part in them.
+Each load is one batch of all samples. Loads are dealt to the ranks, and a candidate is built by all of them; what a
+load leaves stays on its rank, and only errors are gathered, so that every rank decides on the same figures and the
+number of ranks has no part in them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.progress import without_progress
+from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
@@ -113,11 +113,14 @@ class Bench:
         Ranks that share an eigenproblem.
     training
         What to run.
+    bar
+        Counts the runs.
     """
 
     def __init__(
-        self, scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup, training: Training
+        self, scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup, training: Training, bar: Progress
     ) -> None:
+        self._bar = bar
         self.scene, self.meshes, self.group, self.training = scene, meshes, group, training
         self.comm = group.world
         self.remarks = list(training.remarks)
@@ -127,7 +130,9 @@ class Bench:
             self._floors = floors_of(self.full_model)
             if not self.outputs:
                 entry = "reduction" if scene.reduction.tolerance is not None else "simulation"
-                raise InputError(f"{entry}.tolerance: errors are those of outputs, and the scene has none; name some in [outputs]")
+                raise InputError(
+                    f"{entry}.tolerance: errors are those of outputs, and the scene has none; name some in [outputs]"
+                )
         self._full: dict[tuple[str, int], History] = {}
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
@@ -135,6 +140,7 @@ class Bench:
         names = self._names(loads)
         for n_steps in (coarse, fine):
             self._run_full(names, n_steps)
+        self._bar.update()
         return self._gather(
             names, lambda name: errors_between(self._full[name, coarse], self._full[name, fine], self._floors)
         )
@@ -162,14 +168,8 @@ class Bench:
                 raise RunError(f"training run of the full-order model at nominal parameters, own loads: {reason}")
             for mask, what in ((failed, "fails"), (outside, "leaves the range of the coordinate")):
                 if mask.any():
-                    self.remarks.append(
-                        f"load '{name}': the full-order model {what} in {mask.sum()} of {mask.size} samples; they do not count"
-                    )
-
-    def forget(self, n_steps: int) -> None:
-        """Drop full-order runs that are not needed any more."""
-        for key in [key for key in self._full if key[1] == n_steps]:
-            del self._full[key]
+                    cases = f"{mask.sum()} of {mask.size} samples"
+                    self.remarks.append(f"load '{name}': the full-order model {what} in {cases}; they do not count")
 
     def build(self, reduction: Reduction) -> ReducedOrderModel:
         """Build a reduced model of the scene and give it to all ranks."""
@@ -185,27 +185,30 @@ class Bench:
             rom, reason = self.build(reduction), ""
         except RunError as error:
             rom, reason = None, str(error)
-        nothing = Errors(np.full((0, len(self.outputs), self.training.n_samples), np.inf), (), self.outputs, self.training)
-        trial = Trial(reduction, n_steps, nothing, reason, self.comm.bcast(perf_counter() - start), rom, {})
-        return self.go_on(trial, names)
+        self._bar.update()
+        seconds = self.comm.bcast(perf_counter() - start)
+        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, rom, {}), names)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
         start, n_steps = perf_counter(), trial.n_steps
         names = tuple(name for name in self._names(loads) if name not in trial.errors.loads)
-        if trial.rom is None:
-            shape = (len(names), len(self.outputs), self.training.n_samples)
-            errors, histories, reason = Errors(np.full(shape, np.inf), names, self.outputs, self.training), {}, trial.reason
-        else:
-            self._run_full(names, n_steps)
-            histories = self._run_reduced(trial.rom, trial.reduction, names, n_steps)
-            errors = self._gather(
-                names, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
-            )
-            reason = trial.reason or self._failures(histories)
-        together = replace(
-            trial.errors, values=np.concatenate([trial.errors.values, errors.values]), loads=(*trial.errors.loads, *names)
-        )
+        if not names:
+            return trial
+        self._run_full(names, n_steps)
+        errors, histories, reason = self._endless(names), {}, trial.reason
+        if trial.rom is not None:
+            try:
+                histories = self._run_reduced(trial.rom, trial.reduction, names, n_steps)
+                errors = self._gather(
+                    names, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
+                )
+                if not np.isfinite(errors.largest):
+                    reason = reason or self._failures(histories)
+            except RunError as error:
+                trial, reason = replace(trial, rom=None), str(error)
+        values = np.concatenate([trial.errors.values, errors.values])
+        together = replace(errors, values=values, loads=(*trial.errors.loads, *names))
         seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
         return replace(
             trial, errors=together, reason=reason, seconds=seconds, histories={**trial.histories, **histories}
@@ -229,9 +232,15 @@ class Bench:
         names = tuple(name for name in one.errors.loads if name in other.errors.loads)
         if not (one.rom and other.rom):
             return replace(one.errors, values=np.full_like(one.errors.values, np.inf))
-        return self._gather(
-            names, lambda name: errors_between(one.histories[name], other.histories[name], self._floors)
-        )
+
+        def between(name: str) -> np.ndarray:
+            errors = errors_between(one.histories[name], other.histories[name], self._floors)
+            errors[:, other.histories[name].status != Status.FINE] = np.inf
+            # cases that do not count against the full-order model do not count here
+            errors[np.isnan(one.errors.values[one.errors.loads.index(name)])] = np.nan
+            return errors
+
+        return self._gather(names, between)
 
     def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
         """Return the errors of a candidate under one load times a factor."""
@@ -255,6 +264,11 @@ class Bench:
                 fine = self._history(FullModel(self.scene, meshes), n_steps)
                 found[name] = errors_between(self._full[name, n_steps], fine, self._floors)
         return self._gather((name,), found.__getitem__)
+
+    def _endless(self, names: tuple[str, ...]) -> Errors:
+        """Return infinite errors."""
+        shape = (len(names), len(self.outputs), self.training.n_samples)
+        return Errors(np.full(shape, np.inf), names, self.outputs, self.training)
 
     def _names(self, loads: tuple[str, ...] | None) -> tuple[str, ...]:
         return tuple(load.name for load in self.training.loads) if loads is None else loads

@@ -1,9 +1,9 @@
 """The choice of what a scene leaves open, one part of the error after the other.
 
 1. The step, from the full-order model itself (`step_choice`), before anything is reduced. If the tolerance needs a very
-   small one, the reduction is chosen with a larger one first, and the search for the step goes on when that was worth while.
-2. The reduction, full-order and reduced model run with the same step (`reduction_choice`): angles with which interpolation
-   does not count, the cheapest basis, the fewest angles for it.
+   small one, the reduction is chosen with a larger one first, and the search goes on when that was worth while.
+2. The reduction, full-order and reduced model run with the same step (`reduction_choice`): angles with which
+   interpolation does not count, the cheapest basis, the fewest angles for it.
 3. Where the step became finer than in 2, the reduction is looked at again with it.
 
 Errors are the largest of any output, sample and load of the training (`training`). Each part may take its share of the
@@ -16,25 +16,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
-from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
-from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.selection.bench import Bench, Trial
 from pgmp_petsc.selection.ladder import Limits
-from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, Ledger
+from pgmp_petsc.selection.ledger import REDUCTION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step_choice import StepChoice
+from pgmp_petsc.selection.step_choice import StepChoice, first_period
 from pgmp_petsc.selection.training import Training
 
+USUAL_RUNS = 20  # of the bench, for the progress bar
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
 MOST_MESH_UNKNOWNS = 2000  # of the full-order model, for a look at what its mesh leaves
 
@@ -76,36 +78,39 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
         If a tolerance cannot be met.
     """
     timings, ledger = Timings(), Ledger()
-    with timings.phase("selection"):
-        bench = Bench(scene, meshes, group, Training.of(scene))
-        step = StepChoice(bench, ledger, _first_period(bench))
+    with timings.phase("selection"), progress(USUAL_RUNS, "choosing", group.world) as bar:
+        bench = Bench(scene, meshes, group, Training.of(scene), bar)
+        period = first_period(scene, bench.full_model.kinematics, group.world, group.comm)
+        step = StepChoice(bench, ledger, period)
         step.begin()
         if scene.reduction.tolerance is None:
             bench.check_references(step.n_basis, step.loads)
-            step.finish()
-            trial = bench.try_out(scene.reduction, step.n_basis, step.loads)
+            step.finish({})
+            allowed, trial = step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
         else:
             bench.check_references(step.n_basis)
             limits = Limits.of(scene, bench.full_model.kinematics)
-            trial = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed).run()
-            step.finish()
+            reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
+            allowed, trial = reduction.allowed, reduction.run()
+            step.finish(allowed)
             trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
         if trial.rom is None:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
         mesh = _mesh_remark(bench, trial.n_steps)
+    used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
         tolerances={name: getattr(scene, name).tolerance for name in ("reduction", "simulation")
                     if getattr(scene, name).tolerance is not None},
-        allowed=_allowed(scene) | step.allowed,
+        allowed=allowed,
         chosen=_entries(scene, chosen, kept=False),
         reasons=ledger.reasons,
         kept=_entries(scene, chosen, kept=True),
         attempts=tuple(ledger.attempts),
         outputs=bench.outputs,
         values=bench.training.values,
-        loads={load.name: load.description for load in bench.training.loads},
+        loads={load.name: load.description for load in bench.training.loads if load.name in used},
         remarks=(*bench.remarks, *mesh),
     )
     if group.world.rank > 0:
@@ -118,7 +123,7 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
 def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: StepChoice, trial: Trial) -> Trial:
     """Return a trial that is also good enough with a step that was found later and is finer than the trial's."""
     tolerance = bench.scene.reduction.tolerance
-    allowed = (BASIS + INTERPOLATION) * tolerance
+    allowed = REDUCTION * tolerance
     while trial.n_steps < step.n_steps:
         finest = step.n_finest
         errors = bench.run_again(trial, finest, step.loads)
@@ -127,24 +132,9 @@ def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: Step
             break
         n_steps = min(FINER * trial.n_steps, finest)
         if n_steps == trial.n_steps:
-            refuse("reduction.tolerance", tolerance, "basis", _allowed(bench.scene), ledger, [])
+            refuse("reduction.tolerance", tolerance, "basis", {"basis": allowed} | step.allowed, ledger, [])
         trial = ReductionChoice(bench, ledger, limits, n_steps, step.allowed).run()
     return trial
-
-
-def _first_period(bench: Bench) -> float:
-    """Return the period of the first flexible mode at the start, nominal parameters (s)."""
-    kinematics = bench.full_model.kinematics
-    start = bench.scene.initial_state(kinematics.coordinate.name).position
-    with agreed(bench.comm, "first mode"), ModalProblem(kinematics, bench.scene.nominal, 1, bench.group.comm) as problem:
-        frequency = float(problem.solve(start).frequencies_hz[0])
-    # the first rank's: the number of steps follows from it on all of them
-    return 1.0 / bench.comm.bcast(frequency)
-
-
-def _allowed(scene: Scene) -> dict[str, float]:
-    tolerance = scene.reduction.tolerance
-    return {} if tolerance is None else {"basis": BASIS * tolerance, "interpolation": INTERPOLATION * tolerance}
 
 
 def _chosen_scene(scene: Scene, step: StepChoice, trial: Trial) -> Scene:
@@ -175,5 +165,7 @@ def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     if bench.full_model.kinematics.mechanism.n_dofs > MOST_MESH_UNKNOWNS:
         return []
     errors = bench.other_meshes({name: refined(mesh, 2) for name, mesh in bench.meshes.items()}, n_steps)
+    if not np.isfinite(errors.values).any():
+        return []
     moved = ", ".join(f"{name} by {error:.2g}" for name, error in zip(bench.outputs, errors.by_output))
     return [f"no part of the tolerance: cells cut in two would move {moved}"]

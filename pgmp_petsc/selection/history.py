@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import SecondOrderSystem, State, integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene
@@ -49,7 +49,7 @@ def with_steps(scene: Scene, n_steps: int) -> Scene:
 
 
 def spacing(n_steps: int) -> int:
-    """Return the steps between kept instants: a power of two, so that runs with doubled steps have instants in common."""
+    """Return the steps between kept instants: a power of two, so that runs with doubled steps share instants."""
     every = 1
     while n_steps > MOST_INSTANTS * every:
         every *= 2
@@ -57,10 +57,14 @@ def spacing(n_steps: int) -> int:
 
 
 def run_history(
-    model: FullModel | ReducedModel, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int
+    model: FullModel | ReducedModel,
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
+    system: SecondOrderSystem | None = None,
 ) -> History:
-    """Integrate samples on this rank."""
-    system = model.batch(values, n_samples)
+    """Integrate samples on this rank, as a batch, or on the ranks of a given system."""
+    system = model.batch(values, n_samples) if system is None else system
     every, kept, angles = spacing(n_steps), [], []
     reduced, coordinate = isinstance(model, ReducedModel), model.kinematics.coordinate
     sides = (coordinate.connection.a, coordinate.connection.b)
@@ -95,7 +99,8 @@ def _inside(angles: list[np.ndarray], coordinate, n_samples: int) -> np.ndarray:
 
 def floors_of(model: FullModel | ReducedModel) -> np.ndarray:
     """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
-    return np.array([ROUND_OFF * (1.0 if unit == "rad" else model.kinematics.size) for unit in model.outputs.units.values()])
+    units = model.outputs.units.values()
+    return np.array([ROUND_OFF * (1.0 if unit == "rad" else model.kinematics.size) for unit in units])
 
 
 def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:

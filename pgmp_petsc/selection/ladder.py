@@ -133,17 +133,18 @@ def first_passing(
     start
         Candidate to begin with.
     hopeless
-        Tells of a failing candidate and a later one that fails whether there is no use in going on; two times in a row end
-        the search.
+        Tells of a failing candidate and a later one that fails whether there is no use in going on; two times in a row
+        end the search.
     """
     start = min(start, n - 1)
     if passes(start):
-        low, high = -1, start
-        stride = 1
-        while high - low > stride and passes(high - stride):
-            high -= stride
-            stride *= 2
-        low = high - stride if high - low > stride else low
+        low, high, taken = -1, start, 0
+        while high - low > 1:
+            stride = min(2 ** (taken // 2), high - low - 1)  # 1, 1, 2, 2, 4: the answer is often near
+            if not passes(high - stride):
+                low = high - stride
+                break
+            high, taken = high - stride, taken + 1
     else:
         low, high, stride, stalled = start, n, 1, 0
         while low < n - 1 and stalled < 2:

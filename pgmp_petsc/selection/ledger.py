@@ -11,9 +11,15 @@ import numpy as np
 from pgmp_petsc.results.selection import Attempt
 from pgmp_petsc.selection.bench import Errors, Trial
 
-# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took no
-# part in the training; with equal tolerances the parts together are within it even where all are largest at once.
+# Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
+# no part in the training; with equal tolerances the parts together are within it even where all are largest at once.
 BASIS, INTERPOLATION, STEP = 0.35, 0.15, 0.5
+REDUCTION = BASIS + INTERPOLATION
+
+
+def shares_of(fixed_grid: bool) -> dict[str, float]:
+    """Return the shares of the reduction's tolerance; with fixed angles, interpolation is part of the basis's error."""
+    return {"basis": REDUCTION} if fixed_grid else {"basis": BASIS, "interpolation": INTERPOLATION}
 
 
 @dataclass

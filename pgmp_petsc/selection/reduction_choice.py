@@ -16,13 +16,14 @@ from pgmp_petsc.selection.ladder import (
     first_passing,
     nearest,
 )
-from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, Ledger
+from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
 from pgmp_petsc.selection.refusal import basis_hints, refuse
 
 KNOBS = ("modes", "static_modes", "second_order", "angles", "interpolation")
 OF_BASIS, OF_GRID = KNOBS[:3], KNOBS[3:]
 FIRST_ANGLES = 48
 MUCH_BETTER = 0.7  # terms of second order are looked at first where they leave less than this share of the error
+FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
 
 
@@ -48,13 +49,14 @@ class ReductionChoice:
         reduction = bench.scene.reduction
         self._reduction, self.tolerance = reduction, reduction.tolerance
         self.given = {key: getattr(reduction, key) for key in KNOBS if key in reduction.model_fields_set}
-        # angles that a build adds by itself are not looked at here
-        self._fixed_grid = "angles" in self.given and "interpolation" in self.given or reduction.sampling_tolerance is not None
-        self._families = families_of(self.given, limits)
+        # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
+        self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
+        self._limits, self._families = limits, families_of(self.given, limits)
         self._trials: dict[tuple[Any, ...], Trial] = {}
         self._worst_load = ""
         self._left = 0.0  # by the interpolation with the angles that were enough
-        self.allowed = {"basis": BASIS * self.tolerance, "interpolation": INTERPOLATION * self.tolerance} | others
+        shares = shares_of(self._fixed_grid)
+        self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
         if not self._families[0]:
             raise InputError(
                 f"reduction.static_modes = true: the mesh has only {limits.n_modes} flexible modes, the scene "
@@ -69,7 +71,7 @@ class ReductionChoice:
         InputError
             If the tolerance cannot be met.
         """
-        grid = {key: getattr(self._reduction, key) for key in OF_GRID}
+        grid = {"angles": self._reduction.angles, "interpolation": self.given.get("interpolation", SCHEMES[0])}
         if not self._fixed_grid:
             grid = self._enough_angles()
         rung = self._cheapest_basis(grid)
@@ -85,20 +87,15 @@ class ReductionChoice:
             trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:
                 self._worst_load = trial.errors.loads[trial.errors.place[0]]
-            elif trial.errors.largest <= self.allowed["basis"] + self.allowed["interpolation"]:
+            elif trial.errors.largest <= REDUCTION * self.tolerance:
                 trial = self._bench.go_on(trial)
             self._trials[key] = trial
         return self._trials[key]
 
     def _enough_angles(self) -> dict[str, Any]:
         """Return angles and scheme with which interpolation does not count for a basis of medium size."""
-        grid = {
-            "angles": self.given.get("angles", FIRST_ANGLES),
-            "interpolation": self.given.get("interpolation", SCHEMES[0]),
-        }
-        while not self._settles(self._middle(self._families[0]), grid):
-            if "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
-                break
+        grid = {"angles": FIRST_ANGLES, "interpolation": self.given.get("interpolation", SCHEMES[0])}
+        while not self._settles(self._middle(self._families[0]), grid) and 4 * grid["angles"] <= ANGLES[-1]:
             grid = grid | {"angles": 2 * grid["angles"]}
         return grid
 
@@ -136,8 +133,12 @@ class ReductionChoice:
         found = self._search(error, climb)
         if found is None:
             best = min((rung for family in self._families for rung in family if id(rung) in tried), key=error)
-            kept = {name: value for name, value in self.given.items() if name in OF_BASIS}
-            hints = basis_hints(self._bench, self._try(best.entries | grid), kept)
+            if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= ANGLES[-1]:
+                self._apart(best, grid, grid | {"angles": 2 * grid["angles"]})
+            kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
+            share = self.allowed["basis"] / self.tolerance
+            trial = self._bench.go_on(self._try(best.entries | grid))
+            hints = basis_hints(self._bench, trial, share, kept)
             refuse("reduction.tolerance", self.tolerance, "basis", self.allowed, self._ledger, hints)
         family = next(family for family in self._families if found in family)
         cheaper = [rung for rung in family[: family.index(found)] if id(rung) in tried]
@@ -145,6 +146,9 @@ class ReductionChoice:
         if cheaper:
             reason += f"; {cheaper[-1].entries['modes']} leave {error(cheaper[-1]):.2g}"
         self._ledger.reasons["reduction.modes"] = reason
+        self._ledger.reasons["reduction.static_modes"] = (
+            "the static answer to a load does the work of many modes" if self._limits.n_static else "no load acts"
+        )
         if len(self._families) > 1 and found.entries["second_order"]:
             plain = min((rung for rung in self._families[0] if id(rung) in tried), key=error)
             self._ledger.reasons["reduction.second_order"] = (
@@ -177,24 +181,29 @@ class ReductionChoice:
         middle = self._middle(self._families[0])
         settled = rung.entries["modes"] <= middle.entries["modes"] and self._left <= self.allowed["interpolation"]
         while not settled and not self._settles(rung, grid):
-            if "angles" in self.given or 4 * grid["angles"] > ANGLES[-1]:
+            if 4 * grid["angles"] > ANGLES[-1]:
                 hints = [f"the tables change too fast over the range for {grid['angles']} angles"]
                 refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
             grid = grid | {"angles": 2 * grid["angles"]}
         # what the finest grid leaves is no candidate's to leave again
-        allowed, left = self.allowed["interpolation"] - self._left, {}
+        allowed, left, schemes = self.allowed["interpolation"] - self._left, {}, self._schemes()
 
         def passes(count: int, scheme: str) -> bool:
-            candidate = {"angles": count, "interpolation": scheme}
-            left[count, scheme] = self._apart(rung, candidate, grid).largest
+            if left.get((count, schemes[0]), 0.0) > FAR * allowed:
+                return False  # schemes do not differ that much
+            left[count, scheme] = self._apart(rung, {"angles": count, "interpolation": scheme}, grid).largest
             return left[count, scheme] <= allowed
 
-        chosen, counts = grid, [] if "angles" in self.given else [n for n in ANGLES if n < grid["angles"]]
-        for scheme in self._schemes():
+        chosen, counts = grid, [n for n in ANGLES if n < grid["angles"]]
+        for scheme in schemes:
             found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1) if counts else None
             if found is not None:
                 chosen = {"angles": counts[found], "interpolation": scheme}
                 counts = counts[:found]
+        for count, scheme in left:
+            if scheme != chosen["interpolation"]:
+                reason = f"{scheme} leaves {left[count, scheme]:.2g} with {count} angles"
+                self._ledger.reasons["reduction.interpolation"] = reason
         error = left.get(tuple(chosen.values()), 0.0) + self._left
         self._ledger.reasons["reduction.angles"] = f"leave {error:.2g}, allowed {self.allowed['interpolation']:.2g}"
         return self._try(rung.entries | chosen)

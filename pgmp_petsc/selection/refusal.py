@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
-
-import json
 
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.selection.bench import Bench, Trial
-from pgmp_petsc.selection.ledger import BASIS, Ledger
+from pgmp_petsc.selection.ledger import Ledger
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 UNRESOLVED = 5.0  # times the error, moved by halving the step: no basis can be judged with it
@@ -41,19 +40,33 @@ def refuse(
         Further lines.
     """
     lines = [f"{entry} = {tolerance:g}: cannot be met, {PARTS[part]} stands in the way"]
-    for name, limit in allowed.items():
+    extra = {attempt.part: None for attempt in ledger.attempts if attempt.part not in allowed}
+    for name, limit in (allowed | extra).items():
         best = ledger.best(name)
         if best is not None:
             what = ", ".join(f"{key} = {json.dumps(value)}" for key, value in best.entries.items())
-            lines.append(f"  {name}: at best {best.largest:.2g}, allowed {limit:.2g} ({what}; {best.where})")
+            of_it = "part of the basis's error" if limit is None else f"allowed {limit:.2g}"
+            lines.append(f"  {name}: at best {best.largest:.2g}, {of_it} ({what}; {best.where})")
         else:
             tried = [attempt.reason for attempt in ledger.attempts if attempt.part == name and attempt.reason]
             lines.append(f"  {name}: {tried[-1] if tried else f'not looked at any more, allowed {limit:.2g}'}")
     raise InputError("\n".join([*lines, *(f"  {hint}" for hint in hints)]))
 
 
-def basis_hints(bench: Bench, trial: Trial, kept: Mapping[str, Any]) -> list[str]:
-    """Find out what is wrong with the best basis: the load's size, the parameters' distance, or the step."""
+def basis_hints(bench: Bench, trial: Trial, share: float, kept: Mapping[str, Any]) -> list[str]:
+    """Find out what is wrong with the best basis: the load's size, the parameters' distance, or the step.
+
+    Parameters
+    ----------
+    bench
+        Where it was tried.
+    trial
+        The best that was found.
+    share
+        Of the tolerance that its error may take.
+    kept
+        Entries of the scene that did not stand for choice.
+    """
     errors, hints = trial.errors, []
     if not np.isfinite(errors.largest):
         return [_kept_text(kept)] if kept else []
@@ -63,8 +76,8 @@ def basis_hints(bench: Bench, trial: Trial, kept: Mapping[str, Any]) -> list[str
     nominal = np.nanmax(errors.values[:, :, 0])
     unresolved = bench.moved(trial.n_steps, 2 * trial.n_steps, (name,)).values[0, output, sample]
     hints.append(
-        f"of this, half the load leaves {half:.2g}; at nominal parameters it is {nominal:.2g}; halving the step moves the "
-        f"full-order {what} itself by {unresolved:.2g}"
+        f"of this, half the load leaves {half:.2g}; at nominal parameters it is {nominal:.2g}; halving the step moves "
+        f"the full-order {what} itself by {unresolved:.2g}"
     )
     causes = []
     if half <= FELL * errors.largest:
@@ -72,10 +85,10 @@ def basis_hints(bench: Bench, trial: Trial, kept: Mapping[str, Any]) -> list[str
     if nominal <= FELL * errors.largest:
         causes.append("the modes are those of nominal parameters, and these values are too far from them")
     if unresolved > UNRESOLVED * errors.largest:
-        causes.append("the loads set off vibrations that the step does not resolve and that a small basis does not have")
+        causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
     if causes:
         hints.append("; ".join(causes))
-    hints.append(f"a tolerance of {1.05 * errors.largest / BASIS:.1e} can be met by this part")
+    hints.append(f"a tolerance of {1.05 * errors.largest / share:.1e} can be met by this part")
     return hints + ([_kept_text(kept)] if kept else [])
 
 

@@ -2,20 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Protocol
+
 import numpy as np
+from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.selection.bench import Bench, Errors, Trial
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.selection.bench import Errors, Trial
 from pgmp_petsc.selection.ledger import STEP, Ledger
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step import AHEAD, FEWEST, FIRST_PER_PERIOD, MOST_PER_PERIOD, StepSearch, step_of
+from pgmp_petsc.selection.step import (
+    AHEAD,
+    FEWEST,
+    FIRST_PER_PERIOD,
+    MOST_ANYWAY,
+    MOST_PER_PERIOD,
+    StepSearch,
+    step_of,
+)
+from pgmp_petsc.selection.training import Training
 
 EARLY_PER_PERIOD = 128  # steps a period of the first flexible mode that are tried before anything is reduced
 UNKNOWN_PER_PERIOD = 64  # that a reduction is looked at with where the step is not known yet
-# A reduction is looked at with smaller steps than it will run with: the integrator's error is not the same in the coordinates
-# of the two models, and is a quarter or less of itself then. A step that was chosen is as large as its tolerance allows.
+# A reduction is looked at with smaller steps than it will run with: the integrator's error is not the same in the
+# coordinates of the two models, and is a quarter or less of itself then. A step that was chosen is as large as its
+# tolerance allows.
 FINER_THAN_GIVEN, FINER_THAN_CHOSEN = 2, 4
-LOADS = ("own", "pulse")  # quicker loads set off more vibrations; a step for all of them would be one for none
+
+
+class Runs(Protocol):
+    """Where the runs come from: `bench.Bench`, or the runs of one model."""
+
+    scene: Scene
+    outputs: tuple[str, ...]
+    training: Training
+
+    def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        """Return how far runs with two numbers of steps are apart."""
+
+    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        """Return how far runs of a candidate are apart."""
+
+
+def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
+    """Return the period of the first flexible mode at the start, nominal parameters (s). Collective on `comm`.
+
+    Parameters
+    ----------
+    comm
+        All ranks.
+    group
+        Ranks that share an eigenproblem.
+    """
+    start = scene.initial_state(kinematics.coordinate.name).position
+    frequency = 0.0
+    with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
+        frequency = float(problem.solve(start).frequencies_hz[0])
+    # the first rank's: numbers of steps follow from it on all of them
+    return 1.0 / comm.bcast(frequency)
 
 
 class StepChoice:
@@ -31,7 +80,7 @@ class StepChoice:
         Of the first flexible mode, s.
     """
 
-    def __init__(self, bench: Bench, ledger: Ledger, period: float) -> None:
+    def __init__(self, bench: Runs, ledger: Ledger, period: float) -> None:
         self._bench, self._ledger = bench, ledger
         simulation = bench.scene.simulation
         self.tolerance = simulation.tolerance
@@ -39,8 +88,9 @@ class StepChoice:
         self.n_given = count_steps(simulation.duration, simulation.step)
         self._duration = simulation.duration
         self._periods = max(simulation.duration / period, FEWEST / FIRST_PER_PERIOD)
-        self.loads = tuple(load.name for load in bench.training.loads if load.name in LOADS)
+        self.loads = tuple(load.name for load in bench.training.loads if load.for_step)
         self._search: StepSearch | None = None
+        self._last: Errors | None = None
         self._n_reduced = 0
 
     @property
@@ -56,15 +106,17 @@ class StepChoice:
     @property
     def n_steps(self) -> int:
         """Number of steps, where it is settled."""
-        return self.n_given if self.kept else max(self._search.chosen, self._n_reduced)
+        return self.n_given if self.kept else self._n_reduced or self._search.chosen
 
     @property
     def n_basis(self) -> int:
         """Number of steps that the reduction is looked at with."""
         if self.kept:
             return FINER_THAN_GIVEN * self.n_given
-        unknown = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
-        return min(FINER_THAN_CHOSEN * self._search.chosen, max(unknown, self._search.chosen)) if self.settled else unknown
+        most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
+        if not self.settled:
+            return most
+        return min(FINER_THAN_CHOSEN * self._search.chosen, max(most, self._search.chosen))
 
     @property
     def n_finest(self) -> int:
@@ -86,8 +138,13 @@ class StepChoice:
         self._search = StepSearch(self._compare, self._first, STEP * self.tolerance)
         self._search.advance(round(EARLY_PER_PERIOD * self._periods))
 
-    def finish(self) -> None:
+    def finish(self, others: Mapping[str, float]) -> None:
         """Look further, if the step is not known; refuse a tolerance that no step keeps.
+
+        Parameters
+        ----------
+        others
+            What the other parts of the error may be, for the message.
 
         Raises
         ------
@@ -97,37 +154,46 @@ class StepChoice:
         if self.kept:
             return
         search = self._search
-        search.advance(round(MOST_PER_PERIOD * self._periods))
+        search.advance(self._most)
         if search.chosen is None:
-            worst = self._bench.outputs[int(np.argmax(search.last_move))]
+            self._note(search.finest, self._last)
+            worst = self._bench.outputs[self._last.place[1]]
             hints = [
-                f"the last halving, to {search.finest} steps, still moves {worst} by {search.last_move.max():.2g}: the loads "
-                "set off vibrations that nothing damps, and their phase has to be kept over the whole run",
+                f"the last halving, to {search.finest} steps, still moves {worst} by {self._last.largest:.2g}: the "
+                "loads or the start set off vibrations that nothing damps, and their phase has to be kept over the run",
                 "a torque without corners sets off less; simulation.step takes any step as given",
             ]
-            refuse("simulation.tolerance", self.tolerance, "step", self.allowed, self._ledger, hints)
+            refuse("simulation.tolerance", self.tolerance, "step", others | self.allowed, self._ledger, hints)
         self._ledger.reasons["simulation.step"] = (
             f"{search.chosen} steps leave {search.error:.2g}, allowed {search.allowed:.2g}, against "
-            f"{search.finest} steps of the full-order model"
+            f"{search.finest} steps"
         )
 
     def fit_reduced(self, trial: Trial) -> None:
-        """Take more steps if the reduced model needs more than the full-order one.
+        """Take the fewest steps with which the reduced model keeps the tolerance.
 
-        With large steps the two differ: an integrator's error is not the same in their coordinates. From the steps that
-        the reduction was looked at with they are known to agree.
+        An integrator's error is not the same in the coordinates of the two models: the full-order one, with its
+        constraints, often needs more steps. Where both need more than the reduction was looked at with, it is the
+        vibrations that do.
         """
-        if self.kept:
+        if self.kept or self.n_steps > trial.n_steps:
             return
-        n_steps = self.n_steps
+        n_steps = self._first
         while n_steps < trial.n_steps:
             errors = self._bench.moved_reduced(trial, n_steps, AHEAD * n_steps, self.loads)
-            self._note(n_steps, errors)
+            self._note(n_steps, errors, "reduced")
+            self._ledger.reasons["simulation.step"] = (
+                f"{n_steps} steps leave {errors.largest:.2g}, allowed {STEP * self.tolerance:.2g}, of the reduced "
+                f"model itself; the full-order one needs {self._search.chosen}"
+            )
             if errors.largest <= STEP * self.tolerance:
                 break
             n_steps = min(2 * n_steps, trial.n_steps)
-            self._ledger.reasons["simulation.step"] += f"; the reduced model needs {n_steps}"
         self._n_reduced = n_steps
+
+    @property
+    def _most(self) -> int:
+        return max(MOST_ANYWAY, round(MOST_PER_PERIOD * self._periods))
 
     @property
     def _first(self) -> int:
@@ -135,19 +201,22 @@ class StepChoice:
 
     def _compare(self, coarse: int, fine: int) -> np.ndarray:
         errors = self._bench.moved(coarse, fine, self.loads)
-        if fine == AHEAD * coarse:
+        if fine >= AHEAD * coarse:
             self._note(coarse, errors)
+        else:
+            self._last = errors
         return errors.by_output
 
     def _check_given(self) -> None:
         n = self.n_given
-        ahead = AHEAD if AHEAD * n <= MOST_PER_PERIOD * self._periods else 2
+        ahead = AHEAD if AHEAD * n <= self._most else 2
         errors = self._bench.moved(n, ahead * n, self.loads)
         self._note(n, errors)
         if errors.largest > STEP * self.tolerance:
-            hint = f"simulation.step = {self._bench.scene.simulation.step:g} is kept as given; leave it out to have it chosen"
-            refuse("simulation.tolerance", self.tolerance, "step", self.allowed, self._ledger, [hint])
+            given = f"simulation.step = {self._bench.scene.simulation.step:g}"
+            hints = [f"{given} is kept as given; leave it out to have it chosen"]
+            refuse("simulation.tolerance", self.tolerance, "step", self.allowed, self._ledger, hints)
 
-    def _note(self, n_steps: int, errors: Errors) -> None:
+    def _note(self, n_steps: int, errors: Errors, model: str = "full") -> None:
         step = self._bench.scene.simulation.step if self.kept else step_of(self._duration, n_steps)
-        self._ledger.add_step({"step": step}, n_steps, errors)
+        self._ledger.add_step({"step": step, "model": model}, n_steps, errors)

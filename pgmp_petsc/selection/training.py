@@ -3,8 +3,10 @@
 Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
 applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
 together (corners). Torques take the scene's own tables, a half-sine pulse over the whole run, `PULSE` times as large
-as the largest torque, and the own tables `HASTE` times as fast. Loads that set in at once are tried where they are the
-scene's own, and not otherwise: no step and no small basis follows what they set off.
+as the largest torque, and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes the bodies
+vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse where it does
+not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's own, and not
+otherwise: no step and no small basis follows what they set off.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ SMALLEST = 1e-9  # probability above which a parameter that must be positive is 
 MOST_CORNERS = 3  # parameters whose corners are all tried; of more, only all low and all high
 PULSE = 1.6
 HASTE = 2.0
+OF_REDUCTION = ", for basis and interpolation"
 N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
 
 Table = tuple[tuple[float, float], ...]
@@ -38,11 +41,14 @@ class Load:
         For messages.
     tables
         Table of every torque, by the effect's name.
+    for_step
+        Whether the step is found with them; basis and interpolation are with all.
     """
 
     name: str
     description: str
     tables: Mapping[str, Table]
+    for_step: bool
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
         """Return the scene under these loads, times a factor."""
@@ -117,7 +123,7 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first."""
     own = {name: effect.table for name, effect in scene.effects.items() if isinstance(effect, Torque)}
     peaks = {name: max((value for _, value in table), key=abs) for name, table in own.items()}
-    loads = [Load("own", "the scene's own loads", own)]
+    loads = [Load("own", "the scene's own loads", own, True)]
     if not any(peaks.values()):
         return tuple(loads)
     phase = np.linspace(0.0, 1.0, N_ROWS)
@@ -127,12 +133,21 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
         )
         for name, peak in peaks.items()
     }
+    gentle = all(_steepness(pulse[name]) <= HASTE * _steepness(own[name]) for name in own)
     about = f"a half sine over the run, {PULSE:g} times the largest torque"
-    loads.append(Load("pulse", about, pulse))
+    loads.append(Load("pulse", about + ("" if gentle else OF_REDUCTION), pulse, gentle))
     quick = {name: tuple((time / HASTE, value) for time, value in table) for name, table in own.items()}
     if any(len({value for _, value in table}) > 1 for table in quick.values()):
-        loads.append(Load("quick", f"the scene's torques {HASTE:g} times as fast", quick))
+        loads.append(Load("quick", f"the scene's torques {HASTE:g} times as fast" + OF_REDUCTION, quick, False))
     return tuple(loads)
+
+
+def _steepness(table: Table) -> float:
+    """Return the largest slope of a torque over time, N m/s; infinite where it does not begin at zero."""
+    time, value = np.array(table, dtype=float).T
+    began = float(np.interp(0.0, time, value))
+    slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)
+    return np.inf if began != 0.0 else float(slopes.max())
 
 
 def _levels(scene: Scene, name: str) -> tuple[float, float]:

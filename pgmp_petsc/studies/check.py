@@ -34,7 +34,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
     null = null_space(constraint_jacobian(mechanism, pose))
     n_flexible = null.independent.size - kinematics.n_coordinates
-    if scene.reduction.modes > n_flexible:
+    left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
+    if scene.reduction.modes > n_flexible and not left_open:
         raise InputError(
             f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
             "take fewer modes or a finer mesh"
@@ -43,14 +44,17 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     lower, upper = kinematics.coordinate.lower, kinematics.coordinate.upper
     kind = "periodic" if kinematics.coordinate.periodic else "limited"
     lines.append(f"  coordinate    {kinematics.coordinate.name}: {lower:.6g} to {upper:.6g} rad, {kind}")
+    reduced = f"1 rigid + {scene.reduction.modes} flexible reduced"
+    if left_open:
+        reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
     lines.append(
-        f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, "
-        f"1 rigid + {scene.reduction.modes} flexible reduced"
+        f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}"
     )
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    lines += _memory(scene, mechanism, matrices, len(loads))
+    if not left_open:
+        lines += _memory(scene, mechanism, matrices, len(loads))
     return "\n".join(lines)
 
 

@@ -12,6 +12,7 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene.numerics import Simulation
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
@@ -49,9 +50,17 @@ def read_rom(
         built = scene_from_toml(rom.record.scene_toml, path.parent)
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
-        return scene, rom
+        return _step_left_open(built, scene), rom
 
     return on_root(comm, read)
+
+
+def _step_left_open(built: Scene, scene: Scene) -> Scene:
+    """Forget the step that a file carries where a tolerance for the step is given, but no other step."""
+    simulation = scene.simulation
+    if simulation.tolerance is None or simulation.step != built.simulation.step:
+        return scene
+    return scene.model_copy(update={"simulation": Simulation(**simulation.model_dump(exclude={"step"}))})
 
 
 def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:

@@ -114,6 +114,36 @@ def test_a_trajectory_keeps_the_contract(kind: str, request: pytest.FixtureReque
     assert trajectory.frames is not None and trajectory.frames.time[-1] == data["time"][-1]
     assert trajectory.record.parameters == {"r1": 5.6e-3}
     assert (trajectory.modal is not None) == (kind == "reduced")
+    assert (trajectory.errors is not None) == (kind == "reduced"), "the full-order model has no indicator"
+
+
+def test_a_reduced_run_says_how_wrong_it_is(folder: Path, rom: Path, reduced: Path) -> None:
+    with h5py.File(reduced) as file:
+        assert file["errors/time"][-1] == pytest.approx(0.05, rel=1e-12)
+        for name in OUTPUTS:
+            values, about = file[f"errors/{name}"], file[f"errors/{name}"].attrs
+            assert values.shape == file["errors/time"].shape and values.attrs["unit"] == file[f"outputs/{name}"].attrs["unit"]
+            assert about["maximum"] == pytest.approx(np.abs(values[()]).max(), rel=1e-12)
+            largest = np.abs(file[f"outputs/{name}"][()]).max()
+            assert about["share"] == pytest.approx(about["maximum"] / largest, rel=1e-12)
+        assert 0.0 < file["validity/elastic_rotation"][()] < 0.01
+        assert 0.0 < file["validity/elastic_strain"][()] < 0.01
+    path = folder / "silent.h5"
+    done = pgmp("simulate", rom, "-o", path, "--override", "simulation.error_indicator=false")
+    assert "estimated" not in done.stdout
+    assert Trajectory.read(path).errors is None
+
+
+def test_a_warning_where_bodies_bend_too_far(folder: Path, rom: Path) -> None:
+    """Some hundred times the torque; what the full-order equations say of it is in the file."""
+    path = folder / "bent.h5"
+    table = "effects.motor.table=[[0.0, 0.0], [0.02, 200.0]]"
+    done = pgmp("simulate", rom, "-o", path, "--override", table)
+    assert Trajectory.read(path).errors.validity["elastic_rotation"] > 0.14
+    assert "warning: elastic rotations beyond 0.14 rad" in done.stdout
+    again = pgmp("montecarlo", rom, "-n", 2, "-o", folder / "bent_too.h5", "--override", table)
+    assert "warning: 2 of 2 samples: elastic rotations beyond 0.14 rad" in again.stdout
+    assert "warning: elastic rotations" in pgmp("info", path).stdout
 
 
 def test_the_full_run_is_that_of_the_model(full: Path) -> None:
@@ -224,8 +254,8 @@ def test_set_and_override_reach_every_command(folder: Path, rom: Path) -> None:
 def test_info_tells_what_every_file_holds(rom: Path, reduced: Path, ensemble: Path, table: Path) -> None:
     for path, words in (
         (rom, ("reduced model", "/tables/mass")),
-        (reduced, ("trajectory of the reduced model", "/time", "/outputs/crank_angle")),
-        (ensemble, ("ensemble of the reduced model", "seed       7", "/status")),
+        (reduced, ("trajectory of the reduced model", "/time", "/outputs/crank_angle", "estimated errors", "elastic strain")),
+        (ensemble, ("ensemble of the reduced model", "seed       7", "/status", "12 samples: median, largest")),
         (table, ("table of modes", "/theta")),
     ):
         printed = pgmp("info", path).stdout

@@ -23,7 +23,11 @@ def plan(tmp_path: Path) -> Plan:
 def batch(first: int, n: int = 4) -> Batch:
     numbers = first + np.arange(float(n))
     status = np.where(numbers % 3 == 0, 2, 0)
-    return Batch(first, {"r1": numbers}, {"angle": -numbers, "x.y": numbers / 7}, status, np.where(status, 0.5, np.nan))
+    outputs = {"angle": -numbers, "x.y": numbers / 7}
+    estimates = {name: np.where(numbers < 3, 1e-3 * values, np.nan) for name, values in outputs.items()}
+    return Batch(
+        first, {"r1": numbers}, outputs, status, np.where(status, 0.5, np.nan), estimates, dict(estimates), {"bent": numbers}
+    )
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
@@ -44,7 +48,7 @@ def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
     assert [one.first for one in found] == [0, 4, 8]
     for one in found:
         expected = batch(one.first)
-        for name in ("parameters", "outputs"):
+        for name in ("parameters", "outputs", "errors", "errors_at_end", "validity"):
             assert getattr(one, name).keys() == getattr(expected, name).keys()
             for key, values in getattr(expected, name).items():
                 np.testing.assert_array_equal(getattr(one, name)[key], values)

@@ -47,6 +47,8 @@ ENTRIES = [
     ("ensemble.quantiles=[0.5, 1]", "ensemble.quantiles[1] = 1: must be less than 1.0"),
     ("ensemble.quantiles=0.5", "ensemble.quantiles = 0.5: a list in brackets is needed"),
     ("ensemble.batch=0", "ensemble.batch = 0: must be at least 1"),
+    ("ensemble.checked_share=1.1", "ensemble.checked_share = 1.1: must be at most 1.0"),
+    ("simulation.error_indicator=1", "simulation.error_indicator = 1: true or false is needed"),
     ("coordinates.theta.periodic=1", "coordinates.theta.periodic = 1: true or false is needed"),
     (
         "coordinates.theta.range=[0, 1]",
@@ -260,6 +262,10 @@ ENTRIES = [
             'outputs.crank_angle.joint = "slider": a revolute joint is needed, this '
             "one is a point_on_line (allowed: crank_hinge, elbow)"
         ),
+    ),
+    (
+        'outputs.time={type="angle", joint="crank_hinge"}',
+        "outputs.time: result files keep instants under this name; give the output another one",
     ),
     (
         "outputs.slider_position.point='rd:tip'",

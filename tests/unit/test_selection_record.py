@@ -1,0 +1,107 @@
+"""What was chosen, in the file and in words; entries of the scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scenes import slider_crank
+
+from pgmp_petsc.results import Attempt, Selection
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+from pgmp_petsc.selection.choice import leaves_open
+from pgmp_petsc.selection.ledger import BASIS, INTERPOLATION, STEP, shares_of
+
+SELECTION = Selection(
+    tolerances={"reduction": 1e-2, "simulation": 2e-2},
+    allowed={"basis": 3.5e-3, "step": 1e-2},
+    chosen={"reduction.modes": 7, "reduction.static_modes": True, "simulation.step": 2e-3},
+    reasons={"reduction.modes": "leave 0.002"},
+    kept={"reduction.interpolation": "spline"},
+    attempts=(
+        Attempt("basis", {"modes": 4}, 100, np.array([1e-4, np.inf]), np.inf, "x", 55.0, 0.1, "no convergence"),
+        Attempt("basis", {"modes": 7}, 100, np.array([1e-4, 2e-3]), 2e-3, "x, load 'own', r = 1", 99.0, 0.2),
+        Attempt("step", {"step": 2e-3}, 500, np.array([1e-5, 3e-3]), 3e-3, "x, load 'own', r = 1"),
+    ),
+    outputs=("angle", "x"),
+    values={"r": np.array([1.0, 2.0])},
+    loads={"own": "the scene's own loads"},
+    remarks=("no torque acts",),
+)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    with h5py.File(tmp_path / "rom.h5", "w") as file:
+        SELECTION.write_into(file)
+    return tmp_path / "rom.h5"
+
+
+def test_it_comes_back_from_the_file(path: Path) -> None:
+    with h5py.File(path) as file:
+        found = Selection.read(file)
+    for name in ("tolerances", "allowed", "chosen", "reasons", "kept", "outputs", "loads", "remarks"):
+        assert getattr(found, name) == getattr(SELECTION, name), name
+    np.testing.assert_array_equal(found.values["r"], [1.0, 2.0])
+    for one, other in zip(found.attempts, SELECTION.attempts, strict=True):
+        np.testing.assert_array_equal(one.errors, other.errors)
+        for name in ("part", "entries", "n_steps", "largest", "where", "cost", "seconds", "reason"):
+            assert getattr(one, name) == getattr(other, name), name
+
+
+def test_every_dataset_is_described(path: Path) -> None:
+    with h5py.File(path) as file:
+        group = file["selection"]
+        for name in ("errors", "largest", "cost", "seconds", "steps", "attempts", "training/r"):
+            assert group[name].attrs["unit"] and group[name].attrs["description"], name
+
+
+def test_a_file_without_a_selection_has_none(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "plain.h5", "w") as file:
+        assert Selection.read(file) is None
+
+
+def test_a_damaged_selection_is_told(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["selection/largest"]
+    with h5py.File(path) as file, pytest.raises(InputError, match="selection/largest"):
+        Selection.read(file)
+
+
+def test_in_words() -> None:
+    lines = SELECTION.lines()
+    assert lines[0] == "chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.02"
+    for words in (
+        "  reduction.modes = 7: leave 0.002", "  reduction.static_modes = true",
+        '  kept as given: reduction.interpolation = "spline"', "    modes = 4: no convergence",
+        "    modes = 7: 0.002 (x, load 'own', r = 1)", "  trained on r = 1, 2", "  no torque acts",
+    ):
+        assert words in lines
+    assert not any("modes = 4" in line for line in SELECTION.lines(attempts=False))
+
+
+def test_the_parts_share_the_tolerance() -> None:
+    assert BASIS + INTERPOLATION == STEP == 0.5
+    assert sum(shares_of(True).values()) == pytest.approx(sum(shares_of(False).values()))
+
+
+@pytest.mark.parametrize("table", ["reduction", "simulation"])
+def test_a_tolerance_leaves_a_scene_open(table: str) -> None:
+    scene = slider_crank(f"{table}.tolerance=1e-3")
+    assert leaves_open(scene) and not leaves_open(slider_crank())
+    again = scene_from_toml(scene_to_toml(scene), ".")
+    assert getattr(again, table).tolerance == 1e-3
+    for value in ("0.0", "1.0", "-1e-3", '"small"'):
+        with pytest.raises(InputError, match=rf"{table}\.tolerance"):
+            slider_crank(f"{table}.tolerance={value}")
+
+
+def test_a_step_that_is_still_to_be_chosen_is_not_too_long() -> None:
+    assert slider_crank("simulation={duration=1e-4, tolerance=1e-3}").simulation.duration == 1e-4
+    with pytest.raises(InputError, match="must not exceed the duration"):
+        slider_crank("simulation={duration=1e-4}")
+    with pytest.raises(InputError, match="must not exceed the duration"):
+        slider_crank("simulation={duration=1e-4, step=1e-3, tolerance=1e-3}")

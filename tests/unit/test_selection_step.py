@@ -1,0 +1,112 @@
+"""The search for a step, on errors that are known: smooth ones, and vibrations that keep no phase."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.dynamics.generalised_alpha import Scheme, count_steps
+from pgmp_petsc.selection.step import AHEAD, StepSearch, step_of
+
+DURATION, SHARE = 1.0, 2e-3
+INSTANTS = np.linspace(0.0, DURATION, 257)
+
+
+def smooth(n_steps: int) -> np.ndarray:
+    """Return a motion with an error of second order, 3 / n^2 of its size at the end."""
+    return np.sin(INSTANTS) * (1 + 3.0 * INSTANTS / n_steps**2)
+
+
+def vibrating(n_steps: int) -> np.ndarray:
+    """Return a motion on which a vibration of 300 Hz lies, as generalised-alpha integrates it: damped, late in phase."""
+    omega, step = 2 * np.pi * 300.0, DURATION / n_steps
+    # eigenvalue of one step of the scheme for x'' = -omega^2 x, state (x, h x', h^2 a, h^2 A)
+    s, w = Scheme.of(0.8, 1.0), (omega * step) ** 2
+    left = np.array([[1, 0, 0, -s.beta], [0, 1, 0, -s.gamma], [w, 0, 1, 0], [0, 0, s.alpha_f - 1, 1 - s.alpha_m]])
+    right = np.array([[1, 1, 0, 0.5 - s.beta], [0, 1, 0, 1 - s.gamma], [0, 0, 0, 0], [0, 0, s.alpha_f, -s.alpha_m]])
+    values = np.linalg.eigvals(np.linalg.solve(left, right))
+    root = max(values, key=lambda value: (abs(value), value.imag))
+    return smooth(n_steps) + SHARE * np.real(np.abs(root) ** (INSTANTS / step) * np.exp(
+        1j * np.abs(np.angle(root)) * INSTANTS / step))
+
+
+def searched(motion: Callable[[int], np.ndarray], allowed: float, most: int, first: int = 32) -> StepSearch:
+    """Return the search after it ran."""
+    search = StepSearch(lambda n, m: np.array([np.max(np.abs(motion(n) - motion(m)))]), first, allowed)
+    search.advance(most)
+    return search
+
+
+@pytest.mark.parametrize("allowed", [1e-3, 1e-4, 1e-5, 1e-6])
+def test_a_smooth_motion_gets_the_step_that_its_order_allows(allowed: float) -> None:
+    search = searched(smooth, allowed, 65536)
+    true = 3.0 * np.sin(1.0) / search.chosen**2
+    assert true <= 1.02 * allowed, "of 64 parts, one is not seen by a comparison with steps eight times as fine"
+    # not smaller than the next halving would have been good for, or than the first run
+    assert search.chosen == 32 or true > 0.2 * allowed
+    assert search.error == pytest.approx(true, rel=0.4)
+
+
+def exact() -> np.ndarray:
+    return vibrating(2**20)
+
+
+@pytest.mark.parametrize("allowed", [4e-3, 2.5e-3, 1e-3, 5e-4])
+def test_a_vibration_is_seen_with_every_step(allowed: float) -> None:
+    """It is seen as large as it is, up to what two phases may make of it."""
+    search = searched(vibrating, allowed, 2**17)
+    true = np.max(np.abs(vibrating(search.chosen) - exact()))
+    assert true <= 1.25 * allowed
+    assert search.error == pytest.approx(true, rel=0.6)
+
+
+def test_half_the_step_would_tell_less_than_the_error() -> None:
+    """Why a run is compared with one that is eight times as fine: two that damp the vibration agree."""
+    halved = np.max(np.abs(vibrating(128) - vibrating(256)))
+    ahead = np.max(np.abs(vibrating(128) - vibrating(AHEAD * 128)))
+    true = np.max(np.abs(vibrating(128) - exact()))
+    assert halved < 0.8 * true
+    assert ahead > 0.9 * true
+
+
+def test_it_gives_up_where_no_step_is_small_enough() -> None:
+    search = searched(vibrating, 1e-5, 4096)
+    assert search.chosen is None and search.finest == 4096
+
+
+def test_it_goes_on_where_it_stopped() -> None:
+    search = StepSearch(lambda n, m: np.array([np.max(np.abs(smooth(n) - smooth(m)))]), 32, 1e-5)
+    search.advance(256)
+    assert search.chosen is None
+    search.advance(65536)
+    assert search.chosen == searched(smooth, 1e-5, 65536).chosen
+
+
+def test_a_failed_run_is_no_reason_to_stop() -> None:
+    """Runs with fewer than 300 steps fail: their difference from others is infinite."""
+
+    def compare(n: int, m: int) -> np.ndarray:
+        return np.array([np.inf if n < 300 else np.max(np.abs(smooth(n) - smooth(m)))])
+
+    search = StepSearch(compare, 32, 1e-2)
+    search.advance(65536)
+    assert search.chosen == 512
+
+
+def test_all_outputs_count() -> None:
+    def compare(n: int, m: int) -> np.ndarray:
+        return np.array([np.max(np.abs(motion(n) - motion(m))) for motion in (smooth, vibrating)])
+
+    search = StepSearch(compare, 32, 5e-4)
+    search.advance(2**17)
+    assert search.chosen == searched(vibrating, 5e-4, 2**17).chosen
+
+
+@pytest.mark.parametrize("duration", [1.0, 0.3, 7.0, 1e-6])
+@pytest.mark.parametrize("n_steps", [1, 64, 257, 1028, 72173])
+def test_a_step_has_three_digits_and_makes_hardly_more_steps(duration: float, n_steps: int) -> None:
+    step = step_of(duration, n_steps)
+    assert float(f"{step:.3g}") == step
+    assert n_steps <= count_steps(duration, step) <= 1.01 * n_steps + 1

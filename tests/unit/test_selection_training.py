@@ -1,0 +1,103 @@
+"""Training cases: values at three standard deviations, bounds, corners; loads that differ from the scene's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import pendulum, slider_crank
+
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.selection.training import HASTE, PULSE, Training, training_loads, training_values
+
+NORMAL = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=0.56e-3}%s}'
+SECOND = 'parameters.E={nominal=2.1e11, distribution={name="uniform", loc=2.0e11, scale=0.2e11}}'
+USED = 'materials.steel.E="E"'
+
+
+def test_a_star_to_three_standard_deviations() -> None:
+    values, n = training_values(slider_crank(NORMAL % ""))
+    assert n == 5
+    expected = 5.6e-3 + 0.56e-3 * np.array([0.0, -3.0, -1.5, 1.5, 3.0])
+    np.testing.assert_allclose(values["r1"], expected, rtol=1e-4)
+
+
+def test_bounds_cut_the_distribution_as_an_ensemble_does() -> None:
+    values, _ = training_values(slider_crank(NORMAL % ", bounds=[5.0e-3, 6.0e-3]"))
+    assert 5.0e-3 < values["r1"].min() < 5.01e-3 and 5.99e-3 < values["r1"].max() < 6.0e-3
+
+
+def test_a_radius_stays_positive() -> None:
+    wide = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5e-3}}'
+    assert training_values(slider_crank(wide))[0]["r1"].min() > 0.0
+
+
+def test_two_parameters_have_corners() -> None:
+    values, n = training_values(slider_crank(NORMAL % "", SECOND, USED))
+    assert n == 1 + 2 * 4 + 4
+    pairs = set(zip(values["r1"].round(6), values["E"].round(-9)))
+    low, high = values["r1"].min().round(6), values["r1"].max().round(6)
+    assert {(r, e) for r in (low, high) for e in (2.0e11, 2.2e11)} <= pairs
+    assert (values["r1"][0], values["E"][0]) == (5.6e-3, 2.1e11), "the nominal sample is the first"
+
+
+def test_of_many_parameters_only_two_corners() -> None:
+    many = [f'parameters.p{k}={{nominal=1.0, distribution={{name="uniform", loc=0.9, scale=0.2}}}}' for k in range(4)]
+    values, n = training_values(slider_crank("parameters.r1={nominal=5.6e-3}", *many))
+    assert n == 1 + 4 * 4 + 2
+    np.testing.assert_array_equal(values["r1"], 5.6e-3)
+
+
+def test_the_value_of_a_run_is_tried_too() -> None:
+    values, n = training_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
+    np.testing.assert_array_equal(values["r1"], [5.6e-3, 5.0e-3])
+    assert n == 2
+
+
+def test_without_parameters_or_torques_nothing_is_varied_and_that_is_said() -> None:
+    training = Training.of(pendulum('effects.weight={type="gravity"}'))
+    assert training.n_samples == 1 and training.values == {}
+    assert [load.name for load in training.loads] == ["own"]
+    assert any("no parameter" in remark for remark in training.remarks)
+    assert any("no torque" in remark for remark in training.remarks)
+    assert training.sample_text(0) == ""
+
+
+def table(scene: Scene) -> np.ndarray:
+    return np.array(scene.effects["motor"].table)
+
+
+def test_loads_are_the_own_a_pulse_and_a_quicker_one() -> None:
+    scene = slider_crank("effects.motor.table=[[0.0, 0.0], [0.25, -0.5], [1.0, 0.2]]", "effects.weight={type='gravity'}")
+    own, pulse, quick = training_loads(scene)
+    np.testing.assert_array_equal(table(own.of(scene)), table(scene))
+    np.testing.assert_array_equal(table(own.of(scene, 0.5))[:, 1], 0.5 * table(scene)[:, 1])
+    rows = table(pulse.of(scene))
+    assert rows[0, 1] == 0.0 and rows[-1] == pytest.approx([scene.simulation.duration, 0.0], abs=1e-12)
+    assert rows[:, 1].min() == pytest.approx(-0.5 * PULSE) and np.all(rows[:, 1] <= 1e-12)
+    np.testing.assert_array_equal(table(quick.of(scene))[:, 0] * HASTE, table(scene)[:, 0])
+    for load in (own, pulse, quick):
+        assert load.of(scene).effects["weight"] == scene.effects["weight"]
+    assert table(scene)[1, 1] == -0.5, "the scene itself is left alone"
+
+
+def test_the_step_is_found_with_loads_no_quicker_than_the_own() -> None:
+    def of_step(duration: float, rows: str) -> list[str]:
+        scene = slider_crank(f"simulation.duration={duration}", f"effects.motor.table={rows}")
+        return [load.name for load in training_loads(scene) if load.for_step]
+
+    ramp = "[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
+    assert of_step(1.0, ramp) == ["own", "pulse"]
+    assert of_step(0.3, ramp) == ["own"], "a pulse over so short a run rises four times as fast"
+    assert of_step(0.3, "[[0.0, 0.5], [1.0, 0.0]]") == ["own", "pulse"], "the own one sets in at once"
+
+
+def test_a_constant_torque_has_no_quicker_one() -> None:
+    scene = slider_crank("effects.motor.table=[[0.0, 0.4]]")
+    assert [load.name for load in training_loads(scene)] == ["own", "pulse"]
+    none = slider_crank("effects.motor.table=[[0.0, 0.0], [1.0, 0.0]]")
+    assert [load.name for load in training_loads(none)] == ["own"]
+
+
+def test_a_sample_in_words() -> None:
+    training = Training.of(slider_crank(NORMAL % ""))
+    assert training.sample_text(1) == "r1 = 0.00392"
