@@ -74,6 +74,12 @@ def assert_equal(found: Ensemble, expected: Ensemble, tolerance: float = 1e-9) -
         np.testing.assert_array_equal(found.parameters[name], values, err_msg=name)
     for name, values in expected.outputs.items():
         np.testing.assert_allclose(found.outputs[name], values, rtol=tolerance, atol=1e-3 * tolerance, err_msg=name)
+    for kind in ("errors", "errors_at_end", "validity"):
+        one, other = getattr(found, kind), getattr(expected, kind)
+        assert one.keys() == other.keys(), kind
+        for name, values in other.items():
+            # an error is a difference of nodal positions of order 1, known to 1e-12
+            np.testing.assert_allclose(one[name], values, rtol=1e-6, atol=1e-12, err_msg=f"{kind} of {name}")
     np.testing.assert_array_equal(found.status, expected.status)
     np.testing.assert_array_equal(found.failure_time, expected.failure_time)
     for name, statistics in expected.statistics.items():
@@ -92,12 +98,36 @@ def test_samples_do_not_depend_on_ranks_and_batches(
     assert found.record.ranks == n_ranks
     assert found.record.seed == SEED
     assert_equal(found, expected)
+    assert [int(np.isfinite(values).sum()) for values in found.errors.values()] == [20] * 3, "the first of a thousand"
     np.testing.assert_array_equal(found.status, 0)
     assert not path.with_name(f"{path.name}.partial").exists()
 
 
 def test_the_sampled_values_are_those_of_the_scene(expected: Ensemble) -> None:
     np.testing.assert_array_equal(expected.parameters["r1"], draw(paper_scene(), SEED, 0, N)["r1"])
+
+
+def test_the_share_of_checked_samples(folder: Path, rom: Path, expected: Ensemble) -> None:
+    """All, none, or no indicator: outputs are the same, estimates where they are wanted."""
+    for share, n_checked in (("1.0", N), ("0.005", 5), ("0.0", None)):
+        path = folder / f"share_{share}.h5"
+        done = pgmp("montecarlo", rom, "-n", N, "--seed", SEED, "-o", path, "--override", f"ensemble.checked_share={share}")
+        found = Ensemble.read(path)
+        for name, values in expected.outputs.items():
+            np.testing.assert_array_equal(found.outputs[name], values)
+        if n_checked is None:
+            assert (found.errors, found.errors_at_end, found.validity) == ({}, {}, {})
+            assert "estimated" not in done.stdout
+            continue
+        assert f"{n_checked} samples" in done.stdout
+        for name, values in found.errors.items():
+            np.testing.assert_array_equal(np.isfinite(values), np.arange(N) < n_checked)
+            both = np.arange(N) < min(n_checked, 20)
+            np.testing.assert_allclose(values[both], expected.errors[name][both], rtol=1e-6, atol=1e-12)
+            assert np.all(values[:n_checked] >= np.abs(found.errors_at_end[name][:n_checked]))
+    path = folder / "unwatched.h5"
+    pgmp("montecarlo", rom, "-n", 3, "-o", path, "--override", "simulation.error_indicator=false")
+    assert Ensemble.read(path).validity == {}
 
 
 def test_more_ranks_than_batches(mpirun: Callable, folder: Path, rom: Path, expected: Ensemble) -> None:
@@ -186,6 +216,7 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
     np.testing.assert_array_equal(found.failure_time, np.where(outside, 0.0, np.nan))
     for name, output in found.outputs.items():
         np.testing.assert_array_equal(np.isnan(output), outside)
+        np.testing.assert_array_equal(np.isfinite(found.errors[name]), ~outside & (np.arange(N) < 20))
         assert found.statistics[name].mean == pytest.approx(output[~outside].mean(), rel=1e-12)
     assert f"{outside.sum()} of {N} samples failed (status 1)" in done.stdout
     assert "Traceback" not in done.stderr
