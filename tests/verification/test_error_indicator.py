@@ -1,0 +1,168 @@
+"""The estimated error of reduced runs against the true one, and what may have no part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from runs import accurate_scene, full_model, history, paper_rom, paper_scene, quick_return, reduced_model, rom_of, samples
+from scenes import RADIUS, slider_crank
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.indicator.schedule import schedules
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.scene import Scene
+
+Outputs = dict[str, np.ndarray]
+N, SEED = 24, 123
+FACTOR = 3.0
+SHORT = "simulation.duration=0.5"
+RAMP = "effects.motor.table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]"
+STEP = "effects.motor.table=[[0.0, 0.5], [1.0, 0.5]]"
+HIDDEN_STEP = "effects.motor.table=[[0.0, 0.0], [0.2, 0.0], [0.2005, 0.5], [1.0, 0.5]]"
+SEEN = (
+    'outputs.angle={type="angle", joint="crank_hinge"}',
+    'outputs.bent={type="deformation", point="rod:tip", axis="x"}',
+)
+
+
+def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> Estimate:
+    """Run all samples and estimate their errors."""
+    watched = ErrorIndicator(model).watch(values, np.arange(n))
+    run = integrate(model.batch(values, n), model.scene.simulation, observer=watched.observe)
+    return watched.estimate(run.status)
+
+
+def every(model: Model, values: Mapping[str, np.ndarray], n: int, refinement: int) -> Outputs:
+    """Return the outputs of a run with finer steps at the steps of the scene."""
+    return {name: found[::refinement] for name, found in history(model, values, n)[1].items()}
+
+
+def effectivity(
+    make, overrides: tuple[str, ...], rom: ReducedOrderModel | None, values: Mapping[str, np.ndarray], refinement: int = 8
+) -> tuple[Outputs, Outputs]:
+    """Return largest estimated over largest true error, and the true one as a share of the output's largest value."""
+    scene: Scene = make(*overrides)
+    n = len(next(iter(values.values())))
+    model = ReducedModel(scene, rom_of(scene) if rom is None else rom)
+    fine = make(*overrides, f"simulation.step={scene.simulation.step / refinement!r}")
+    exact = every(full_model(fine), values, n, refinement)
+    true = {name: np.abs(one - exact[name]).max(axis=0) for name, one in history(model, values, n)[1].items()}
+    found = estimated(model, values, n).largest
+    largest = {name: np.abs(one).max(axis=0) for name, one in exact.items()}
+    return {name: found[name] / true[name] for name in true}, {name: true[name] / largest[name] for name in true}
+
+
+@pytest.mark.parametrize(
+    ("basis", "torque"),
+    [("accurate", RAMP), ("paper", RAMP), ("accurate", STEP), ("accurate", HIDDEN_STEP)],
+    ids=["accurate basis", "paper's basis", "sudden step", "step between two steps"],
+)
+def test_estimates_are_within_a_factor_of_the_true_errors(
+    basis: str, torque: str, accurate_rom: ReducedOrderModel
+) -> None:
+    """`studies.effectivity` measures more of it: 200 samples over 1 s, and more torques."""
+    make, rom = (accurate_scene, accurate_rom) if basis == "accurate" else (paper_scene, paper_rom())
+    values = draw(paper_scene(), SEED, 0, N)
+    ratios, _ = effectivity(make, (SHORT, torque), rom, values)
+    for name, found in ratios.items():
+        within = (found > 1.0 / FACTOR) & (found < FACTOR)
+        assert within.mean() >= 0.95, (name, np.sort(found))
+
+
+@pytest.mark.parametrize("modes", [2, 5])
+def test_the_error_of_modes_that_are_missing(modes: int) -> None:
+    """A third of the deformation or more: the estimate solves the same full-order equations, on the same steps here."""
+    overrides = (
+        *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
+        "simulation.duration=0.02", "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
+    )
+    values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    ratios, shares = effectivity(slider_crank, overrides, None, values, refinement=4)
+    for name, found in ratios.items():
+        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.1, err_msg=name)
+    assert shares["bent"].min() > 0.3
+
+
+def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
+    """All 30 flexible modes that the constraints leave: measured, a thousandth of what two modes have."""
+    found = {}
+    for modes in (2, 30):
+        scene = slider_crank(
+            *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
+            "simulation.duration=0.01", "simulation.step=2e-5", "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
+        )
+        found[modes] = estimated(reduced_model(scene), samples(scene, 1), 1).largest["angle"][0]
+    assert found[30] < 2e-3 * found[2]
+
+
+def test_a_joint_that_turns_with_a_flexible_body() -> None:
+    """The quick-return: constraints that are not linear in the nodes, gravity, a start in motion."""
+    overrides = (
+        SEEN[0], 'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
+        "effects.motor.table=[[0.0, 0.0], [0.05, 0.1], [1.0, 0.1]]",
+    )
+    values = samples(quick_return(), 4, r1=np.linspace(0.85, 1.15, 4) * RADIUS)
+    ratios, shares = effectivity(quick_return, overrides, None, values)
+    for name, found in ratios.items():
+        np.testing.assert_allclose(found, 1.0, rtol=0, atol=0.3, err_msg=name)
+    assert shares["bent"].min() > 0.1
+
+
+@pytest.fixture(scope="module")
+def model(accurate_rom: ReducedOrderModel) -> ReducedModel:
+    return ReducedModel(accurate_scene("simulation.duration=0.3"), accurate_rom)
+
+
+def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> None:
+    values = draw(paper_scene(), SEED, 0, 5)
+    together = estimated(model, values, 5)
+    for k in range(5):
+        alone = estimated(model, {name: value[k : k + 1] for name, value in values.items()}, 1)
+        for kind in ("largest", "at_end", "validity"):
+            for name, found in getattr(alone, kind).items():
+                np.testing.assert_allclose(found[0], getattr(together, kind)[name][k], rtol=1e-6, err_msg=f"{kind} {name}")
+
+
+def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
+    values = draw(paper_scene(), SEED, 0, 3)
+    expected = estimated(model, values, 3)
+    watched = ErrorIndicator(model).watch(values, np.array([0, 1, 2]))
+    integrate(model.batch(values, 3), model.scene.simulation, observer=watched.observe)
+    watched._states[1:, :, 2] = np.nan  # noqa: SLF001 (a motion that cannot be placed)
+    found = watched.estimate(np.array([Status.FINE, Status.NOT_CONVERGED, Status.FINE]))
+    for kind in ("largest", "at_end", "validity"):
+        for name, values_of in getattr(found, kind).items():
+            assert np.isnan(values_of[1:]).all(), (kind, name)
+            np.testing.assert_allclose(values_of[0], getattr(expected, kind)[name][0], rtol=1e-6)
+
+
+def test_fast_samples_are_evaluated_more_often(accurate_rom: ReducedOrderModel) -> None:
+    """The same torque, and starts from rest and at 40 rad/s."""
+    lengths = []
+    for velocity in (0.0, 40.0):
+        start = f"simulation.initial.theta.velocity={velocity}"
+        fast = ReducedModel(accurate_scene("simulation.duration=0.4", start), accurate_rom)
+        time, errors = estimated(fast, samples(fast.scene, 1), 1).histories[0]
+        assert time[-1] == pytest.approx(0.4, rel=1e-12)
+        assert all(len(error) == len(time) for error in errors.values())
+        lengths.append(len(time) - 1)
+    counts = [one.steps.size - 1 for one in schedules(400, 0.4)]
+    assert lengths[0] == counts[0] and lengths[1] > counts[0]
+
+
+def test_the_signed_error_corrects_the_run() -> None:
+    """The reduced output less its estimated error at the end is the full-order one: with three modes, much is wrong."""
+    scene = paper_scene("reduction.modes=3", "reduction.angles=48", "simulation.duration=0.3")
+    reduced, n = reduced_model(scene), 3
+    values = samples(scene, n, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
+    exact, found = (history(one, values, n)[1] for one in (full_model(scene), reduced))
+    estimate = estimated(reduced, values, n)
+    for name in ("crank_angle", "slider_deformation"):
+        error = found[name][-1] - exact[name][-1]
+        assert np.all(np.abs(error - estimate.at_end[name]) < 0.3 * np.abs(error)), name
