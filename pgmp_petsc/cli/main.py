@@ -63,8 +63,11 @@ def main(argv: list[str] | None = None) -> NoReturn:
     comm = MPI.COMM_WORLD
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
-    status, message = _run(own, Session(comm, petsc_options))
-    sys.exit(_close(closing, status, message))
+    session = Session(comm, petsc_options)
+    status, message = _run(own, session)
+    status = _close(closing, status, message)
+    session.close()
+    sys.exit(status)
 
 
 def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
