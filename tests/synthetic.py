@@ -198,6 +198,8 @@ def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True) ->
         "static_modes": np.array(static),
         "angles": np.array(angles),
         "second_order": np.zeros(len(rows), dtype=bool),
+        "inertia_modes": np.zeros(len(rows), dtype=bool),
+        "parameter_modes": np.zeros(len(rows), dtype=int),
         "interpolation": np.where(reduced, "spline", "").astype(object),
         "coordinates": np.where(reduced, 1 + np.array(modes) + np.array(static), 36),
     }

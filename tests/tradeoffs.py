@@ -17,6 +17,7 @@ TINY = Sweep(
     modes=(3,),
     angles=(16,),
     schemes=("overhauser",),
+    parameter_modes=(1,),
     own_modes=(),
     own_angles=(),
     own_others=False,
@@ -32,7 +33,7 @@ TINY = Sweep(
     reference_halvings=(4, 3),
 )
 # the scene's own setting and the full order: five tasks
-LEAST = replace(TINY, modes=(), angles=(), schemes=(), tensor_modes=(), refinements=(), finest=2, surfaces=0, finer=0)
+LEAST = replace(TINY, modes=(), angles=(), schemes=(), parameter_modes=(), tensor_modes=(), refinements=(), finest=2, surfaces=0, finer=0)
 OUTPUTS = """
 [outputs.crank_angle]
 type = "angle"

@@ -55,8 +55,10 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
     """Say what was built, and warn where neighbouring samples have lost each other."""
     tables = rom.tables
     lines = [
-        f"{path}: {len(rom.frequencies_hz)} angles, {tables.n_modes} modes from "
-        f"{rom.frequencies_hz[:, 0].min():.4g} to {rom.frequencies_hz[:, -1].max():.4g} Hz",
+        f"{path}: {len(rom.frequencies_hz)} angles, {tables.n_modes} flexible coordinates: "
+        f"{rom.frequencies_hz.shape[1]} modes from {rom.frequencies_hz[:, 0].min():.4g} to "
+        f"{rom.frequencies_hz[:, -1].max():.4g} Hz{beside_modes(rom)}",
+        *points_report(rom),
         f"  tables: {tables.mass.shape[1]} mass, {tables.stiffness.shape[1]} stiffness and "
         f"{tables.load.shape[1]} load terms",
         f"  neighbouring spaces of modes agree to a cosine of {rom.cosines.min():.6f}",
@@ -72,3 +74,24 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
         )
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
+
+
+def beside_modes(rom: ReducedOrderModel) -> str:
+    """Name what a basis has besides modes."""
+    n_parameter = rom.n_parameter
+    n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_parameter
+    return (f", {n_static} static" if n_static else "") + (f", {n_parameter} of other parameters" if n_parameter else "")
+
+
+def points_report(rom: ReducedOrderModel) -> list[str]:
+    """Say where in the parameter space the basis has further modes."""
+    if not rom.n_parameter:
+        return []
+    places = "; ".join(
+        ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point in rom.points.points
+    )
+    first, last = rom.points.missed[[0, -1]]
+    return [
+        f"  modes at other parameters: {places}",
+        f"  at the worst parameters tried, the basis misses {last:.2g} of the modes' energy norm instead of {first:.2g}",
+    ]

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 PREFIX = "pgmp_ts_"
 MAX_ITERATIONS = 12
+CAREFUL_ITERATIONS = 40
+LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
 REFRESH_EVERY = 4  # corrections that share one factorisation
 FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
 ROUND_OFF = 1e-15
@@ -173,6 +175,9 @@ class GeneralisedAlpha:
                 # displacement, held at constant velocity, is then the better prediction.
                 self.system.restore(self.state, self._predict(previous, self._coasting(previous)), lost)
                 lost = self._iterate(end, lost, 1)
+            if lost.any():
+                self.system.restore(self.state, self._predict(previous, self._coasting(previous)), lost)
+                lost = self._iterate_carefully(end, lost)
             self._retire(lost, Status.NOT_CONVERGED, end)
             self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
             self.system.restore(self.state, previous, self.status != Status.FINE)
@@ -223,10 +228,44 @@ class GeneralisedAlpha:
                 break
         return lost | active
 
+    def _iterate_carefully(self, time: float, alive: np.ndarray) -> np.ndarray:
+        """Run Newton's iteration with limited corrections; return the samples that failed.
+
+        A load that sets in at once may throw the first corrections far beyond the range in which the equations look like
+        their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
+        """
+        active, lost = alive.copy(), np.zeros_like(alive)
+        for _ in range(CAREFUL_ITERATIONS):
+            before = self.state.copy()
+            size = self.system.correct(time, self.state, self.scheme, active, True)
+            self.n_iterations += int(active.sum())
+            lost |= active & ~np.isfinite(size)
+            active &= np.isfinite(size)
+            # by halves, together: rarely more than a few samples come here
+            while True:
+                long = active & (size > LONGEST)
+                if not long.any():
+                    break
+                self.system.restore(self.state, _halfway(before, self.state), long)
+                size = np.where(long, 0.5 * size, size)
+            active &= size > NEWTON_TOLERANCE
+            if not active.any():
+                break
+        return lost | active
+
     def _retire(self, samples: np.ndarray, reason: Status, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
         self.status[samples] = reason
         self.failure_time[samples] = time
+
+
+def _halfway(one: State, other: State) -> State:
+    return State(
+        0.5 * (one.q + other.q),
+        0.5 * (one.v + other.v),
+        0.5 * (one.a + other.a),
+        0.5 * (one.multipliers + other.multipliers),
+    )
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,9 @@ from scipy.sparse.csgraph import connected_components
 
 EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
-MIXING_TOLERANCE = 0.2  # overlap of different vectors from one sample to the next that makes one group of them
-VEERING = 0.1  # the same of modes whose eigenvalues come closer than FAR_APART
-FAR_APART = 0.5  # relative gap of eigenvalues; modes beyond it drift into each other as the angle grows ...
-EXCHANGE = 0.5  # ... and are linked only where one turns into the other between two samples
+VEERING = 0.1  # overlap of different modes from one sample to the next that makes one group of them ...
+FAR_APART = 0.5  # ... where their eigenvalues come closer than this; others drift into each other as the angle grows
+EXCHANGE = 0.5  # overlap that makes one group of any vectors: one turns into the other between two samples
 
 
 def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
@@ -91,14 +90,14 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
     """
     n_modes = eigenvalues.shape[1]
     mixing = np.max(np.abs(overlaps), axis=0, initial=0.0)
-    linked = mixing > MIXING_TOLERANCE
+    linked = mixing > EXCHANGE
     larger = np.maximum(eigenvalues[:, :, None], eigenvalues[:, None, :])
     differences = np.abs(eigenvalues[:, :, None] - eigenvalues[:, None, :])
     gaps = np.min(differences / larger, axis=0)
     among = mixing[:n_modes, :n_modes]
     veering = (among > VEERING) & (gaps < FAR_APART)
-    # static modes have no eigenvalues
-    linked[:n_modes, :n_modes] = (gaps < CLOSE_TOLERANCE) | veering | (among > EXCHANGE)
+    # static modes have no eigenvalues: their loads tell them apart, and drift as the modes beside them do
+    linked[:n_modes, :n_modes] |= (gaps < CLOSE_TOLERANCE) | veering
     n_groups, label = connected_components(linked, directed=False)
     return [np.flatnonzero(label == group) for group in range(n_groups)]
 

@@ -59,17 +59,18 @@ class CurvatureProblem:
         self._problem = problem
         self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
 
-    def solve(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> Curvature:
-        """Compute the curvature of modes and static modes.
+    def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
+        """Compute the curvature of the vectors of a basis.
 
         Parameters
         ----------
         modes
-            Modes at the configuration that was solved last.
-        static
-            Static modes, local rows, shape (n_local, n_static).
-        loads
-            The loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static).
+            Modes at the configuration that the problem is at; the basis holds them.
+        shape
+            The flexible vectors of the basis, local rows, shape (n_local, m).
+        answered
+            The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is known
+            (joints then take of its elastic forces what they can), shape (n_local, m).
 
         Raises
         ------
@@ -77,7 +78,6 @@ class CurvatureProblem:
             If the refinement of an answer does not converge.
         """
         problem = self._problem
-        shape = np.hstack([modes.flexible, static])
         everywhere = problem.all_rows(shape)
         third = self._third.times(everywhere)
         forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
@@ -85,8 +85,6 @@ class CurvatureProblem:
         poses = problem.kinematics.poses(np.array([modes.theta]))[..., 0]
         hessians = constraint_hessians(problem.mechanism, poses)
         if hessians:
-            inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
-            answered = np.hstack([inertia, self._answered(modes, static, loads)])
             reactions = problem.all_rows(answered - times(problem.stiffness, shape))
             joints = _TurningJoints(constraint_jacobian(problem.mechanism, poses), hessians, everywhere)
             own = slice(problem.rows.start, problem.rows.stop)
@@ -95,19 +93,31 @@ class CurvatureProblem:
         kept = np.hstack([modes.rigid, modes.flexible])
         where = f"{problem.kinematics.coordinate.name} = {modes.theta:.6g} rad"
         chi = chi + problem.static_answers(kept, -forces, f"static modal derivatives at {where}")
-        return Curvature(chi - problem.onto(np.hstack([kept, static]), chi), third)
+        return Curvature(chi - problem.onto(np.hstack([modes.rigid, shape]), chi), third)
 
-    def _answered(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """Return the loads that static modes answer: combinations of the given ones, balanced by inertia forces."""
+    def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).
+
+        Those of modes are their inertia forces; those of static modes combinations of the given loads, balanced by
+        inertia forces.
+
+        Parameters
+        ----------
+        static
+            Static modes, local rows, shape (n_local, n_static).
+        loads
+            The loads that they answer, in their order, in body frames, local rows, shape (n_local, n_static).
+        """
         problem = self._problem
+        inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
         if not static.shape[1]:
-            return static
+            return inertia
         kept = np.hstack([modes.rigid, modes.flexible])
         m_kept = problem.times_mass(kept)
         balanced = loads - m_kept @ np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
         # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
         stiffness = problem.inner(static, times(problem.stiffness, static))
-        return balanced @ np.linalg.solve(problem.inner(static, balanced), stiffness)
+        return np.hstack([inertia, balanced @ np.linalg.solve(problem.inner(static, balanced), stiffness)])
 
 
 class _TurningJoints:

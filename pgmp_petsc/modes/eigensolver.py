@@ -149,8 +149,14 @@ class ShiftInvertSolver:
         self._check_complete(a, b, values, n_pairs, where)
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
+    def factor(self, a: PETSc.Mat, b: PETSc.Mat) -> None:
+        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs."""
+        self._eps.setOperators(a, b)
+        self._eps.setUp()
+        self._eps.getST().getKSP().setUp()
+
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
-        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the factor of the last solve."""
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor."""
         ksp = self._eps.getST().getKSP()
         if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
             # all columns at once: many times faster than one by one, above all on several ranks

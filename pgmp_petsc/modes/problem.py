@@ -126,19 +126,37 @@ class ModalProblem:
             If the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
         """
         n_theta = self.kinematics.n_coordinates
-        poses = self.kinematics.poses(np.array([theta]))
-        rates = self.kinematics.rates(poses)
-        curvatures = self.kinematics.curvatures(poses, rates)
-        own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
-        rigid = rigid_velocities(self.mechanism, pose, rate)[own]
-        curvature = rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
-        self._project(pose)
+        rigid, curvature = self._move_to(theta)
         where = f"{self.kinematics.coordinate.name} = {theta:.6g} rad"
         pairs = self._solver.solve(*self._reduced, n_theta, self.n_modes, where)
         vectors = self._expand(pairs.vectors)
         self._check_rigid(pairs.values, vectors[:, :n_theta], rigid, where)
         flexible = self._deflate(vectors[:, n_theta:], rigid)
         return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
+
+    def resume(self, theta: float, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
+        """Return to a configuration whose modes are known: `static_answers` holds there again.
+
+        Parameters
+        ----------
+        theta
+            The configuration, rad.
+        eigenvalues, flexible
+            As they were found there.
+        """
+        rigid, curvature = self._move_to(theta)
+        self._solver.factor(*self._reduced)
+        return ModeSet(theta, eigenvalues, rigid, curvature, flexible)
+
+    def _move_to(self, theta: float) -> tuple[np.ndarray, np.ndarray]:
+        """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
+        poses = self.kinematics.poses(np.array([theta]))
+        rates = self.kinematics.rates(poses)
+        curvatures = self.kinematics.curvatures(poses, rates)
+        own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
+        self._project(pose)
+        rigid = rigid_velocities(self.mechanism, pose, rate)[own]
+        return rigid, rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them.
@@ -168,7 +186,7 @@ class ModalProblem:
         Parameters
         ----------
         modes
-            Modes at the configuration that was solved last.
+            Modes at the configuration that the problem is at.
         loads
             In body frames, local rows, shape (n_local, n_loads).
 
@@ -204,7 +222,7 @@ class ModalProblem:
         Parameters
         ----------
         kept
-            Rigid motion and modes at the configuration that was solved last, local rows, shape (n_local, n_kept).
+            Rigid motion and modes at the configuration that the problem is at, local rows, shape (n_local, n_kept).
         loads
             In body frames, local rows, shape (n_local, n_loads).
         what
@@ -278,17 +296,18 @@ class ModalProblem:
             return columns
         return np.concatenate(self.comm.allgather(columns))
 
-    def check_basis(self, n_static: int) -> None:
+    def check_basis(self, n_static: int, n_parameter: int = 0) -> None:
         """Refuse more vectors than the mesh has flexible degrees of freedom.
 
         Raises
         ------
         InputError
-            If modes and static modes together are too many.
+            If modes, static modes and those of other parameter values together are too many.
         """
-        if self.n_modes + n_static > self._available:
+        if self.n_modes + n_static + n_parameter > self._available:
+            further = f" and {n_parameter} parameter modes" if n_parameter else ""
             raise InputError(
-                f"reduction.modes = {self.n_modes}: with {n_static} static modes, more than the mesh's "
+                f"reduction.modes = {self.n_modes}: with {n_static} static modes{further}, more than the mesh's "
                 f"{self._available} flexible modes; take fewer modes or a finer mesh"
             )
 

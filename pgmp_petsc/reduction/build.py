@@ -19,16 +19,21 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.compression import Compression
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
+from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
-from pgmp_petsc.reduction.joining import JoinedSamples
+from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.parameter_points import ParameterPoints
+from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.second_order import pair_rotations
+from pgmp_petsc.reduction.second_order import SecondOrderTables
+from pgmp_petsc.reduction.snapshots import ParameterSnapshots
+from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.reduction.store import SampleStore
-from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
@@ -73,38 +78,49 @@ def build_rom(
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
-        loads = loads_of(effects, matrices)
-        patterns = patterns_of(effects if scene.reduction.static_modes else (), matrices)
+        loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
+    with timings.phase("points"):
+        points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, patterns, group, scramble)
-    n_redundant, joined, previous = 0, None, None
+    setting = _Setting(scene, kinematics, loads, patterns, points, group, scramble)
+    n_redundant, joined, basis = 0, None, None
+    compression: Compression | None = None
     while True:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             n_redundant = max(n_redundant, setting.compute(store))
         with timings.phase("continuity"):
-            joined = store.join()
-            current = None if joined is None else _continuous_tables(mechanism, store.samples, loads, joined)
-            wanted = on_root(group.world, lambda: _wanted(scene, store, previous, current))
+            joined, previous = store.join(), basis
+            with agreed(group.world, "compression"):
+                if joined is not None:
+                    # later rounds take the first one's: other vectors would have other tables to compare
+                    compression = compression or compression_of(
+                        mechanism, scene.nominal, joined, scene.reduction.parameter_modes
+                    )
+                    basis = ContinuousBasis.of(mechanism, store.samples, loads, joined, compression)
+            wanted = on_root(group.world, lambda: _wanted(scene, store, previous, basis))
         if wanted.size == 0:
             break
-        previous = current
         store.request(wanted)
+    if scene.reduction.second_order:
+        with timings.phase("second order"):
+            basis = setting.curve(store, basis)
     timings = timings.maximum(group.world)
     if joined is None:
         return None
-    tables = current.tables
+    tables = basis.tables
     if scene.reduction.second_order:
-        changes = mode_changes(kinematics, tables.samples, current.projection, scene.reduction.interpolation)
+        changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
     return ReducedOrderModel(
         tables=tables,
-        projection=current.projection,
+        projection=basis.projection,
         frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
-        curvature=current.curvature,
+        curvature=basis.curvature,
+        points=points,
     )
 
 
@@ -116,6 +132,7 @@ class _Setting:
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
     patterns: np.ndarray
+    points: ParameterPoints
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]
 
@@ -124,16 +141,43 @@ class _Setting:
         missing = store.missing()
         if not missing:
             return 0
-        reduction = self.scene.reduction
         with (
             progress(len(missing), "eigenproblems", self.group.world) as bar,
-            ModalProblem(self.kinematics, self.scene.nominal, reduction.modes, self.group.comm) as problem,
+            self._problem() as problem,
+            ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
-            sampler = Sampler(problem, self.loads, self.patterns, reduction.second_order)
+            sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots)
             for number, theta in missing.items():
                 store.put(number, sampler.sample(theta, self.scramble))
                 bar.update()
             return problem.n_redundant
+
+    def curve(self, store: SampleStore, basis: ContinuousBasis | None) -> ContinuousBasis | None:
+        """Add what is of second order to the finished basis (first rank; None elsewhere). Collective."""
+        world, own, found = self.group.world, store.own(), {}
+        combinations = world.bcast(None if basis is None else basis.combinations)
+        with agreed(world, "second order"):
+            if own:
+                with progress(len(own), "second order", world) as bar, self._problem() as problem:
+                    manifold = Manifold(problem, self.loads, self._static_loads(problem))
+                    for place, sample in own.items():
+                        chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
+                        found[place] = problem.all_rows(chi), tables
+                        bar.update()
+        if self.group.roots is None:
+            return None
+        parts = self.group.roots.gather(found)
+        if basis is None:
+            return None
+        ordered = [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
+        curvature = np.array([chi for chi, _ in ordered])
+        return basis.curved(curvature, SecondOrderTables.joined([tables for _, tables in ordered]))
+
+    def _problem(self) -> ModalProblem:
+        return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)
+
+    def _static_loads(self, problem: ModalProblem) -> StaticLoads:
+        return StaticLoads.of(problem, self.patterns, self.scene.reduction)
 
 
 def _wanted(
@@ -161,33 +205,6 @@ def _wanted(
     chosen = np.zeros(theta.size - 1, dtype=bool)
     chosen[left - 1] = chosen[left] = True
     return midpoints(samples, chosen)
-
-
-def _continuous_tables(
-    mechanism: Mechanism, samples: Samples, loads: tuple[Load, ...], joined: JoinedSamples
-) -> ContinuousBasis:
-    """Return the tables of all samples in the continuous basis."""
-    tables = ReducedTables(
-        samples=samples,
-        mass_weights=mechanism.mass_weights,
-        stiffness_weights=mechanism.stiffness_weights,
-        load_weights=tuple(load.weight for load in loads),
-        load_effects=tuple(load.effect for load in loads),
-        **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
-        second_order=joined.second_order,
-    ).turned(joined.rotations)
-    projection, curvature = joined.shapes @ joined.rotations, joined.curvatures
-    if curvature is not None:
-        curvature = curvature @ pair_rotations(joined.rotations)
-    if not joined.flipped.size:
-        return ContinuousBasis(tables, projection, joined.groups, curvature)
-    signs = np.ones(tables.n_modes)
-    signs[joined.flipped] = -1.0
-    projection = np.concatenate([projection, projection * signs])
-    if curvature is not None:
-        i, j = np.tril_indices(tables.n_modes)
-        curvature = np.concatenate([curvature, curvature * (signs[i] * signs[j])])
-    return ContinuousBasis(tables.over_two_turns(joined.flipped), projection, joined.groups, curvature)
 
 
 def _samples(scene: Scene, kinematics: RigidKinematics) -> Samples:

@@ -13,7 +13,6 @@ import numpy as np
 
 from pgmp_petsc.modes.continuity import close_revolution, group_modes, transport
 from pgmp_petsc.reduction.sampler import TABLES, Sample
-from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.runtime.groups import RankGroup
 
 
@@ -26,29 +25,28 @@ class JoinedSamples:
     tables
         `Sample`'s arrays by name, stacked over the samples, in the eigensolver's own bases.
     shapes
-        Flexible vectors, all rows, shape (n, n_dofs, n_delta).
-    curvatures
-        Their second derivatives, pairs packed, all rows, shape (n, n_dofs, n_pairs), or None.
-    second_order
-        Tables of second order in the eigensolver's own bases, or None.
+        Flexible vectors, all rows, shape (n, n_dofs, w): kept ones and snapshots.
     rotations
-        ``Psi_continuous = Psi Q``, shape (n, n_delta, n_delta).
+        ``V_continuous = V Q``, shape (n, w, w).
     cosines
         Cosine of the largest angle of a group of modes to the sample before, shape (n,).
     flipped
-        Coordinates that change their sign after a revolution.
+        Whether a vector changes its sign after a revolution, shape (w,).
     groups
-        Numbers of the vectors of each group.
+        Numbers of the kept vectors of each group.
     """
 
     tables: dict[str, np.ndarray]
     shapes: np.ndarray
-    curvatures: np.ndarray | None
-    second_order: SecondOrderTables | None
     rotations: np.ndarray
     cosines: np.ndarray
     flipped: np.ndarray
     groups: list[np.ndarray]
+
+    @property
+    def n_kept(self) -> int:
+        """Number of kept vectors."""
+        return sum(group.size for group in self.groups)
 
 
 def join_samples(
@@ -71,12 +69,11 @@ def join_samples(
         On the first rank, None elsewhere.
     """
     overlaps = _overlaps(group, owners, own)
-    nodal = {k: np.hstack([sample.shape, sample.curvature]) for k, sample in own.items()}
-    rows = {k: group.comm.gather(nodal[k]) for k in sorted(own)}
+    rows = {k: group.comm.gather(own[k].shape) for k in sorted(own)}
     if group.roots is None:
         return None
     found = {
-        k: ({name: getattr(sample, name) for name in (*TABLES, "second_order")}, np.concatenate(rows[k]), overlaps[k])
+        k: ({name: getattr(sample, name) for name in TABLES}, np.concatenate(rows[k]), overlaps[k])
         for k, sample in own.items()
     }
     everything = group.roots.gather(found)
@@ -84,18 +81,35 @@ def join_samples(
         return None
     ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
-    curved = [table["second_order"] for table, _, _ in ordered]
     overlaps = np.array([overlap for _, _, overlap in ordered])
-    shapes, curvatures = np.split(np.array([nodal for _, nodal, _ in ordered]), [overlaps.shape[-1]], axis=2)
-    second_order = SecondOrderTables.joined(curved) if curvatures.size else None
-    found = _continuous(tables, overlaps, periodic)
-    return JoinedSamples(tables, shapes, curvatures if curvatures.size else None, second_order, *found)
+    shapes = np.array([shape for _, shape, _ in ordered])
+    rotations, cosines, turned, groups = _continuous(tables, overlaps, periodic)
+    n_kept = overlaps.shape[-1]
+    # the snapshots of every parameter point turn as the kept vectors do
+    times = shapes.shape[2] // n_kept
+    return JoinedSamples(
+        tables=tables,
+        shapes=shapes,
+        rotations=_block_diagonal(rotations, times),
+        cosines=cosines,
+        flipped=np.tile(np.isin(np.arange(n_kept), turned), times),
+        groups=groups,
+    )
+
+
+def _block_diagonal(blocks: np.ndarray, times: int) -> np.ndarray:
+    """Return matrices (n, m, m), each several times along a diagonal, shape (n, m times, m times)."""
+    n, m, _ = blocks.shape
+    result = np.zeros((n, m * times, m * times))
+    for first in range(0, m * times, m):
+        result[:, first : first + m, first : first + m] = blocks
+    return result
 
 
 def _continuous(
     tables: dict[str, np.ndarray], overlaps: np.ndarray, periodic: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Work out rotations, cosines, flipped coordinates and groups; ``overlaps[0]`` closes the revolution."""
+    """Work out rotations, cosines, flipped vectors and groups of kept ones; ``overlaps[0]`` closes the revolution."""
     groups = group_modes(tables["eigenvalues"], overlaps if periodic else overlaps[1:])
     rotations, cosines = transport(overlaps[1:], groups, tables["canonical"][0])
     flipped = np.zeros(0, dtype=int)
@@ -105,7 +119,7 @@ def _continuous(
 
 
 def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -> dict[int, np.ndarray]:
-    """Return ``V_k^T M V_{k-1}`` of this group's samples k, cyclically.
+    """Return ``V_k^T M V_{k-1}`` of the kept vectors of this group's samples k, cyclically.
 
     Neighbours are passed on in the order of the samples on all groups, so that nobody waits in a circle.
     """
@@ -119,7 +133,7 @@ def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -
             continue
         whole = None
         if group.index == before:
-            parts = group.comm.gather(own[(k - 1) % n].shape)
+            parts = group.comm.gather(own[(k - 1) % n].kept)
             whole = np.concatenate(parts) if parts is not None else None
         if before != here and group.comm.rank == 0:
             if group.index == before:
@@ -127,7 +141,7 @@ def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -
             else:
                 whole = group.roots.recv(source=int(before), tag=k)
         if group.index == here:
-            product = own[k].mass_shape.T @ _own_rows(group, own[k], group.comm.bcast(whole))
+            product = own[k].mass_kept.T @ _own_rows(group, own[k], group.comm.bcast(whole))
             overlaps[k] = group.comm.allreduce(product, op=MPI.SUM)
     return overlaps
 

@@ -10,37 +10,15 @@ not compared: they correct the others by small amounts, and may vanish but for r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.modes.continuity import procrustes
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
-
-
-@dataclass(frozen=True, eq=False)
-class ContinuousBasis:
-    """The tables of one round.
-
-    Attributes
-    ----------
-    tables
-        In the continuous basis.
-    projection
-        The basis, shape (n, n_dofs, n_delta).
-    groups
-        Numbers of the vectors that turn among themselves.
-    curvature
-        Second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted.
-    """
-
-    tables: ReducedTables
-    projection: np.ndarray
-    groups: list[np.ndarray]
-    curvature: np.ndarray | None = None
 
 
 def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:

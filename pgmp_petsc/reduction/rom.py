@@ -12,6 +12,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.mode_changes import ModeChanges
+from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -49,6 +50,8 @@ class ReducedOrderModel:
     curvature
         chi of the quadratic manifold in body frames, shape (n, n_dofs, n_modes (n_modes + 1) / 2): pairs i >= j in the
         order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
+    points
+        Parameter points whose modes the basis takes up.
     """
 
     tables: ReducedTables
@@ -59,6 +62,12 @@ class ReducedOrderModel:
     n_redundant: int
     record: RunRecord = field(repr=False)
     curvature: np.ndarray | None = None
+    points: ParameterPoints = field(default_factory=ParameterPoints.none)
+
+    @property
+    def n_parameter(self) -> int:
+        """Number of vectors from other parameter values."""
+        return self.points.n_vectors
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there."""
@@ -82,6 +91,13 @@ class ReducedOrderModel:
                 about = "their second derivatives chi, (theta, unknown, pair of modes i >= j, each once)"
                 put(file, "curvature", self.curvature, CURVATURE_UNITS, about)
             put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
+            if self.points.values:
+                points = file.create_group("parameter_points")
+                about = "share of the energy missed at the worst parameters tried: at first, with each point more"
+                points.attrs["n_vectors"] = self.points.n_vectors
+                put(points, "missed", self.points.missed, "1", about)
+                for name, column in self.points.values.items():
+                    put(points.require_group("values"), name, column, "SI", "value at every point")
             put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
             meshes = file.create_group("mesh", track_order=True)
             for name, mesh in self.meshes.items():
@@ -153,7 +169,16 @@ class ReducedOrderModel:
             n_redundant=int(file.attrs["n_redundant"]),
             record=RunRecord.read(file),
             curvature=curvature,
+            points=_points(file),
         )
+
+
+def _points(file) -> ParameterPoints:
+    if "parameter_points" not in file:
+        return ParameterPoints.none()
+    group = file["parameter_points"]
+    values = {name: take(group["values"], name, 1) for name in group["values"]}
+    return ParameterPoints(values, take(group, "missed", 1), int(group.attrs["n_vectors"]))
 
 
 def _check_shapes(tables: ReducedTables, filename: str) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.continuity import canonical_rotation
-from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.reduction.second_order import SecondOrderTables, symmetric, unpacked
+from pgmp_petsc.reduction.snapshots import ParameterSnapshots
+from pgmp_petsc.reduction.static_loads import StaticLoads
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
@@ -23,7 +23,8 @@ TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical")
 class Sample:
     """What a group of ranks computed at one configuration, in the eigensolver's own basis.
 
-    Flexible vectors are the eigenmodes, ascending, and after them the static modes of the loads.
+    The kept vectors are the eigenmodes, ascending, and after them the static modes of the loads. Snapshots of every
+    parameter point follow, M-orthogonal to them: candidates, of which the build takes a few combinations.
 
     Attributes
     ----------
@@ -32,16 +33,11 @@ class Sample:
     mass, inertia, stiffness, load
         As in `ReducedTables`, at this configuration.
     canonical
-        Rotation that fixes the signs of the basis by itself, shape (n_delta, n_delta).
+        Rotation that fixes the signs of the kept vectors by itself, shape (n_kept, n_kept).
     shape
-        Flexible vectors V in body frames, local rows, shape (n_local, n_delta).
-    mass_shape
-        M V, local rows, shape (n_local, n_delta).
-    curvature
-        Second derivatives chi in body frames, pairs packed, local rows, shape (n_local, n_pairs); (n_local, 0) where
-        the scene does not ask for them.
-    second_order
-        The tables of second order, one sample; None where the scene does not ask for them.
+        Flexible vectors V in body frames, local rows, shape (n_local, n_kept + n_snapshots).
+    mass_kept
+        M times the kept vectors, local rows, shape (n_local, n_kept).
     """
 
     eigenvalues: np.ndarray
@@ -51,9 +47,22 @@ class Sample:
     load: np.ndarray
     canonical: np.ndarray
     shape: np.ndarray
-    mass_shape: np.ndarray
-    curvature: np.ndarray
-    second_order: SecondOrderTables | None
+    mass_kept: np.ndarray
+
+    @property
+    def n_modes(self) -> int:
+        """Number of eigenmodes."""
+        return self.eigenvalues.size
+
+    @property
+    def n_kept(self) -> int:
+        """Number of kept vectors."""
+        return self.mass_kept.shape[1]
+
+    @property
+    def kept(self) -> np.ndarray:
+        """The kept vectors, local rows, shape (n_local, n_kept)."""
+        return self.shape[:, : self.n_kept]
 
 
 class Sampler:
@@ -65,23 +74,26 @@ class Sampler:
         Eigenproblem at the nominal parameters.
     loads
         Load terms of the scene, local rows, inertial frame.
-    patterns
-        Load patterns in body frames, local rows, shape (n_local, n_patterns), whose static answers extend the basis.
-    second_order
-        Whether what is of second order in the flexible coordinates is wanted.
+    static_loads
+        Loads whose static answers extend the basis.
+    snapshots
+        Snapshots at other parameter values, or None.
     """
 
     def __init__(
-        self, problem: ModalProblem, loads: Sequence[Load], patterns: np.ndarray, second_order: bool = False
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        snapshots: ParameterSnapshots | None = None,
     ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
         self._mass = [problem.matrices.mass[w] for w in mechanism.mass_weights]
         self._stiffness = [problem.matrices.stiffness[w] for w in mechanism.stiffness_weights]
         self._loads = loads
-        self._patterns = problem.independent(patterns)
-        problem.check_basis(self._patterns.shape[1])
-        self._curvature = CurvatureProblem(problem) if second_order else None
+        self._static_loads = static_loads
+        self._snapshots = snapshots
 
     def sample(self, theta: float, scramble: Scramble) -> Sample:
         """Sample one configuration (rad).
@@ -93,53 +105,31 @@ class Sampler:
         """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
-        loads = self._turned_loads(theta)
-        static = problem.static_modes(modes, self._patterns)
-        shape = np.hstack([modes.flexible, static])
+        loads = turned_loads(problem, self._loads, theta)
+        static = problem.static_modes(modes, self._static_loads.at(problem, modes.rigid_curvature))
+        shape = kept = np.hstack([modes.flexible, static])
+        if self._snapshots is not None:
+            missed = self._snapshots.missed(self._snapshots.at(theta, kept), np.hstack([modes.rigid, kept]))
+            shape = np.hstack([kept, missed])
         basis = np.hstack([modes.rigid, shape])
-        chi, second_order = self._second_order(modes, static, loads)
         return Sample(
             eigenvalues=modes.eigenvalues,
             mass=self._project(self._mass, basis),
             inertia=self._project_inertia(modes.rigid_curvature, shape),
             stiffness=self._project(self._stiffness, shape),
             load=problem.inner(loads, basis),
-            canonical=self._canonical(modes, shape.shape[1]),
+            canonical=self._canonical(modes, kept.shape[1]),
             shape=shape,
-            mass_shape=problem.times_mass(shape),
-            curvature=chi,
-            second_order=second_order,
+            mass_kept=problem.times_mass(kept),
         )
 
-    def _second_order(
-        self, modes: ModeSet, static: np.ndarray, loads: np.ndarray
-    ) -> tuple[np.ndarray, SecondOrderTables | None]:
-        """Return chi and its tables, where they are wanted."""
-        problem = self.problem
-        if self._curvature is None:
-            return np.empty((len(static), 0)), None
-        curvature = self._curvature.solve(modes, static, self._patterns)
-        shape, everywhere = np.hstack([modes.flexible, static]), problem.all_rows(curvature.chi)
-        # (k, pair of i, j): a third of K3, which comes three times, and psi_k.K_t chi_ij
-        thirds = [
-            problem.inner(shape, curvature.third[weight] / 3.0 + term @ everywhere)
-            for weight, term in zip(problem.mechanism.stiffness_weights, self._stiffness)
-        ]
-        acceleration = modes.rigid_curvature[:, 0, :1]
-        inertia = np.concatenate([problem.inner(acceleration, term @ everywhere) for term in self._mass])
-        return curvature.chi, SecondOrderTables(
-            cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
-            curved_load=unpacked(problem.inner(loads, curvature.chi))[None],
-            curved_inertia=unpacked(inertia)[None],
-        )
-
-    def _canonical(self, modes: ModeSet, n_delta: int) -> np.ndarray:
+    def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
         n, n_modes = self.problem.mechanism.n_dofs, modes.flexible.shape[1]
         rows = np.arange(self.problem.rows.start, self.problem.rows.stop)
         # incommensurate waves: no mode shape of any mesh is orthogonal to its own one but by accident
         waves = np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, n_modes + 1)))
-        rotation = np.eye(n_delta)
+        rotation = np.eye(n_kept)
         probe = self.problem.inner(modes.flexible, waves)
         rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
         return rotation
@@ -156,14 +146,14 @@ class Sampler:
         products = [self.problem.inner(columns, term @ everywhere) for term in self._mass]
         return np.array(products).reshape(len(self._mass), n_theta, n_theta, -1)
 
-    def _turned_loads(self, theta: float) -> np.ndarray:
-        """Return the load vectors in body frames, local rows, shape (n_local, n_loads)."""
-        problem = self.problem
-        if not self._loads:
-            return np.zeros((len(problem.rows), 0))
-        poses = problem.kinematics.poses(np.array([theta]))[..., 0]
-        vectors = problem.all_rows(np.array([load.vector for load in self._loads]).T)
-        return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
+
+def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: float) -> np.ndarray:
+    """Return load vectors in body frames at a configuration, local rows, shape (n_local, n_loads)."""
+    if not loads:
+        return np.zeros((len(problem.rows), 0))
+    poses = problem.kinematics.poses(np.array([theta]))[..., 0]
+    vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
+    return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
 
 
 def _ascending(modes: ModeSet) -> ModeSet:

@@ -53,7 +53,9 @@ class SampleStore:
 
     def join(self) -> JoinedSamples | None:
         """Join all samples in their order; on the first rank, None elsewhere. Collective on all ranks."""
-        order = np.argsort(self._theta)
-        place = np.argsort(order)
-        own = {int(place[number]): sample for number, sample in self._own.items()}
-        return join_samples(self._group, self._owners[order], own, self._range.periodic)
+        return join_samples(self._group, self._owners[np.argsort(self._theta)], self.own(), self._range.periodic)
+
+    def own(self) -> dict[int, Sample]:
+        """Return this group's samples by their place in the order of all."""
+        place = np.argsort(np.argsort(self._theta))
+        return {int(place[number]): sample for number, sample in sorted(self._own.items())}

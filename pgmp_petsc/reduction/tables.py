@@ -90,10 +90,10 @@ class ReducedTables:
         Parameters
         ----------
         rotations
-            Orthogonal matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_delta).
+            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer vectors.
         """
-        n, m = rotations.shape[:2]
-        whole = np.zeros((n, self.n_coordinates + m, self.n_coordinates + m))
+        n, m, n_new = rotations.shape
+        whole = np.zeros((n, self.n_coordinates + m, self.n_coordinates + n_new))
         whole[:, : self.n_coordinates, : self.n_coordinates] = np.eye(self.n_coordinates)
         whole[:, self.n_coordinates :, self.n_coordinates :] = rotations
         return replace(

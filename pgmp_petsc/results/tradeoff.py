@@ -238,12 +238,16 @@ class Tradeoff:
         return ", ".join(words)
 
     def modes(self, row: int) -> str:
-        """Return ``7 + 1``: modes and static modes of a reduced setting; ``7`` where it has no static ones."""
+        """Return ``7 + 1 + 2``: modes, static modes and those of other parameters; without those it has not."""
         n_modes, n_coordinates = int(self.columns["modes"][row]), int(self.columns["coordinates"][row])
-        if not self.columns["static_modes"][row]:
-            return str(n_modes)
-        # a setting that failed has none to count
-        return f"{n_modes} + {n_coordinates - 1 - n_modes if n_coordinates else 'static'}"
+        n_parameter = int(self.columns["parameter_modes"][row])
+        words = [str(n_modes)]
+        if self.columns["static_modes"][row] or self.columns["inertia_modes"][row]:
+            # a setting that failed has none to count
+            words.append(str(n_coordinates - 1 - n_modes - n_parameter) if n_coordinates else "static")
+        elif n_parameter:
+            words.append("0")
+        return " + ".join([*words, str(n_parameter)] if n_parameter else words)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""

@@ -30,6 +30,15 @@ class Reduction(Table):
     )
     max_angles: Integer = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
+    inertia_modes: bool = Field(
+        False, description="extend the basis by the static answer to the inertia forces of the mechanism's rigid motion"
+    )
+    parameter_modes: Integer = Field(
+        0,
+        ge=0,
+        description="number of further vectors for parameters far from nominal: modes and static answers at parameter "
+        "points that are chosen by the error there, compressed",
+    )
     second_order: bool = Field(
         False,
         description="add what is of second order in the deformation: the curvature of the mode shapes (static modal "

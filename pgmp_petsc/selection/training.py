@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Torque
+from pgmp_petsc.scene.spanning_values import spanning_values as training_values
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
-OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
-SMALLEST = 1e-9  # probability above which a parameter that must be positive is so
-MOST_CORNERS = 3  # parameters whose corners are all tried; of more, only all low and all high
 PULSE = 1.6
 HASTE = 2.0
 OF_REDUCTION = ", for basis and interpolation"
@@ -96,29 +94,6 @@ class Training:
         return ", ".join(f"{name} = {column[sample]:.4g}" for name, column in self.values.items())
 
 
-def uncertain_names(scene: Scene) -> list[str]:
-    """Return the parameters with a distribution, sorted."""
-    return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
-
-
-def training_values(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
-    """Return the values of every parameter, shape (n_samples,), and n_samples."""
-    names = uncertain_names(scene)
-    levels = {name: _levels(scene, name) for name in names}
-    samples = [dict(scene.nominal)]
-    for name, (low, high) in levels.items():
-        nominal = scene.nominal[name]
-        for value in (low, 0.5 * (low + nominal), 0.5 * (nominal + high), high):
-            samples.append(scene.nominal | {name: value})
-    if 1 < len(names) <= MOST_CORNERS:
-        samples += [scene.nominal | dict(zip(names, corner)) for corner in product(*levels.values())]
-    elif len(names) > MOST_CORNERS:
-        samples += [scene.nominal | {name: levels[name][side] for name in names} for side in (0, 1)]
-    samples.append(scene.values)
-    once = [sample for k, sample in enumerate(samples) if sample not in samples[:k]]
-    return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)
-
-
 def training_loads(scene: Scene) -> tuple[Load, ...]:
     """Return the variants of the loads, the scene's own first."""
     own = {name: effect.table for name, effect in scene.effects.items() if isinstance(effect, Torque)}
@@ -148,15 +123,3 @@ def _steepness(table: Table) -> float:
     began = float(np.interp(0.0, time, value))
     slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)
     return np.inf if began != 0.0 else float(slopes.max())
-
-
-def _levels(scene: Scene, name: str) -> tuple[float, float]:
-    """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
-    parameter = scene.parameters[name]
-    law = parameter.frozen()
-    low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
-    least, most = law.cdf(low), law.cdf(high)
-    if name in scene.positive_parameters and low <= 0.0:
-        least = max(least, law.cdf(0.0) + SMALLEST)
-    first, last = law.ppf(least + np.array([OUTERMOST, 1.0 - OUTERMOST]) * (most - least))
-    return float(first), float(last)

@@ -25,10 +25,11 @@ from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.studies.tradeoff_history import History, history_of, n_instants, with_steps
 from pgmp_petsc.studies.tradeoff_settings import Setting
 from pgmp_petsc.studies.tradeoff_surface import ResponseSurface
-from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values, uncertain_names
+from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values
 
 # What one setting may fail with while the others go on: errors meant for the user, and those of numerical libraries
 # (PETSc's and MPI's are RuntimeErrors); a mistake of the program ends the study.
@@ -157,7 +158,12 @@ class Bench:
     def warm_up(self, setting: Setting) -> None:
         """Load and compile what the first measurement would otherwise pay for."""
         few = setting.with_reduction(
-            modes=1, angles=WARM_UP_ANGLES, second_order=True, interpolation="spline", sampling_tolerance=None
+            modes=1,
+            parameter_modes=0,
+            angles=WARM_UP_ANGLES,
+            second_order=True,
+            interpolation="spline",
+            sampling_tolerance=None,
         )
         try:
             for warm in (few, Setting("full", setting.n_steps)):

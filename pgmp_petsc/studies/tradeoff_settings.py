@@ -18,9 +18,9 @@ import numpy as np
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction, Simulation
+from pgmp_petsc.scene.spanning_values import uncertain_names
 from pgmp_petsc.studies.tradeoff_history import step_of
 from pgmp_petsc.studies.tradeoff_surface import node_counts
-from pgmp_petsc.studies.tradeoff_values import uncertain_names
 
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
@@ -83,6 +83,8 @@ class Sweep:
     ----------
     modes, angles, schemes
         Of the lines through the best settings: numbers of modes and of angles, schemes of interpolation.
+    parameter_modes
+        Of the line through the best setting, where a parameter is uncertain.
     own_modes, own_angles
         Of the lines through the scene's setting: factors on its number of modes, and angles.
     own_others
@@ -108,6 +110,7 @@ class Sweep:
     modes: tuple[int, ...]
     angles: tuple[int, ...]
     schemes: tuple[str, ...]
+    parameter_modes: tuple[int, ...]
     own_modes: tuple[float, ...]
     own_angles: tuple[int, ...]
     own_others: bool
@@ -127,6 +130,7 @@ FULL = Sweep(
     modes=(2, 3, 5, 7, 10, 15, 22),
     angles=(16, 24, 32, 64, 96),
     schemes=("overhauser", "spline", "spectral"),
+    parameter_modes=(0, 1, 2),
     own_modes=(0.5, 1.5),
     own_angles=(48, 96),
     own_others=True,
@@ -145,6 +149,7 @@ QUICK = Sweep(
     modes=(2,),
     angles=(24,),
     schemes=(),
+    parameter_modes=(2,),
     own_modes=(),
     own_angles=(),
     own_others=False,
@@ -196,7 +201,8 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
     few = own if _adaptive(own) else own.with_reduction(angles=sweep.tensor_angles, interpolation="spline")
     coarse = _steps(n, 0, 1)
     for modes, value, steps in product(_within(sweep.tensor_modes, limits), static, coarse):
-        settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value))
+        plain = {"inertia_modes": False, "parameter_modes": 0}
+        settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
     settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
     settings += [Setting("full", n, refinement) for refinement in sweep.refinements]
     settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
@@ -214,6 +220,7 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
             continue
         settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
         settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
+        settings += _extended(setting, sweep, scene)
         settings += _sampled(setting, sweep.angles, sweep.schemes)
         settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
     return _once(settings)
@@ -282,6 +289,15 @@ def _sampled(setting: Setting, angles: Sequence[int], schemes: Sequence[str]) ->
         *(setting.with_reduction(angles=n) for n in angles),
         *(setting.with_reduction(interpolation=scheme) for scheme in schemes),
     ]
+
+
+def _extended(setting: Setting, sweep: Sweep, scene: Scene) -> list[Setting]:
+    """Return bases with the static answer to inertia forces or without, then with modes at other parameter values."""
+    other = setting.with_reduction(inertia_modes=not setting.reduction.inertia_modes)
+    if not uncertain_names(scene):
+        return [other]
+    with_inertia = setting.with_reduction(inertia_modes=True)
+    return [other, *(with_inertia.with_reduction(parameter_modes=n) for n in sweep.parameter_modes)]
 
 
 def _adaptive(setting: Setting) -> bool:

@@ -11,16 +11,12 @@ import numpy as np
 from scipy.stats import qmc
 
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
 N_TEST = 8  # both models take so few in one batch at little more than the price of one
 TEST_RANGE = (0.01, 0.99)  # probabilities of the outermost test values
 NODE_RANGE = (0.001, 0.999)
 SEED = 1
-
-
-def uncertain_names(scene: Scene) -> list[str]:
-    """Return the parameters with a distribution, sorted as an ensemble draws them."""
-    return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
 
 
 def held_out(scene: Scene, n: int = N_TEST) -> dict[str, np.ndarray]:

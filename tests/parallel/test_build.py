@@ -15,12 +15,15 @@ from pgmp_petsc.reduction.second_order import pair_rotations
 RUNS = {
     1: ("plain:1:0", "plain:1:1", "plain:1:2", "weight:1:0", "few:1:0", "reflected:1:0", "reflected:1:1", "part:1:0",
         "static:1:0", "static:1:1", "static_reflected:1:0", "chebyshev:1:0", "adaptive:1:0", "curved:1:0", "curved:1:1",
-        "curved_reflected:1:0", "curved_reflected:1:1", "curved_turning:1:0"),
+        "curved_reflected:1:0", "curved_reflected:1:1", "curved_turning:1:0", "extended:1:0", "extended:1:1",
+        "extended_reflected:1:0", "extended_reflected:1:1", "extended_adaptive:1:0", "curved_extended:1:0", "curved_extended:1:1"),
     2: ("plain:1:0", "plain:2:0", "weight:1:0", "weight:2:0", "part:1:0", "static:1:0", "static:2:0",
-        "static_reflected:2:0", "chebyshev:1:0", "curved:1:0", "curved:2:0", "curved_turning:2:0"),
+        "static_reflected:2:0", "chebyshev:1:0", "curved:1:0", "curved:2:0", "curved_turning:2:0", "extended:2:0",
+        "extended_adaptive:1:0"),
     3: ("plain:1:0", "plain:2:0", "plain:3:3", "weight:3:0", "reflected:1:4", "reflected:2:0",
-        "static:3:2", "chebyshev:3:0", "adaptive:1:0", "curved:3:2", "curved_reflected:2:4", "curved_turning:1:3"),
-    5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0", "static:2:0", "static_reflected:1:0"),
+        "static:3:2", "chebyshev:3:0", "adaptive:1:0", "curved:3:2", "curved_reflected:2:4", "curved_turning:1:3",
+        "extended:1:2", "extended_reflected:1:3", "curved_extended:2:2"),
+    5: ("plain:2:5", "few:1:0", "few:5:0", "reflected:1:0", "part:1:0", "static:2:0", "static_reflected:1:0", "extended:2:3"),
 }
 CASES = [(n, case) for n, cases in RUNS.items() for case in cases if (n, case.split(":")[1:]) != (1, ["1", "0"])]
 TABLES = ("mass", "inertia", "stiffness", "load")
@@ -74,6 +77,8 @@ def test_tables_are_the_same_but_for_one_constant_rotation(model: Callable, n: i
         one = getattr(expected.tables, name)
         size = np.abs(one).max(initial=0.0)
         np.testing.assert_allclose(getattr(tables, name), one, rtol=0, atol=1e-8 * size, err_msg=name)
+    assert rom.points.points == expected.points.points
+    np.testing.assert_allclose(rom.points.missed, expected.points.missed, rtol=0, atol=2e-6)
     np.testing.assert_allclose(
         rom.projection @ rotation, expected.projection, rtol=0, atol=1e-7 * np.abs(expected.projection).max()
     )

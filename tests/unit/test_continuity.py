@@ -12,7 +12,6 @@ from scipy.linalg import block_diag, expm
 from pgmp_petsc.modes.continuity import (
     CLOSE_TOLERANCE,
     EXCHANGE,
-    MIXING_TOLERANCE,
     VEERING,
     Closure,
     canonical_rotation,
@@ -202,7 +201,7 @@ def test_modes_that_veer_turn_no_faster_than_their_space(gap: float) -> None:
     else:
         # a gap that the grid resolves: the modes stay apart, and turn by no more than the mixing that is allowed
         assert numbers(groups) == [[0], [1]]
-        assert np.max(np.abs(np.diff(bases, axis=0))) < MIXING_TOLERANCE
+        assert np.max(np.abs(np.diff(bases, axis=0))) < 0.2
 
 
 def test_modes_that_stay_apart_are_not_mixed() -> None:
@@ -238,7 +237,9 @@ def test_groups_are_linked_by_values_and_by_overlaps() -> None:
     assert numbers(group_modes(values, far)) == [[0, 4], [1], [2], [3]]
     # a static mode has no eigenvalue: its overlap alone decides
     static = np.tile(np.eye(6), (5, 1, 1))
-    static[1, 5, 0] = 1.1 * MIXING_TOLERANCE
+    static[1, 5, 0] = 0.9 * EXCHANGE
+    assert numbers(group_modes(values, static)) == [[0], [1], [2], [3], [4], [5]]
+    static[1, 5, 0] = 1.1 * EXCHANGE
     assert numbers(group_modes(values, static)) == [[0, 5], [1], [2], [3], [4]]
     assert numbers(group_modes(values[:1, :1], nothing[:0, :1, :1])) == [[0]]
 

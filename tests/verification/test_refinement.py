@@ -8,7 +8,8 @@ from runs import rom_of
 from scenes import RADIUS, kinematics_of, slider_crank
 
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.refinement import ContinuousBasis, interpolation_errors, midpoints
+from pgmp_petsc.reduction.continuous_basis import ContinuousBasis
+from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -59,7 +60,9 @@ def test_angles_come_where_the_modes_change_fast() -> None:
 
 def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
     rom = rom_of(slider_crank("reduction.angles=48", SPLINE))
-    basis = ContinuousBasis(rom.tables, rom.projection, [np.array([k]) for k in range(rom.tables.n_modes)])
+    groups = [np.array([k]) for k in range(rom.tables.n_modes)]
+    own = np.broadcast_to(np.eye(rom.tables.n_modes), (48, rom.tables.n_modes, rom.tables.n_modes))
+    basis = ContinuousBasis(rom.tables, rom.projection, groups, own, np.empty(0, dtype=int))
     some = rom.tables.samples.theta[[3, 17]]
     errors = interpolation_errors(basis, basis, some, {"r1": RADIUS})
     np.testing.assert_allclose(errors, 0.0, atol=1e-9)

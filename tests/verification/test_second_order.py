@@ -20,10 +20,12 @@ from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler
-from pgmp_petsc.reduction.second_order import pair_products, unpacked
+from pgmp_petsc.reduction.second_order import SecondOrderTables, pair_products, unpacked
+from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 
@@ -72,9 +74,10 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
         modes = problem.solve(theta)
         patterns = problem.independent(patterns)
         static = problem.static_modes(modes, patterns)
-        chi = CurvatureProblem(problem).solve(modes, static, patterns).chi
+        shape, curvature = np.hstack([modes.flexible, static]), CurvatureProblem(problem)
+        chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
     nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)
-    return Curved(nonlinear, modes, np.hstack([modes.flexible, static]), chi, patterns)
+    return Curved(nonlinear, modes, shape, chi, patterns)
 
 
 def orders(errors: list[float]) -> np.ndarray:
@@ -157,33 +160,46 @@ def test_the_cubic_energy_leaves_out_terms_of_fourth_order(scene: Callable, shar
     scene, theta = scene(), 1.0
     values = {name: share * value for name, value in scene.nominal.items()}
     kinematics = kinematics_of(scene)
-    sample = sampled(scene, theta)
+    point = sampled(scene, theta)
+    sample = point.sample
     terms = evaluate_weights(kinematics.mechanism.stiffness_weights, values)
     stiffness = np.tensordot(terms, sample.stiffness, axes=1)
-    cubic = np.tensordot(terms, sample.second_order.cubic[0], axes=1)
+    cubic = np.tensordot(terms, point.second_order.cubic[0], axes=1)
     energy = StaticEquilibrium(kinematics, values, theta).energy
     delta = np.random.default_rng(2).normal(size=len(stiffness)) / np.sqrt(np.diagonal(stiffness))
     delta *= 0.1 / np.max(np.abs(sample.shape @ delta))
     errors, without = [], []
     for k in range(HALVINGS):
         d = delta / 2**k
-        u = sample.shape @ d + sample.curvature @ pair_products(d[None])[0]
+        u = sample.shape @ d + point.curvature @ pair_products(d[None])[0]
         without.append(abs(energy(u) - 0.5 * d @ stiffness @ d))
         errors.append(abs(energy(u) - 0.5 * d @ stiffness @ d - np.einsum("ijk,i,j,k", cubic, d, d, d) / 6))
     assert abs(orders(errors)[-2] - 4) < 0.2
     assert abs(orders(without)[-1] - 3) < 0.2
 
 
-def sampled(scene: Scene, theta: float) -> Sample:
+@dataclass(frozen=True)
+class OnManifold:
+    """One sample in the eigensolver's own basis, with everything of second order."""
+
+    sample: Sample
+    curvature: np.ndarray
+    second_order: SecondOrderTables
+
+
+def sampled(scene: Scene, theta: float) -> OnManifold:
     """Return one sample with everything of second order."""
     from mpi4py import MPI
 
     kinematics = kinematics_of(scene)
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
-    patterns = patterns_of(effects if scene.reduction.static_modes else (), matrices)
+    loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
-        return Sampler(problem, loads_of(effects, matrices), patterns, True).sample(theta, lambda modes: modes)
+        static_loads = StaticLoads.of(problem, patterns, scene.reduction)
+        sample = Sampler(problem, loads, static_loads).sample(theta, lambda modes: modes)
+        own = np.eye(sample.n_kept)
+        return OnManifold(sample, *Manifold(problem, loads, static_loads).at(theta, sample, own))
 
 
 def test_loads_and_inertia_forces_work_along_the_curvature() -> None:

@@ -1,0 +1,113 @@
+"""The basis that is continuous over all samples, and the tables in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.effects import Load
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.reduction.compression import Compression
+from pgmp_petsc.reduction.joining import JoinedSamples
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.second_order import SecondOrderTables, pair_rotations
+from pgmp_petsc.reduction.tables import ReducedTables
+
+
+@dataclass(frozen=True, eq=False)
+class ContinuousBasis:
+    """Tables and vectors over all samples; over two turns where a coordinate changes its sign after one.
+
+    Attributes
+    ----------
+    tables
+        In the continuous basis.
+    projection
+        The basis, shape (n, n_dofs, n_delta).
+    groups
+        Numbers of the vectors that turn among themselves.
+    combinations
+        The basis in terms of each sample's own vectors, one turn, shape (n_sampled, n_vectors, n_delta).
+    flipped
+        Coordinates that change their sign after a turn.
+    curvature
+        Second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted.
+    """
+
+    tables: ReducedTables
+    projection: np.ndarray
+    groups: list[np.ndarray]
+    combinations: np.ndarray
+    flipped: np.ndarray
+    curvature: np.ndarray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        mechanism: Mechanism,
+        samples: Samples,
+        loads: Sequence[Load],
+        joined: JoinedSamples,
+        compression: Compression,
+    ) -> ContinuousBasis:
+        """Express the samples' tables and vectors in the continuous basis."""
+        n_kept, n_parameter = joined.n_kept, compression.flips.size
+        combinations = joined.rotations @ compression.beside(n_kept)
+        tables = ReducedTables(
+            samples=samples,
+            mass_weights=mechanism.mass_weights,
+            stiffness_weights=mechanism.stiffness_weights,
+            load_weights=tuple(load.weight for load in loads),
+            load_effects=tuple(load.effect for load in loads),
+            **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
+        ).turned(combinations)
+        projection = joined.shapes @ combinations
+        flipped = np.flatnonzero(np.concatenate([joined.flipped[:n_kept], compression.flips]))
+        groups = [*joined.groups, *np.arange(n_kept, n_kept + n_parameter)[:, None]]
+        if flipped.size:
+            tables = tables.over_two_turns(flipped)
+            projection = np.concatenate([projection, projection * _signs(tables.n_modes, flipped)])
+        return cls(tables, projection, groups, combinations, flipped)
+
+    def curved(self, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
+        """Add what is of second order at the samples of one turn.
+
+        Parameters
+        ----------
+        curvature
+            chi, pairs packed, shape (n_sampled, n_dofs, n_pairs).
+        tables
+            At n_sampled samples.
+        """
+        if self.flipped.size:
+            signs = np.diag(_signs(self.tables.n_modes, self.flipped))[None]
+            everywhere = np.broadcast_to(signs, (len(curvature), *signs.shape[1:]))
+            tables = SecondOrderTables.joined([tables, tables.turned(everywhere)])
+            curvature = np.concatenate([curvature, curvature @ pair_rotations(signs)])
+        return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
+
+
+def compression_of(mechanism: Mechanism, nominal: dict[str, float], joined: JoinedSamples, n_parameter: int) -> Compression:
+    """Return the compression of all samples' snapshots, at the nominal parameters.
+
+    Raises
+    ------
+    InputError
+        If the snapshots do not span so many vectors.
+    """
+    n_snapshots = joined.shapes.shape[2] - joined.n_kept
+    if not n_parameter:
+        return Compression(np.empty((n_snapshots, 0)), np.empty(0, dtype=bool))
+    mass = np.einsum("t,ntij->nij", evaluate_weights(mechanism.mass_weights, nominal), joined.tables["mass"])
+    turned = joined.rotations[:, joined.n_kept :, joined.n_kept :]
+    own = mass[:, -n_snapshots:, -n_snapshots:]
+    return Compression.of(np.swapaxes(turned, 1, 2) @ own @ turned, joined.flipped[joined.n_kept :], n_parameter)
+
+
+def _signs(n: int, flipped: np.ndarray) -> np.ndarray:
+    signs = np.ones(n)
+    signs[flipped] = -1.0
+    return signs

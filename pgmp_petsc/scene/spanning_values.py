@@ -1,0 +1,53 @@
+"""Parameter values that span a scene's distributions: what bases and steps are tried on before the samples come.
+
+Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
+applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
+together (corners).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from pgmp_petsc.scene.schema import Scene
+
+OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
+SMALLEST = 1e-9  # probability above which a parameter that must be positive is so
+MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
+
+
+def uncertain_names(scene: Scene) -> list[str]:
+    """Return the parameters with a distribution, sorted."""
+    return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
+
+
+def spanning_values(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
+    """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples."""
+    names = uncertain_names(scene)
+    levels = {name: _levels(scene, name) for name in names}
+    samples = [dict(scene.nominal)]
+    for name, (low, high) in levels.items():
+        nominal = scene.nominal[name]
+        for value in (low, 0.5 * (low + nominal), 0.5 * (nominal + high), high):
+            samples.append(scene.nominal | {name: value})
+    if 1 < len(names) <= MOST_CORNERS:
+        samples += [scene.nominal | dict(zip(names, corner)) for corner in product(*levels.values())]
+    elif len(names) > MOST_CORNERS:
+        samples += [scene.nominal | {name: levels[name][side] for name in names} for side in (0, 1)]
+    samples.append(scene.values)
+    once = [sample for k, sample in enumerate(samples) if sample not in samples[:k]]
+    return {name: np.array([sample[name] for sample in once]) for name in scene.parameters}, len(once)
+
+
+def _levels(scene: Scene, name: str) -> tuple[float, float]:
+    """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
+    parameter = scene.parameters[name]
+    law = parameter.frozen()
+    low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
+    least, most = law.cdf(low), law.cdf(high)
+    if name in scene.positive_parameters and low <= 0.0:
+        least = max(least, law.cdf(0.0) + SMALLEST)
+    first, last = law.ppf(least + np.array([OUTERMOST, 1.0 - OUTERMOST]) * (most - least))
+    return float(first), float(last)
