@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -30,7 +30,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    loads = loads_of(effects_of(scene, mechanism), matrices)
+    effects = effects_of(scene, mechanism)
+    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).shape[1]
     pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
     null = null_space(constraint_jacobian(mechanism, pose))
     n_flexible = null.independent.size - kinematics.n_coordinates
@@ -44,17 +45,20 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     lower, upper = kinematics.coordinate.lower, kinematics.coordinate.upper
     kind = "periodic" if kinematics.coordinate.periodic else "limited"
     lines.append(f"  coordinate    {kinematics.coordinate.name}: {lower:.6g} to {upper:.6g} rad, {kind}")
-    reduced = f"1 rigid + {scene.reduction.modes} flexible reduced"
+    flexible = _flexible(scene, n_patterns)
+    reduced = f"1 rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
     lines.append(
         f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}"
     )
+    if len(flexible) > 1 and not left_open:
+        lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if not left_open:
-        lines += _memory(scene, mechanism, matrices, len(loads))
+        lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 
 
@@ -98,15 +102,30 @@ def _effects(scene: Scene, loads) -> list[str]:
     ]
 
 
-def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int) -> list[str]:
+def _flexible(scene: Scene, n_patterns: int) -> dict[str, int]:
+    """Return the vectors of the basis by their kind; static modes of loads that depend on others are not told apart."""
+    reduction = scene.reduction
+    counts = {
+        "modes": reduction.modes,
+        "static": n_patterns if reduction.static_modes else 0,
+        "inertia": int(reduction.inertia_modes),
+        "of other parameter values": reduction.parameter_modes,
+    }
+    return {kind: count for kind, count in counts.items() if count}
+
+
+def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexible: int) -> list[str]:
     """Estimate what a build holds and writes."""
-    n_modes, n_angles = scene.reduction.modes, scene.reduction.angles
+    n_modes, n_angles = n_flexible, scene.reduction.angles
     n_eta = n_modes + 1
     terms = [*matrices.mass.values(), *matrices.stiffness.values()]
     sparse = sum(term.data.nbytes + term.indices.nbytes + term.indptr.nbytes for term in terms)
     n_mass, n_stiffness = len(mechanism.mass_weights), len(mechanism.stiffness_weights)
     tables = n_angles * (n_mass * (n_eta**2 + n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
     projection = n_angles * mechanism.n_dofs * n_modes * BYTES
+    if scene.reduction.second_order:
+        tables += n_angles * (n_stiffness * n_modes**3 + (3 * n_mass + n_loads) * n_modes**2) * BYTES
+        projection += n_angles * mechanism.n_dofs * n_modes * (n_modes + 1) // 2 * BYTES
     return [
         f"  memory        sparse matrices {_size(sparse)}, reduced tables {_size(tables)}, "
         f"modes at {n_angles} angles {_size(projection)}"

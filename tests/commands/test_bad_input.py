@@ -157,6 +157,17 @@ CASES = {
     "no output": Case(("simulate", ROM), ("-o",)),
     "no such command": Case(("simulat", ROM), ("no command 'simulat'", "did you mean 'simulate'")),
     "no such option": with_rom("--stp", "1", words=("--stp",)),
+    "nowhere to take modes": Case(
+        ("build", SCENE, "-o", OUT, *overridden("parameters.r1={{nominal=5.6e-3}}", "reduction.parameter_modes=2")),
+        ("reduction.parameter_modes = 2", "no parameter has a distribution"),
+    ),
+    "too many parameter modes": Case(
+        ("build", SCENE, "-o", OUT, *overridden("reduction.parameter_modes=9", *SMALL)),
+        ("reduction.parameter_modes = 9", "independent at every configuration"),
+    ),
+    "negative parameter modes": Case(
+        ("check", SCENE, *overridden("reduction.parameter_modes=-1")), ("reduction.parameter_modes", "-1")
+    ),
     # models and what they were built from
     "modes of a model": with_rom("--override", "reduction.modes=3", words=("--override reduction", "pgmp build")),
     "section of a model": with_rom(
@@ -206,7 +217,7 @@ ON_THREE_RANKS = (
     "unknown key", "missing mesh", "unknown point", "too short a rod", "too short a rod, build", "two coordinates",
     "too many modes, build", "cut off", "a scene for a model", "no directory", "ranks per angle", "no samples",
     "unknown parameter", "modes of a model", "nothing to draw", "start outside the range", "model of another scene",
-    "no outputs", "directory, trade-off",
+    "no outputs", "directory, trade-off", "nowhere to take modes", "too many parameter modes",
 )
 
 
