@@ -7,14 +7,15 @@ number of ranks has no part in them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from time import perf_counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from time import perf_counter, process_time
 
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -24,80 +25,12 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
+from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.selection.training import Training
+from pgmp_petsc.selection.trial import Errors, Trial
 
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of one kind over all training cases.
-
-    Attributes
-    ----------
-    values
-        Shares of the outputs' largest values, shape (n_loads, n_outputs, n_samples); NaN where a case does not count.
-    loads, outputs
-        Names.
-    training
-        The cases.
-    """
-
-    values: np.ndarray
-    loads: tuple[str, ...]
-    outputs: tuple[str, ...]
-    training: Training
-
-    @property
-    def by_output(self) -> np.ndarray:
-        """Largest error of every output, shape (n_outputs,); zero where no case counts."""
-        return np.max(np.nan_to_num(self.values, nan=0.0, posinf=np.inf), axis=(0, 2))
-
-    @property
-    def largest(self) -> float:
-        """Largest error of all."""
-        return float(self.by_output.max())
-
-    @property
-    def place(self) -> tuple[int, int, int]:
-        """Load, output and sample of the largest error."""
-        filled = np.nan_to_num(self.values, nan=-1.0, posinf=np.inf)
-        return tuple(int(k) for k in np.unravel_index(np.argmax(filled), filled.shape))
-
-    @property
-    def where(self) -> str:
-        """Where the largest error is, in words."""
-        load, output, sample = self.place
-        values = self.training.sample_text(sample)
-        return f"{self.outputs[output]}, load '{self.loads[load]}'" + (f", {values}" if values else "")
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A candidate that was tried.
-
-    Attributes
-    ----------
-    reduction, n_steps
-        What it is.
-    errors
-        Against the full-order model with the same step.
-    reason
-        Why it could not be built or run; empty where it could.
-    seconds
-        Wall time of build and runs.
-    rom
-        The reduced model, on all ranks; None where it could not be built.
-    histories
-        By load, on the load's rank.
-    """
-
-    reduction: Reduction
-    n_steps: int
-    errors: Errors
-    reason: str
-    seconds: float
-    rom: ReducedOrderModel | None = field(repr=False)
-    histories: Mapping[str, History] = field(repr=False)
+MOST_UNKNOWNS = 2000  # of the full-order model, for runs that are not needed for the choice itself
+BATCH = 256  # samples, for processor times
 
 
 class Bench:
@@ -141,9 +74,7 @@ class Bench:
         for n_steps in (coarse, fine):
             self._run_full(names, n_steps)
         self._bar.update()
-        return self._gather(
-            names, lambda name: errors_between(self._full[name, coarse], self._full[name, fine], self._floors)
-        )
+        return self._gather(names, lambda name: (self._full[name, coarse], self._full[name, fine]))
 
     def check_references(self, n_steps: int, loads: tuple[str, ...] | None = None) -> None:
         """Note which training cases do not count.
@@ -200,15 +131,17 @@ class Bench:
         if trial.rom is not None:
             try:
                 histories = self._run_reduced(trial.rom, trial.reduction, names, n_steps)
-                errors = self._gather(
-                    names, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
-                )
+                errors = self._gather(names, lambda name: (histories[name], self._full[name, n_steps]))
                 if not np.isfinite(errors.largest):
                     reason = reason or self._failures(histories)
             except RunError as error:
                 trial, reason = replace(trial, rom=None), str(error)
-        values = np.concatenate([trial.errors.values, errors.values])
-        together = replace(errors, values=values, loads=(*trial.errors.loads, *names))
+        together = replace(
+            errors,
+            values=np.concatenate([trial.errors.values, errors.values]),
+            round_off=np.concatenate([trial.errors.round_off, errors.round_off]),
+            loads=(*trial.errors.loads, *names),
+        )
         seconds = trial.seconds + self.comm.bcast(perf_counter() - start)
         return replace(
             trial, errors=together, reason=reason, seconds=seconds, histories={**trial.histories, **histories}
@@ -218,14 +151,12 @@ class Bench:
         """Compare a candidate with the full-order model at another step."""
         self._run_full(loads, n_steps)
         histories = self._run_reduced(trial.rom, trial.reduction, loads, n_steps)
-        return self._gather(
-            loads, lambda name: errors_between(histories[name], self._full[name, n_steps], self._floors)
-        )
+        return self._gather(loads, lambda name: (histories[name], self._full[name, n_steps]))
 
     def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         """Return how far runs of a candidate with two numbers of steps are apart."""
         one, other = (self._run_reduced(trial.rom, trial.reduction, loads, n_steps) for n_steps in (coarse, fine))
-        return self._gather(loads, lambda name: errors_between(one[name], other[name], self._floors))
+        return self._gather(loads, lambda name: (one[name], other[name]))
 
     def apart(self, one: Trial, other: Trial) -> Errors:
         """Return how far two candidates that ran with the same step are apart, under the loads that both ran with."""
@@ -233,42 +164,63 @@ class Bench:
         if not (one.rom and other.rom):
             return replace(one.errors, values=np.full_like(one.errors.values, np.inf))
 
-        def between(name: str) -> np.ndarray:
-            errors = errors_between(one.histories[name], other.histories[name], self._floors)
-            errors[:, other.histories[name].status != Status.FINE] = np.inf
-            # cases that do not count against the full-order model do not count here
-            errors[np.isnan(one.errors.values[one.errors.loads.index(name)])] = np.nan
-            return errors
-
-        return self._gather(names, between)
+        errors = self._gather(names, lambda name: (one.histories[name], other.histories[name]))
+        # where the other one failed there is no number; what does not count against the full-order model does not here
+        counts = ~np.isnan(one.errors.values[[one.errors.loads.index(name) for name in names]])
+        values = np.where(np.isnan(errors.values), np.inf, errors.values)
+        return replace(errors, values=np.where(counts, values, np.nan))
 
     def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
         """Return the errors of a candidate under one load times a factor."""
         variant = next(item for item in self.training.loads if item.name == load)
-        found: dict[str, np.ndarray] = {}
+        found: dict[str, tuple[History, History]] = {}
         with agreed(self.comm, "runs under another load"):
             if load in self._own((load,)):
                 scene = variant.of(self.scene, factor)
                 full = self._history(self.full_model.with_loads(scene), trial.n_steps)
                 reduced = self._reduced_model(trial.rom, trial.reduction).with_loads(scene)
-                found[load] = errors_between(self._history(reduced, trial.n_steps), full, self._floors)
+                found[load] = (self._history(reduced, trial.n_steps), full)
         return self._gather((load,), found.__getitem__)
 
-    def other_meshes(self, meshes: Mapping[str, LineMesh], n_steps: int) -> Errors:
-        """Return how far the full-order model on other meshes is from the scene's, under the scene's own loads."""
+    def finer_meshes(self, n_steps: int) -> Errors | None:
+        """Return how far the scene's own runs are from those with cells cut in two; None for large meshes."""
+        if not self.is_small:
+            return None
         name = self.training.loads[0].name
-        found: dict[str, np.ndarray] = {}
+        found: dict[str, tuple[History, History]] = {}
         self._run_full((name,), n_steps)
-        with agreed(self.comm, "runs on other meshes"):
+        with agreed(self.comm, "runs on finer meshes"):
             if name in self._own((name,)):
-                fine = self._history(FullModel(self.scene, meshes), n_steps)
-                found[name] = errors_between(self._full[name, n_steps], fine, self._floors)
+                model = FullModel(self.scene, {body: refined(mesh, 2) for body, mesh in self.meshes.items()})
+                found[name] = (self._full[name, n_steps], self._history(model, n_steps))
         return self._gather((name,), found.__getitem__)
+
+    def processor_times(self, trial: Trial, n_reduced: int, n_full: int) -> tuple[float, float]:
+        """Return the processor time of a reduced and of a full-order sample under the scene's own loads, s.
+
+        Both are run in batches of `BATCH` samples at least, if the mesh is not large: lanes are then full.
+        """
+        copies = -(-BATCH // self.training.n_samples) if self.is_small else 1
+        values = {name: np.tile(column, copies) for name, column in self.training.values.items()}
+        n_samples, times = copies * self.training.n_samples, (0.0, 0.0)
+        with agreed(self.comm, "runs for the processor time"):
+            if self.comm.rank == 0:
+                reduced, begin = self._reduced_model(trial.rom, trial.reduction), process_time()
+                run_history(reduced, values, n_samples, n_reduced)
+                middle = process_time()
+                run_history(self.full_model, values, n_samples, n_full)
+                times = ((middle - begin) / n_samples, (process_time() - middle) / n_samples)
+        return self.comm.bcast(times)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether further full-order runs take no time to speak of."""
+        return self.full_model.kinematics.mechanism.n_dofs <= MOST_UNKNOWNS
 
     def _endless(self, names: tuple[str, ...]) -> Errors:
         """Return infinite errors."""
         shape = (len(names), len(self.outputs), self.training.n_samples)
-        return Errors(np.full(shape, np.inf), names, self.outputs, self.training)
+        return Errors(np.full(shape, np.inf), np.zeros(shape), names, self.outputs, self.training)
 
     def _names(self, loads: tuple[str, ...] | None) -> tuple[str, ...]:
         return tuple(load.name for load in self.training.loads) if loads is None else loads
@@ -314,12 +266,13 @@ class Bench:
         meanings = sorted({Status(s).meaning for item in histories.values() for s in item.status if s != Status.FINE})
         return "; ".join(sorted({text for part in self.comm.allgather(meanings) for text in part}))
 
-    def _gather(self, names: tuple[str, ...], of) -> Errors:
-        """Gather what `of` returns for this rank's loads, shape (n_outputs, n_samples) each."""
+    def _gather(self, names: tuple[str, ...], of: Callable[[str], tuple[History, History]]) -> Errors:
+        """Gather the errors between the two histories that `of` returns for each of this rank's loads."""
         mine = {}
         with agreed(self.comm, "comparing training runs"):
-            mine = {name: of(name) for name in self._own(names)}
-        every: dict[str, np.ndarray] = {}
-        for part in self.comm.allgather(mine):
-            every |= part
-        return Errors(np.array([every[name] for name in names]), names, self.outputs, self.training)
+            for name in self._own(names):
+                found, exact = of(name)
+                mine[name] = errors_between(found, exact, self._floors), round_off_of(exact, self._floors)
+        every = {name: item for part in self.comm.allgather(mine) for name, item in part.items()}
+        values, round_off = (np.array([every[name][k] for name in names]) for k in (0, 1))
+        return Errors(values, round_off, names, self.outputs, self.training)

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
 from pgmp_petsc.runtime.errors import RunError
@@ -28,17 +27,17 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
-from pgmp_petsc.selection.bench import Bench, Trial
+from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import Limits
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
 from pgmp_petsc.selection.step_choice import StepChoice, first_period
 from pgmp_petsc.selection.training import Training
+from pgmp_petsc.selection.trial import Trial
 
 USUAL_RUNS = 20  # of the bench, for the progress bar
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
-MOST_MESH_UNKNOWNS = 2000  # of the full-order model, for a look at what its mesh leaves
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
-        mesh = _mesh_remark(bench, trial.n_steps)
+        found = (*_step_remark(step), *_mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
         tolerances={name: getattr(scene, name).tolerance for name in ("reduction", "simulation")
@@ -111,7 +110,7 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
         outputs=bench.outputs,
         values=bench.training.values,
         loads={load.name: load.description for load in bench.training.loads if load.name in used},
-        remarks=(*bench.remarks, *mesh),
+        remarks=(*bench.remarks, *found),
     )
     if group.world.rank > 0:
         return Choice(chosen, None, selection)
@@ -160,12 +159,30 @@ def _entries(scene: Scene, chosen: Scene, kept: bool) -> dict[str, object]:
     return entries
 
 
+def _step_remark(step: StepChoice) -> list[str]:
+    """Say what a chosen step is good for."""
+    if step.kept:
+        return []
+    loads = " and ".join(f"'{name}'" for name in step.loads)
+    return [f"the step was found with {loads}: for loads with sharper corners, give simulation.tolerance with the run"]
+
+
 def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     """Say what the meshes themselves leave: no part of the tolerance."""
-    if bench.full_model.kinematics.mechanism.n_dofs > MOST_MESH_UNKNOWNS:
-        return []
-    errors = bench.other_meshes({name: refined(mesh, 2) for name, mesh in bench.meshes.items()}, n_steps)
-    if not np.isfinite(errors.values).any():
+    errors = bench.finer_meshes(n_steps)
+    if errors is None or not np.isfinite(errors.values).any():
         return []
     moved = ", ".join(f"{name} by {error:.2g}" for name, error in zip(bench.outputs, errors.by_output))
-    return [f"no part of the tolerance: cells cut in two would move {moved}"]
+    given = (bench.scene.reduction.tolerance, bench.scene.simulation.tolerance)
+    tolerance = min(value for value in given if value is not None)
+    more = "; the meshes leave more than the tolerance" if errors.largest > tolerance else ""
+    return [f"no part of the tolerance: cells cut in two would move {moved}{more}"]
+
+
+def _cost_remark(bench: Bench, step: StepChoice, trial: Trial) -> str:
+    """Say what a sample costs with what was chosen, and what the full-order model costs for the same tolerance."""
+    reduced, full = bench.processor_times(trial, step.n_steps, step.n_full)
+    return (
+        f"processor time of a sample: {1e3 * reduced:.2g} ms with {step.n_steps} steps; of the full-order model "
+        f"{1e3 * full:.2g} ms with {step.n_full} steps"
+    )

@@ -127,6 +127,12 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     return errors
 
 
+def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return below which share of its largest value an output's error is round-off, shape (n_outputs, n_samples)."""
+    scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
+    return floors[:, None] / np.maximum(scale, floors[:, None])
+
+
 def _common(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
     """Return the outputs of both at the instants that both kept."""
     finest = max(one.n_steps, other.n_steps)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.results.selection import Attempt
-from pgmp_petsc.selection.bench import Errors, Trial
+from pgmp_petsc.selection.trial import Errors, Trial
 
 # Of the tolerance. Those of the reduction, and the step's, are half of it each: a factor of two to spare for what took
 # no part in the training; with equal tolerances the parts together are within it even where all are largest at once.
@@ -39,11 +39,16 @@ class Ledger:
         self._add("step", entries, n_steps, errors, 0.0, 0.0, "")
 
     def best(self, part: str) -> Attempt | None:
-        """Return the attempt with the smallest error."""
-        tried = [attempt for attempt in self.attempts if attempt.part == part and np.isfinite(attempt.largest)]
+        """Return the attempt with the smallest error; of candidates, among those with the step of the last one."""
+        of_part = [attempt for attempt in self.attempts if attempt.part == part]
+        tried = [attempt for attempt in of_part if np.isfinite(attempt.largest)]
+        if part != "step":
+            tried = [attempt for attempt in tried if attempt.n_steps == of_part[-1].n_steps]
         return min(tried, key=lambda attempt: attempt.largest) if tried else None
 
     def _add(self, part, entries, n_steps, errors: Errors, cost, seconds, reason) -> None:
+        # what is looked at again, under more loads, takes the place of the first look
+        self.attempts = [a for a in self.attempts if (a.part, a.entries, a.n_steps) != (part, entries, n_steps)]
         self.attempts.append(
             Attempt(part, entries, n_steps, errors.by_output, errors.largest, errors.where, cost, seconds, reason)
         )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+import json
+from collections.abc import Callable
+from typing import Any, NoReturn
 
-from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.selection.bench import Bench, Errors, Trial
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import (
     ANGLES,
     MIDDLE,
@@ -17,12 +19,14 @@ from pgmp_petsc.selection.ladder import (
     nearest,
 )
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
-from pgmp_petsc.selection.refusal import basis_hints, refuse
+from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
+from pgmp_petsc.selection.trial import Errors, Trial
 
-KNOBS = ("modes", "static_modes", "second_order", "angles", "interpolation")
-OF_BASIS, OF_GRID = KNOBS[:3], KNOBS[3:]
+OF_BASIS = ("modes", "static_modes", "second_order")
+OF_GRID = ("angles", "interpolation")
+KNOBS = OF_BASIS + OF_GRID
 FIRST_ANGLES = 48
-MUCH_BETTER = 0.7  # terms of second order are looked at first where they leave less than this share of the error
+MUCH_BETTER = 0.7  # a family that leaves less than this share of another's error is climbed in its place
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
 
@@ -132,14 +136,7 @@ class ReductionChoice:
 
         found = self._search(error, climb)
         if found is None:
-            best = min((rung for family in self._families for rung in family if id(rung) in tried), key=error)
-            if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= ANGLES[-1]:
-                self._apart(best, grid, grid | {"angles": 2 * grid["angles"]})
-            kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
-            share = self.allowed["basis"] / self.tolerance
-            trial = self._bench.go_on(self._try(best.entries | grid))
-            hints = basis_hints(self._bench, trial, share, kept)
-            refuse("reduction.tolerance", self.tolerance, "basis", self.allowed, self._ledger, hints)
+            self._refuse(grid, [rung for family in self._families for rung in family if id(rung) in tried])
         family = next(family for family in self._families if found in family)
         cheaper = [rung for rung in family[: family.index(found)] if id(rung) in tried]
         reason = f"leave {error(found):.2g}, allowed {self.allowed['basis']:.2g}"
@@ -149,29 +146,66 @@ class ReductionChoice:
         self._ledger.reasons["reduction.static_modes"] = (
             "the static answer to a load does the work of many modes" if self._limits.n_static else "no load acts"
         )
-        if len(self._families) > 1 and found.entries["second_order"]:
-            plain = min((rung for rung in self._families[0] if id(rung) in tried), key=error)
-            self._ledger.reasons["reduction.second_order"] = (
-                f"without it, {plain.entries['modes']} modes leave {error(plain):.2g}"
-            )
+        for key in OF_BASIS[1:]:
+            others = [rung for family in self._families for rung in family
+                      if id(rung) in tried and rung.entries[key] != found.entries[key]]
+            if others:
+                best = min(others, key=error)
+                other = json.dumps(best.entries[key])
+                self._ledger.reasons[f"reduction.{key}"] = (
+                    f"with {other}, {best.entries['modes']} modes leave {error(best):.2g}"
+                )
         return found
 
-    def _search(self, error, climb) -> Rung | None:
-        """Return the cheapest rung that is good enough; see `ladder` for the order."""
-        first = self._families[0]
-        middle = first.index(self._middle(first))
-        if len(self._families) == 1 or error(first[middle]) <= self.allowed["basis"]:
-            return climb(first, middle)
-        last = self._families[-1]
-        better = error(last[middle]) <= max(self.allowed["basis"], MUCH_BETTER * error(first[middle]))
-        found = None if better else climb(first, middle)
-        if found is None:
-            # what more modes cannot do without terms of second order they can still do with them, not the reverse
-            found = climb(last, middle)
-        cheaper = [rung for rung in first if found in last and rung.cost < found.cost]
-        if cheaper and error(cheaper[-1]) <= self.allowed["basis"]:
-            found = climb(cheaper, len(cheaper) - 1)
+    def _search(self, error: Callable[[Rung], float], climb: Callable[[list[Rung], int], Rung | None]) -> Rung | None:
+        """Return the cheapest rung that is good enough.
+
+        The middle rungs tell where it is to be sought: in the first family whose one is good enough; else in those
+        that are not much worse than the best, the cheapest first. What more modes cannot do in one family they can
+        still do in a richer one.
+        """
+        allowed, middles = self.allowed["basis"], []
+        for family in self._families:
+            middles.append(error(self._middle(family)))
+            if middles[-1] <= allowed:
+                break
+        order = [k for k, middle in enumerate(middles) if MUCH_BETTER * middle <= min(middles)]
+        if middles[-1] <= allowed:
+            order = [len(middles) - 1]
+        for k in order:
+            family = self._families[k]
+            found = climb(family, family.index(self._middle(family)))
+            if found is not None:
+                break
+        else:
+            return None
+        for family in self._families[:k]:
+            cheaper = [rung for rung in family if rung.cost < found.cost]
+            if cheaper and error(cheaper[-1]) <= allowed:
+                return climb(cheaper, len(cheaper) - 1)
         return found
+
+    def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:
+        """Say what stands in the way of the best of some rungs, none of which is good enough."""
+        trials = [self._try(rung.entries | grid) for rung in rungs]
+        if all(trial.rom is None for trial in trials):
+            raise RunError(trials[0].reason)
+        while True:
+            # some were looked at under one load only
+            best = min(range(len(rungs)), key=lambda k: trials[k].errors.largest)
+            complete = self._bench.go_on(trials[best])
+            if complete is trials[best]:
+                break
+            trials[best] = complete
+            self._ledger.add_trial("basis", OF_BASIS, complete, complete.errors, rungs[best].cost)
+        if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= ANGLES[-1]:
+            self._apart(rungs[best], grid, grid | {"angles": 2 * grid["angles"]})
+        kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
+        last = [kept_text(kept)] if kept else []
+        n_static = self._limits.n_static if complete.reduction.static_modes else 0
+        if complete.reduction.modes + n_static >= self._limits.n_modes:
+            last.append("these are all flexible modes that the meshes have; finer ones have more")
+        refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last)
 
     def _middle(self, family: list[Rung]) -> Rung:
         return family[nearest([rung.entries["modes"] for rung in family], MIDDLE)]

@@ -9,8 +9,9 @@ from typing import Any, NoReturn
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.selection.bench import Bench, Trial
+from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ledger import Ledger
+from pgmp_petsc.selection.trial import Trial
 
 FELL = 0.4  # an error that falls below this share of itself has found its cause
 UNRESOLVED = 5.0  # times the error, moved by halving the step: no basis can be judged with it
@@ -18,7 +19,9 @@ PARTS = {
     "basis": "the basis",
     "interpolation": "the interpolation between angles",
     "step": "the time step",
+    "round-off": "round-off",
 }
+ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as small counts as zero"
 
 
 def refuse(
@@ -53,8 +56,12 @@ def refuse(
     raise InputError("\n".join([*lines, *(f"  {hint}" for hint in hints)]))
 
 
-def basis_hints(bench: Bench, trial: Trial, share: float, kept: Mapping[str, Any]) -> list[str]:
-    """Find out what is wrong with the best basis: the load's size, the parameters' distance, or the step.
+def refuse_basis(
+    bench: Bench, trial: Trial, tolerance: float, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str]
+) -> NoReturn:
+    """Find out what is wrong with the best basis and raise an `InputError` that says so.
+
+    It may be the load's size, the parameters' distance, the step or round-off.
 
     Parameters
     ----------
@@ -62,36 +69,55 @@ def basis_hints(bench: Bench, trial: Trial, share: float, kept: Mapping[str, Any
         Where it was tried.
     trial
         The best that was found.
-    share
-        Of the tolerance that its error may take.
-    kept
-        Entries of the scene that did not stand for choice.
+    tolerance, allowed, ledger
+        As for `refuse`.
+    last
+        Further lines.
     """
-    errors, hints = trial.errors, []
+    entry, errors = "reduction.tolerance", trial.errors
     if not np.isfinite(errors.largest):
-        return [_kept_text(kept)] if kept else []
+        refuse(entry, tolerance, "basis", allowed, ledger, last)
+    possible = f"a tolerance of {1.05 * errors.largest * tolerance / allowed['basis']:.1e} can be met by this part"
+    if errors.is_round_off:
+        refuse(entry, tolerance, "round-off", allowed, ledger, [f"of the basis's error: {ZERO}", possible, *last])
     load, output, sample = errors.place
-    name, what = errors.loads[load], errors.outputs[output]
+    name, what, n_steps = errors.loads[load], errors.outputs[output], trial.n_steps
     half = bench.weakened(trial, name, 0.5).values[0, output, sample]
     nominal = np.nanmax(errors.values[:, :, 0])
-    unresolved = bench.moved(trial.n_steps, 2 * trial.n_steps, (name,)).values[0, output, sample]
-    hints.append(
-        f"of this, half the load leaves {half:.2g}; at nominal parameters it is {nominal:.2g}; halving the step moves "
-        f"the full-order {what} itself by {unresolved:.2g}"
-    )
-    causes = []
-    if half <= FELL * errors.largest:
-        causes.append("the deformation is too large for the terms of first and second order that a reduced model has")
-    if nominal <= FELL * errors.largest:
-        causes.append("the modes are those of nominal parameters, and these values are too far from them")
-    if unresolved > UNRESOLVED * errors.largest:
-        causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+    finer = bench.run_again(trial, 2 * n_steps, (name,)).values[0, output, sample]
+    unresolved = bench.moved(n_steps, 2 * n_steps, (name,)).values[0, output, sample]
+    hints = [
+        f"of the basis's error, half the load leaves {half:.2g}, half the step {finer:.2g}; at nominal parameters "
+        f"it is {nominal:.2g}; halving the step moves the full-order {what} itself by {unresolved:.2g}"
+    ]
+    part, causes = "basis", []
+    if finer <= FELL * errors.largest:
+        part = "step"
+        causes.append(
+            f"with {n_steps} steps, errors of time integration are not the same in the two models: take a smaller "
+            "simulation.step, or let simulation.tolerance choose it"
+        )
+    else:
+        if half <= FELL * errors.largest:
+            causes.append(
+                "the deformation is too large for the terms of first and second order that a reduced model has"
+            )
+        if nominal <= FELL * errors.largest:
+            causes.append("the modes are those of nominal parameters, and these values are too far from them")
+        if unresolved > UNRESOLVED * errors.largest:
+            causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
     if causes:
         hints.append("; ".join(causes))
-    hints.append(f"a tolerance of {1.05 * errors.largest / share:.1e} can be met by this part")
-    return hints + ([_kept_text(kept)] if kept else [])
+    mesh = bench.finer_meshes(n_steps)
+    if mesh is not None and mesh.by_output[output] > tolerance:
+        hints.append(
+            f"the mesh itself leaves more than the tolerance: cells cut in two would move {what} by "
+            f"{mesh.by_output[output]:.2g}"
+        )
+    refuse(entry, tolerance, part, allowed, ledger, [*hints, possible, *last])
 
 
-def _kept_text(kept: Mapping[str, Any]) -> str:
+def kept_text(kept: Mapping[str, Any]) -> str:
+    """Say which entries of the scene did not stand for choice."""
     given = ", ".join(f"reduction.{name} = {json.dumps(value)}" for name, value in kept.items())
     return f"kept as given: {given}; leave them out to have them chosen"

@@ -1,10 +1,11 @@
 """The time step that a tolerance allows, from runs with steps that are halved.
 
 A run with n steps is compared with one of `AHEAD` n steps, and of `SEEN` times the first number at least. That is
-enough, wherever the step stands: where it is coarse for a vibration, the scheme damps it and the finer run has it; where
-it resolves it, the finer run has a sixty-fourth of the error. A comparison with half the step would not do: both runs may lack a vibration that the loads set off, or have
-it in a wrong phase, and differ by less than their error. Nothing damps vibrations in a scene, so that their phase
-errors add up over the run, and only steps far below a hundredth of their period bring them down with its square.
+enough, wherever the step stands: where it is coarse for a vibration, the scheme damps it and the finer run has it;
+where it resolves it, the finer run has a sixty-fourth of the error. A comparison with half the step would not do: both
+runs may lack a vibration that the loads set off, or have it in a wrong phase, and differ by less than their error.
+Nothing damps vibrations in a scene, so that their phase errors add up over the run, and only steps far below a
+hundredth of their period bring them down with its square.
 
 Where runs of `RESOLVED` times the first number of steps are at hand and the differences of halvings fall by `FALLS` at
 least, the error of the finest run follows from the last two as the rest of a geometric series (for an error of order
@@ -65,6 +66,18 @@ class StepSearch:
             if self.chosen is None and self.finest >= RESOLVED * self.first:
                 self._extrapolate()
 
+    def settle_for_finest(self) -> None:
+        """Take the finest run, at the end, where its halving moved little and less than half of the one before.
+
+        What further halvings would move is then no more than that, in all.
+        """
+        if self.chosen is None and self.finest >= RESOLVED * self.first:
+            before, last = self._moved[-2:]
+            if np.isfinite(before).all() and np.all((last <= 0.01 * self.allowed) | (before >= FALLS[1] * last)):
+                error = float(last.max())
+                if error <= self.allowed:
+                    self.chosen, self.error = self.finest, error
+
     def _look_ahead(self) -> None:
         error = float(self.compare(self._next, self.finest).max())
         if error <= self.allowed:
@@ -75,7 +88,8 @@ class StepSearch:
         first, before, last = self._moved[-3:]
         # what is far below the tolerance need not fall any more
         small = last <= 0.01 * self.allowed
-        if not np.isfinite(first).all() or not np.all(small | (first >= FALLS[0] * before) & (before >= FALLS[1] * last)):
+        fall = (first >= FALLS[0] * before) & (before >= FALLS[1] * last)
+        if not np.isfinite(first).all() or not np.all(small | fall):
             return
         falls = np.divide(before, last, out=np.full(last.shape, 2.0**ORDER), where=last > 0.0)
         error = float(np.max(last / (np.clip(falls, FALLS[1], 2.0**ORDER) - 1.0)))

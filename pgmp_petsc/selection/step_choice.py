@@ -13,9 +13,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.selection.bench import Errors, Trial
 from pgmp_petsc.selection.ledger import STEP, Ledger
-from pgmp_petsc.selection.refusal import refuse
+from pgmp_petsc.selection.refusal import ZERO, refuse
 from pgmp_petsc.selection.step import (
     AHEAD,
     FEWEST,
@@ -26,13 +25,14 @@ from pgmp_petsc.selection.step import (
     step_of,
 )
 from pgmp_petsc.selection.training import Training
+from pgmp_petsc.selection.trial import Errors, Trial
 
 EARLY_PER_PERIOD = 128  # steps a period of the first flexible mode that are tried before anything is reduced
 UNKNOWN_PER_PERIOD = 64  # that a reduction is looked at with where the step is not known yet
-# A reduction is looked at with smaller steps than it will run with: the integrator's error is not the same in the
-# coordinates of the two models, and is a quarter or less of itself then. A step that was chosen is as large as its
-# tolerance allows.
-FINER_THAN_GIVEN, FINER_THAN_CHOSEN = 2, 4
+# A step that is chosen is as large as its tolerance allows, and the integrator's error is not the same in the
+# coordinates of the two models: a reduction is looked at with smaller steps then, where it is a sixteenth. With a step
+# that is given, the two models have to agree: that is where they will be compared.
+FINER_THAN_CHOSEN = 4
 
 
 class Runs(Protocol):
@@ -78,10 +78,12 @@ class StepChoice:
         Takes what was tried.
     period
         Of the first flexible mode, s.
+    model
+        Whose runs these are, for messages.
     """
 
-    def __init__(self, bench: Runs, ledger: Ledger, period: float) -> None:
-        self._bench, self._ledger = bench, ledger
+    def __init__(self, bench: Runs, ledger: Ledger, period: float, model: str = "full") -> None:
+        self._bench, self._ledger, self._model = bench, ledger, model
         simulation = bench.scene.simulation
         self.tolerance = simulation.tolerance
         self.kept = "step" in simulation.model_fields_set or self.tolerance is None
@@ -112,11 +114,16 @@ class StepChoice:
     def n_basis(self) -> int:
         """Number of steps that the reduction is looked at with."""
         if self.kept:
-            return FINER_THAN_GIVEN * self.n_given
+            return self.n_given
         most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
         if not self.settled:
             return most
         return min(FINER_THAN_CHOSEN * self._search.chosen, max(most, self._search.chosen))
+
+    @property
+    def n_full(self) -> int:
+        """Number of steps that the full-order model needs."""
+        return self.n_given if self.kept else self._search.chosen
 
     @property
     def n_finest(self) -> int:
@@ -155,15 +162,20 @@ class StepChoice:
             return
         search = self._search
         search.advance(self._most)
+        search.settle_for_finest()
         if search.chosen is None:
-            self._note(search.finest, self._last)
-            worst = self._bench.outputs[self._last.place[1]]
-            hints = [
-                f"the last halving, to {search.finest} steps, still moves {worst} by {self._last.largest:.2g}: the "
-                "loads or the start set off vibrations that nothing damps, and their phase has to be kept over the run",
+            last = self._last
+            self._note(search.finest, last)
+            worst = last.outputs[last.place[1]]
+            still = f"the last halving, to {search.finest} steps, still moves {worst} by {last.largest:.2g}"
+            part, hints = "step", [
+                f"{still}: the loads or the start set off vibrations that nothing damps, and their phase has to be "
+                f"kept over the run; more than {search.finest} steps are not tried",
                 "a torque without corners sets off less; simulation.step takes any step as given",
             ]
-            refuse("simulation.tolerance", self.tolerance, "step", others | self.allowed, self._ledger, hints)
+            if last.is_round_off:
+                part, hints = "round-off", [f"{still}: {ZERO}"]
+            refuse("simulation.tolerance", self.tolerance, part, others | self.allowed, self._ledger, hints)
         self._ledger.reasons["simulation.step"] = (
             f"{search.chosen} steps leave {search.error:.2g}, allowed {search.allowed:.2g}, against "
             f"{search.finest} steps"
@@ -193,7 +205,8 @@ class StepChoice:
 
     @property
     def _most(self) -> int:
-        return max(MOST_ANYWAY, round(MOST_PER_PERIOD * self._periods))
+        most = max(MOST_ANYWAY, MOST_PER_PERIOD * self._periods)
+        return self._first * 2 ** round(np.log2(most / self._first))
 
     @property
     def _first(self) -> int:
@@ -215,8 +228,9 @@ class StepChoice:
         if errors.largest > STEP * self.tolerance:
             given = f"simulation.step = {self._bench.scene.simulation.step:g}"
             hints = [f"{given} is kept as given; leave it out to have it chosen"]
-            refuse("simulation.tolerance", self.tolerance, "step", self.allowed, self._ledger, hints)
+            part = "round-off" if errors.is_round_off else "step"
+            refuse("simulation.tolerance", self.tolerance, part, self.allowed, self._ledger, hints)
 
-    def _note(self, n_steps: int, errors: Errors, model: str = "full") -> None:
+    def _note(self, n_steps: int, errors: Errors, model: str = "") -> None:
         step = self._bench.scene.simulation.step if self.kept else step_of(self._duration, n_steps)
-        self._ledger.add_step({"step": step, "model": model}, n_steps, errors)
+        self._ledger.add_step({"step": step, "model": model or self._model}, n_steps, errors)

@@ -14,11 +14,11 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.numerics import Simulation
-from pgmp_petsc.selection.bench import Errors, Trial
-from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
+from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.selection.ledger import Ledger
 from pgmp_petsc.selection.step_choice import StepChoice, first_period
 from pgmp_petsc.selection.training import Training, training_loads, training_values
+from pgmp_petsc.selection.trial import Errors, Trial
 from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK
 
 AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
@@ -42,7 +42,8 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
         values, n_samples = training_values(model.scene)
     bench = _Runs(model, comm, Training(values, n_samples, training_loads(model.scene)[:1], ()))
     ledger = Ledger()
-    step = StepChoice(bench, ledger, first_period(model.scene, model.kinematics, comm, comm))
+    period = first_period(model.scene, model.kinematics, comm, comm)
+    step = StepChoice(bench, ledger, period, "reduced" if isinstance(model, ReducedModel) else "full")
     step.begin()
     step.finish({})
     entries = simulation.model_dump() | {"tolerance": None, "step": simulation.step if step.kept else step.step}
@@ -79,7 +80,8 @@ class _Runs:
 
         def comparing_runs() -> Errors:
             found, exact = self._histories[coarse], self._histories[fine]
-            return Errors(errors_between(found, exact, self._floors)[None], loads, self.outputs, self.training)
+            values, round_off = errors_between(found, exact, self._floors), round_off_of(exact, self._floors)
+            return Errors(values[None], round_off[None], loads, self.outputs, self.training)
 
         return on_root(self._comm, comparing_runs)
 

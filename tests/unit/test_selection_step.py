@@ -76,6 +76,20 @@ def test_it_gives_up_where_no_step_is_small_enough() -> None:
     assert search.chosen is None and search.finest == 4096
 
 
+@pytest.mark.parametrize(("last", "chosen"), [(4e-4, 2048), (6e-4, None), (9e-4, None)])
+def test_the_finest_run_is_taken_where_its_halving_moved_less_than_half(last: float, chosen: int | None) -> None:
+    """The allowed error is 7e-4; 6e-4 after 1e-3 may go on for ever."""
+
+    def compare(n: int, m: int) -> np.ndarray:
+        return np.array([last if m == 2048 and m == 2 * n else 1e-3])
+
+    search = StepSearch(compare, 32, 7e-4)
+    search.advance(2048)
+    search.settle_for_finest()
+    assert search.chosen == chosen
+    assert chosen is None or search.error == last
+
+
 def test_it_goes_on_where_it_stopped() -> None:
     search = StepSearch(lambda n, m: np.array([np.max(np.abs(smooth(n) - smooth(m)))]), 32, 1e-5)
     search.advance(256)

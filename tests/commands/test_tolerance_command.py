@@ -1,0 +1,122 @@
+"""Tolerances on the command line: what is said and kept, and what a tolerance that cannot be met is answered."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from runs import PAPER_SCENE, PGMP, overridden, pgmp
+
+# runs several commands one after the other on all ranks and prints every rank's exit status
+IN_TURN = """
+import json, sys
+from mpi4py import MPI
+from pgmp_petsc.cli.main import main
+for argv in json.loads(sys.argv[1]):
+    try:
+        main(argv)
+    except SystemExit as end:
+        statuses = MPI.COMM_WORLD.gather(end.code)
+    if statuses:
+        print(json.dumps(statuses), flush=True)
+"""
+RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
+PLAIN = "modes=4, static_modes=true, second_order=false, angles=48, interpolation=\"spectral\""
+SHORT = "simulation={duration=0.1, step=1e-3}"
+# by what stands in the way: overrides, and words of the message
+REFUSED = {
+    "basis": (
+        ("reduction={tolerance=6e-3, modes=2, static_modes=false, second_order=false}", SHORT),
+        ("reduction.tolerance = 0.006: cannot be met, the basis stands in the way", "basis: at best 0.",
+         "allowed 0.0021",
+         "the mesh itself leaves more than the tolerance: cells cut in two would move slider_deformation by 0.01",
+         "slider_deformation, load '", "half the load leaves", "can be met by this part",
+         "kept as given: reduction.modes = 2, reduction.static_modes = false, reduction.second_order = false"),
+    ),
+    "all modes of the mesh": (
+        ("reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=48, "
+         "interpolation=\"spectral\"}", "simulation={duration=0.05, step=1e-3}"),
+        ("cannot be met, the basis stands in the way", "these are all flexible modes that the meshes have"),
+    ),
+    "angles": (
+        ("reduction={tolerance=1e-3, modes=7, static_modes=true, second_order=false, angles=16, "
+         "interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
+        ("the basis stands in the way", "interpolation: at best 0.", "part of the basis's error",
+         "reduction.angles = 16"),
+    ),
+    "different errors of time integration": (
+        ("reduction={tolerance=1e-4, %s}" % PLAIN, "simulation={duration=0.3, step=5e-3}", RIGID),
+        ("reduction.tolerance = 0.0001: cannot be met, the time step stands in the way", "with 60 steps",
+         "take a smaller simulation.step, or let simulation.tolerance choose it"),
+    ),
+    "round-off": (
+        ("reduction={tolerance=1e-8, %s}" % PLAIN, SHORT, RIGID, "effects.motor.table=[[0.0, 0.0], [0.05, 1e-7]]"),
+        ("reduction.tolerance = 1e-08: cannot be met, round-off stands in the way", "1e-10 rad"),
+    ),
+    "step": (
+        ("simulation={tolerance=1e-3, duration=0.1, step=1e-3}",),
+        ("simulation.tolerance = 0.001: cannot be met, the time step stands in the way", "step: at best 0.00",
+         "allowed 0.0005", "simulation.step = 0.001 is kept as given; leave it out to have it chosen"),
+    ),
+    "no outputs": (
+        ("reduction={tolerance=1e-3}", "outputs={}"),
+        ("reduction.tolerance: errors are those of outputs, and the scene has none",),
+    ),
+}
+
+
+def arguments(case: str, folder: Path) -> list[str]:
+    return ["build", str(PAPER_SCENE), "-o", str(folder / "rom.h5"), *overridden(*REFUSED[case][0])]
+
+
+@pytest.mark.parametrize(("n_ranks", "cases"), [(1, tuple(REFUSED)), (3, ("basis", "step", "no outputs"))])
+def test_the_message_says_what_stands_in_the_way(
+    mpirun: Callable, tmp_path: Path, n_ranks: int, cases: tuple[str, ...]
+) -> None:
+    """Exit status 2 on every rank, one message, no file, and no rank waits for another."""
+    done = mpirun(n_ranks, "-c", IN_TURN, json.dumps([arguments(case, tmp_path) for case in cases]))
+    assert [json.loads(line) for line in done.stdout.splitlines()] == len(cases) * [n_ranks * [2]], done.stdout
+    messages = done.stderr.split("pgmp: error: ")[1:]
+    assert len(messages) == len(cases), done.stderr
+    for case, message in zip(cases, messages):
+        for words in REFUSED[case][1]:
+            assert words in message, (case, message)
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
+    """A build says it, `info` shows the attempts, a run takes the chosen step, or another for a tolerance of its own."""
+    rom, run = tmp_path / "rom.h5", tmp_path / "run.h5"
+    given = f"reduction={{tolerance=1e-2, {PLAIN}}}"
+    said = pgmp("build", PAPER_SCENE, "-o", rom,
+                *overridden(given, "simulation={tolerance=1e-2, duration=0.1}", RIGID)).stdout
+    for words in ("chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.01",
+                  "kept as given: reduction.modes = 4", "the step was found with 'own'", "simulation.step = 0.00156", "trained on r1 = 0.0056", "no part of the tolerance: cells cut in two",
+                  "processor time of a sample"):
+        assert words in said, said
+    told = pgmp("info", rom).stdout
+    for words in ("  basis, allowed 0.005", "  step, allowed 0.005", "modes = 4, static_modes = true, second_order"):
+        assert words in told, told
+    assert "reduced model, 65 steps to 0.1 s" in pgmp("simulate", rom, "-o", run).stdout
+    again = pgmp("simulate", rom, "-o", run, *overridden("simulation={tolerance=1e-3, duration=0.1}")).stdout
+    assert "simulation.tolerance = 0.001: simulation.step = " in again
+    too_long = overridden("simulation={tolerance=1e-4, duration=0.1, step=4e-3}")
+    refused = pgmp("simulate", rom, "-o", run, *too_long, status=2)
+    assert 'the time step stands in the way\n  step: at best' in refused.stderr
+    assert 'model = "reduced"' in refused.stderr
+
+
+def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> None:
+    given = 'reduction={tolerance=1e-2, static_modes=true, second_order=false, angles=24, interpolation="spectral"}'
+    command = ["build", str(PAPER_SCENE), *overridden(given, SHORT, RIGID)]
+    one = pgmp(*command, "-o", tmp_path / "one.h5").stdout
+    two = mpirun(2, *PGMP, *command, "-o", tmp_path / "two.h5").stdout
+
+    def chosen(text: str) -> list[str]:
+        lines = text[text.index("chosen for"):].splitlines()
+        return [line for line in lines if "processor time" not in line]
+
+    assert chosen(one) == chosen(two)

@@ -1,0 +1,184 @@
+"""The choice on errors that are known, and what stands in the way of a tolerance that cannot be met."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import slider_crank
+
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.selection.ladder import Limits
+from pgmp_petsc.selection.ledger import Ledger
+from pgmp_petsc.selection.reduction_choice import ReductionChoice
+from pgmp_petsc.selection.step_choice import StepChoice
+from pgmp_petsc.selection.training import Load, Training
+from pgmp_petsc.selection.trial import Errors, Trial
+
+LOADS = (Load("own", "", {}, True), Load("quick", "", {}, False))
+PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
+
+
+def training() -> Training:
+    return Training({"r": np.array([1.0])}, 1, LOADS, ())
+
+
+def errors_of(values: tuple[float, ...], round_off: float = 0.0) -> Errors:
+    """Return errors of one output and sample, by load."""
+    shape = (len(values), 1, 1)
+    names = tuple(load.name for load in LOADS[: len(values)])
+    return Errors(np.reshape(values, shape), np.full(shape, round_off), names, ("x",), training())
+
+
+class Known:
+    """A bench that knows the errors of every candidate: of the basis under the quick load, of the angles under all."""
+
+    def __init__(self, basis, tolerance: float = 1e-2, round_off: float = 0.0, builds: bool = True) -> None:
+        self.scene = slider_crank(f"reduction={{tolerance={tolerance}}}")
+        self.outputs, self.training = ("x",), training()
+        self._basis, self._round_off, self._builds = basis, round_off, builds
+        self.tried: list[Reduction] = []
+
+    def _grid(self, reduction: Reduction) -> float:
+        order = 4.0 if reduction.interpolation == "spline" else 6.0
+        return 1e-3 * (32.0 / reduction.angles) ** order
+
+    def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
+        self.tried.append(reduction)
+        rom = object() if self._builds else None
+        values = [self._grid(reduction) + share * self._basis(reduction) for share in (0.5, 1.0)]
+        if not self._builds:
+            values = [np.inf, np.inf]
+        errors = errors_of(tuple(values), self._round_off)
+        if loads is not None:
+            errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
+        reason = "" if self._builds else "no convergence"
+        return Trial(reduction, n_steps, errors, reason, 0.0, rom, {})
+
+    def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
+        return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)
+
+    def apart(self, one: Trial, other: Trial) -> Errors:
+        if not self._builds:
+            return errors_of((np.inf,))
+        return errors_of((abs(self._grid(one.reduction) - self._grid(other.reduction)),))
+
+    def weakened(self, trial: Trial, load: str, factor: float) -> Errors:
+        return errors_of((0.25 * trial.errors.largest,))
+
+    def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
+        return errors_of((trial.errors.largest,))
+
+    def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        return errors_of((1e-9,))
+
+    def finer_meshes(self, n_steps: int) -> Errors:
+        return errors_of((2e-2,))
+
+
+def choice(bench: Known) -> ReductionChoice:
+    return ReductionChoice(bench, Ledger(), PAPER, 100, {})
+
+
+def falling(reduction: Reduction) -> float:
+    """More modes help, terms of second order help four times."""
+    return 0.05 / reduction.modes**2 / (4.0 if reduction.second_order else 1.0)
+
+
+def test_the_cheapest_basis_with_the_fewest_angles() -> None:
+    found = choice(Known(falling)).run().reduction
+    # 0.05 / 16 and what 64 angles leave are less than 0.35 of a hundredth, 0.05 / 9 is not
+    assert (found.modes, found.second_order, found.angles) == (4, False, 32)
+
+
+def test_terms_of_second_order_where_modes_alone_do_not_help() -> None:
+    floor = 5e-3
+
+    def stubborn(reduction: Reduction) -> float:
+        return falling(reduction) + (0.0 if reduction.second_order else floor)
+
+    run = choice(Known(stubborn))
+    found = run.run().reduction
+    assert (found.modes, found.second_order) == (2, True)
+    assert "with false" in run._ledger.reasons["reduction.second_order"]
+
+
+def test_a_cheap_basis_of_many_modes_is_preferred_to_one_with_terms_of_second_order() -> None:
+    """Where the middle basis misses by little, the dearer family is not taken for that."""
+
+    def nearly(reduction: Reduction) -> float:
+        return 0.2 / reduction.modes**2 / (1.3 if reduction.second_order else 1.0)
+
+    found = choice(Known(nearly)).run().reduction
+    assert not found.second_order and found.modes == 10
+
+
+def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
+    bench = Known(lambda reduction: 0.03)
+    with pytest.raises(InputError) as raised:
+        choice(bench).run()
+    message = str(raised.value)
+    for words in (
+        "reduction.tolerance = 0.01: cannot be met, the basis stands in the way", "basis: at best 0.03, allowed 0.0035",
+        "x, load 'quick'", "half the load leaves 0.0075", "too large for the terms of first and second order",
+        "the mesh itself leaves more than the tolerance: cells cut in two would move x by 0.02",
+        "a tolerance of 9.0e-02",
+    ):
+        assert words in message, message
+    assert len(bench.tried) < 25, "a search without progress ends"
+
+
+def test_errors_that_are_round_off_are_said_to_be_so() -> None:
+    with pytest.raises(InputError, match="round-off stands in the way"):
+        choice(Known(lambda reduction: 0.03, round_off=0.1)).run()
+
+
+def test_where_nothing_can_be_built_the_run_has_failed() -> None:
+    """That is no question of tolerances: exit status 1."""
+    with pytest.raises(RunError, match="no convergence"):
+        choice(Known(falling, builds=False)).run()
+
+
+class Steps:
+    """Full-order runs of which it is known how far they are apart."""
+
+    def __init__(self, moved: float, round_off: float = 0.0) -> None:
+        self.scene = slider_crank("simulation={tolerance=1e-3, duration=1.0}")
+        self.outputs, self.training = ("x",), training()
+        self._errors = errors_of((moved,), round_off)
+
+    def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        return self._errors
+
+
+@pytest.mark.parametrize(
+    ("round_off", "part", "words"),
+    [(0.0, "the time step", "vibrations that nothing damps"), (1e-2, "round-off", "1e-10 rad")],
+)
+def test_the_limit_of_the_step(round_off: float, part: str, words: str) -> None:
+    """1024 steps a period are not passed: 65536 where there are fewer than 64 periods."""
+    step = StepChoice(Steps(2e-3, round_off), Ledger(), 1.0 / 50.0, "reduced")
+    step.begin()
+    with pytest.raises(InputError) as raised:
+        step.finish({"basis": 1e-4})
+    message = str(raised.value)
+    for expected in (
+        f"simulation.tolerance = 0.001: cannot be met, {part} stands in the way", "step: at best 0.002, allowed 0.0005",
+        'model = "reduced"', "basis: not looked at any more", words,
+        "the last halving, to 51200 steps, still moves x by 0.002",
+    ):
+        assert expected in message, message
+
+
+def test_a_second_look_takes_the_place_of_the_first() -> None:
+    """The first was under one load only; errors with other steps are told apart."""
+    ledger, bench = Ledger(), Known(falling)
+    reduction = bench.scene.reduction
+    for values, n_steps in (((1e-4,), 100), ((1e-4, 3e-4), 100), ((9e-5,), 50), ((2e-3,), 100)):
+        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, None, {})
+        ledger.add_trial("basis", ("modes",), replace(trial, reduction=reduction), trial.errors)
+    assert [attempt.largest for attempt in ledger.attempts] == [9e-5, 2e-3]
+    assert ledger.best("basis").largest == 2e-3
+    assert ledger.best("step") is None
