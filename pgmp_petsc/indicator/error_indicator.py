@@ -27,14 +27,16 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
-from pgmp_petsc.indicator.schedule import Schedule, choose, longest_intervals, schedules
+from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.results.errors import VALIDITY
 
-HOLD = 0.12  # rad that a sample may turn with the same modes
+# rad that a sample may turn with the same modes. Vibrations from two instants add up or cancel, by their phase: over
+# 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
+HOLD = 0.03
 LOOK = 10  # steps that are taken in together
 PREFIX = "pgmp_error_ts_"
 
@@ -167,11 +169,19 @@ class WatchedRun:
             longest = longest_intervals(self._speeds, missing / bent, self._slowest)
         needed = choose(self._indicator.schedules, np.where(fine, longest, np.inf))
         histories: list = [None] * n
-        for number in np.unique(needed):
-            schedule, chosen = self._indicator.schedules[number], np.flatnonzero(needed == number)
+        settled = np.zeros(n, dtype=bool)
+        for number, schedule in enumerate(self._indicator.schedules):
+            # of no use to compare with where every step is evaluated
+            compared = (number == needed - 1) & ~self._complete(needed)
+            chosen = np.flatnonzero(~settled & ((number >= needed) | compared))
+            if not chosen.size:
+                continue
             errors, found = self._evaluate(schedule, chosen, fine[chosen])
+            now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
+            agreed = agree({name: values[chosen] for name, values in largest.items()}, now)
+            settled[chosen] = (number >= needed[chosen]) & (agreed | schedule.complete | ~fine[chosen])
             for name, error in errors.items():
-                largest[name][chosen], at_end[name][chosen] = np.max(np.abs(error), axis=0), error[-1]
+                largest[name][chosen], at_end[name][chosen] = now[name], error[-1]
             for name, values in found.items():
                 validity[name][chosen] = values
             time = schedule.steps * self._indicator.step
@@ -208,7 +218,11 @@ class WatchedRun:
                 waiting.clear()
 
         simulation = self._indicator.simulation.model_copy(
-            update={"step": schedule.interval, "spectral_radius": 0.0}
+            update={
+                "step": schedule.interval,
+                "duration": (len(states) - 1) * schedule.interval,
+                "spectral_radius": 0.0,
+            }
         )
         run = integrate(system, simulation, alive=fine, observer=record, prefix=PREFIX)
         known = run.status == Status.FINE
@@ -217,6 +231,10 @@ class WatchedRun:
             {name: np.where(known, error, np.nan) for name, error in errors.items()},
             {name: np.where(known, values, np.nan) for name, values in validity.largest.items()},
         )
+
+    def _complete(self, numbers: np.ndarray) -> np.ndarray:
+        """Return whether schedules, given by their numbers, evaluate every step."""
+        return np.array([schedule.complete for schedule in self._indicator.schedules])[numbers]
 
     def _errors(self, plain: np.ndarray, corrected: np.ndarray) -> dict[str, np.ndarray]:
         """Return reduced less corrected outputs, shape (n_e, n), from coordinates and frames of the outputs' nodes."""

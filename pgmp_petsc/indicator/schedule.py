@@ -3,12 +3,21 @@
 About a hundred evaluations do for a motion that turns slowly. The residual changes as the mechanism turns, though, and
 bends the bodies the more dynamically the faster; a sample is therefore evaluated so often that it turns by no more than
 `TURN` between two evaluations. Where vibrations make up a good part of the bending, the residual vibrates too, and
-evaluations follow at the pace of the slowest one. Each sample goes by its own motion, so that none has a part in
-another's estimate.
+evaluations follow at the pace of the slowest one.
+
+Vibrations that are faster than the evaluations cannot be foreseen so. Seen at the rate 1/T, a residual of frequency f
+looks like one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time (aliasing).
+Each estimate is therefore compared with one on other instants, and made anew on denser ones until two of them agree.
+Strides are Fibonacci numbers: neighbours have no common factor, so that a frequency which the one schedule takes for
+constant is not constant for the next. Every interval is a whole number of steps, the same throughout; one that is not
+would move the motion by up to half a step in time from one evaluation to the next.
+
+Each sample goes by its own motion, so that none has a part in another's estimate.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +26,18 @@ N_EVALUATIONS = 100
 MOST = 1600
 TURN = 0.15  # rad
 SHAKEN = 0.1
+AGREED = 1.5  # ratio of two estimates, of which the second is then kept
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Even evaluations of a run, as even as its steps allow.
+    """Even evaluations of a run.
 
     Attributes
     ----------
     steps
-        Numbers of the steps, the first 0 and the last that of the end, shape (n_e,).
+        Numbers of the steps, the first 0 and the last that of the end, shape (n_e,). All intervals have the same number
+        of steps, but the first may have less: what is evaluated at its end then stands for a whole interval.
     places
         Where these stand among the steps that are kept while a run goes on, shape (n_e,).
     interval
@@ -37,19 +48,34 @@ class Schedule:
     places: np.ndarray
     interval: float
 
+    @property
+    def complete(self) -> bool:
+        """Whether every step is evaluated."""
+        return self.steps.size == self.steps[-1] + 1
+
 
 def schedules(n_steps: int, duration: float) -> list[Schedule]:
-    """Return schedules from the coarsest to the finest, each about twice as dense as the one before.
+    """Return schedules from the coarsest to the finest.
 
-    The finest holds the steps of all; they are those to be kept.
+    The finest holds the steps of all; they are those to be kept. The second is the coarsest that has `N_EVALUATIONS`; the
+    first is there to be compared with. A run of so few steps that all are evaluated has only one.
     """
-    counts = [n_steps if n_steps <= 2 * N_EVALUATIONS else N_EVALUATIONS]
-    while counts[-1] < min(n_steps, MOST):
-        counts.append(min(2 * counts[-1], n_steps))
-    steps = [np.linspace(0, n_steps, count + 1).round().astype(int) for count in counts]
+    finest = -(-n_steps // MOST)
+    strides = [1, 2]
+    while n_steps >= N_EVALUATIONS * finest * strides[-1]:
+        strides.append(strides[-2] + strides[-1])
+    if n_steps <= 2 * N_EVALUATIONS:
+        strides = [1]
+    steps = [_every(finest * stride, n_steps) for stride in reversed(strides)]
+    intervals = [finest * stride * (duration / n_steps) for stride in reversed(strides)]
     return [
-        Schedule(chosen, np.searchsorted(steps[-1], chosen), duration / count) for chosen, count in zip(steps, counts)
+        Schedule(chosen, np.searchsorted(steps[-1], chosen), interval) for chosen, interval in zip(steps, intervals)
     ]
+
+
+def _every(stride: int, n_steps: int) -> np.ndarray:
+    """Return 0 and the numbers of steps at every stride back from the end."""
+    return np.concatenate([[0], np.arange(n_steps, 0, -stride)[::-1]])
 
 
 def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarray) -> np.ndarray:
@@ -68,7 +94,17 @@ def longest_intervals(speeds: np.ndarray, shaken: np.ndarray, periods: np.ndarra
 
 
 def choose(choices: list[Schedule], longest: np.ndarray) -> np.ndarray:
-    """Return the number of the schedule that each sample needs for its longest interval (s), shape (n,)."""
+    """Return the number of the schedule that each sample needs for its longest interval (s), shape (n,).
+
+    Never the first of several, which is there to be compared with.
+    """
     rates = np.array([1.0 / choice.interval for choice in choices])
-    # round-off must not cost twice the evaluations
-    return np.minimum(np.searchsorted(rates * (1.0 + 1e-9), 1.0 / longest), len(choices) - 1)
+    # round-off must not cost more evaluations
+    needed = np.searchsorted(rates * (1.0 + 1e-9), 1.0 / longest)
+    return np.clip(needed, min(1, len(choices) - 1), len(choices) - 1)
+
+
+def agree(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return for which samples all of two estimates (n,) differ by no more than a factor `AGREED`; NaN does not agree."""
+    pairs = [(one[name], other[name]) for name in one]
+    return np.all([(a <= AGREED * b) & (b <= AGREED * a) for a, b in pairs], axis=0)

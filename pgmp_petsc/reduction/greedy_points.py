@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.compression import INDEPENDENT
+from pgmp_petsc.reduction.compression import ROUND_OFF
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
@@ -154,7 +154,7 @@ class _Configuration:
         basis[: self.n_kept] = np.eye(self.n_kept)
         if own.size:
             squares, vectors = np.linalg.eigh(self.mass.reshape(n * q, n * q)[np.ix_(own, own)])
-            leading = vectors[:, squares > INDEPENDENT * squares[-1]][:, ::-1][:, :n_vectors]
+            leading = vectors[:, squares > ROUND_OFF * squares[-1]][:, ::-1][:, :n_vectors]
             further = np.zeros((self.n_kept + n * q, leading.shape[1]))
             further[self.n_kept + own] = leading
             basis = np.hstack([basis, further])

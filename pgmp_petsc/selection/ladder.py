@@ -1,9 +1,9 @@
 """Candidate bases in the order of what they cost online, and the search for the cheapest that is good enough.
 
 A family is a way to make a basis bigger; its rungs differ in the number of modes alone, so that errors fall and costs
-rise along it. There are two: with terms of second order and without, both with static modes where loads act (one static
-mode does the work of many others). A further way to enlarge the basis, such as modes at other parameter values, is one
-more family in `families_of`.
+rise along it. There are four: with terms of second order and without, each with the extensions that a few vectors make
+(the static answer to inertia forces, and modes at other parameter values where a parameter is uncertain) and without
+them; all with static modes where loads act, for one static mode does the work of many others.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
 MODES = (1, 2, 3, 4, 5, 7, 10, 14, 18, 22, 28, 36)
-MIDDLE = 7  # modes to begin with
+MIDDLE = 7  # flexible coordinates to begin with
+PARAMETER_MODES = 2  # of an extended basis
 ANGLES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768)
 SCHEMES = ("spectral", "spline")
 
@@ -37,11 +39,14 @@ class Limits:
         Load patterns that static modes can answer.
     n_terms
         Affine terms of mass and stiffness together.
+    uncertain
+        Whether a parameter has a distribution.
     """
 
     n_modes: int
     n_static: int
     n_terms: int
+    uncertain: bool = False
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics) -> Limits:
@@ -52,7 +57,7 @@ class Limits:
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).shape[1]
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
-        return cls(n_free - kinematics.n_coordinates, n_static, n_terms)
+        return cls(n_free - kinematics.n_coordinates, n_static, n_terms, bool(uncertain_names(scene)))
 
 
 @dataclass(frozen=True)
@@ -63,11 +68,14 @@ class Rung:
     ----------
     entries
         Entries of the table ``reduction``.
+    n_flexible
+        Flexible coordinates.
     cost
         Multiplications a sample and Newton correction, roughly; see `operations`.
     """
 
     entries: dict[str, Any]
+    n_flexible: int
     cost: float
 
 
@@ -99,21 +107,36 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
         What the scene allows.
     """
     static = given.get("static_modes", limits.n_static > 0)
-    n_static = limits.n_static if static else 0
-    most = limits.n_modes - n_static
+    orders = (given["second_order"],) if "second_order" in given else (False, True)
+    extensions: list[dict[str, Any]] = []
+    for inertia, n_parameter in ((False, 0), (True, PARAMETER_MODES if limits.uncertain else 0)):
+        proposed = {"inertia_modes": inertia, "parameter_modes": n_parameter}
+        extension = {key: given.get(key, value) for key, value in proposed.items()}
+        if extension not in extensions:
+            extensions.append(extension)
+    families = [
+        _family({"static_modes": static, **extension, "second_order": second}, given, limits)
+        for second in orders
+        for extension in extensions
+    ]
+    return [family for family in families if family]
+
+
+def middle_of(family: Sequence[Rung]) -> Rung:
+    """Return the rung of medium size; of two that are as near, the larger."""
+    return min(reversed(family), key=lambda rung: abs(rung.n_flexible - MIDDLE))
+
+
+def _family(entries: dict[str, Any], given: dict[str, Any], limits: Limits) -> list[Rung]:
+    """Return the rungs with these entries and more and more modes."""
+    beside = limits.n_static * entries["static_modes"] + entries["inertia_modes"] + entries["parameter_modes"]
+    most = limits.n_modes - beside
     modes = tuple(n for n in MODES if n < most) + ((most,) if 1 <= most <= MODES[-1] else ())
     if "modes" in given:
         modes = (given["modes"],)
-    orders = (given["second_order"],) if "second_order" in given else (False, True)
     return [
-        [
-            Rung(
-                {"modes": n, "static_modes": static, "second_order": second},
-                operations(n + n_static, limits.n_terms, second),
-            )
-            for n in modes
-        ]
-        for second in orders
+        Rung({"modes": n} | entries, n + beside, operations(n + beside, limits.n_terms, entries["second_order"]))
+        for n in modes
     ]
 
 
@@ -163,8 +186,3 @@ def first_passing(
         else:
             low = middle
     return high
-
-
-def nearest(values: Sequence[float], value: float) -> int:
-    """Return the place of the value that is nearest."""
-    return min(range(len(values)), key=lambda k: abs(values[k] - value))

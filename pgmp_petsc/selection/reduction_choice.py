@@ -10,19 +10,18 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import (
     ANGLES,
-    MIDDLE,
     SCHEMES,
     Limits,
     Rung,
     families_of,
     first_passing,
-    nearest,
+    middle_of,
 )
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.selection.trial import Errors, Trial
 
-OF_BASIS = ("modes", "static_modes", "second_order")
+OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order")
 OF_GRID = ("angles", "interpolation")
 KNOBS = OF_BASIS + OF_GRID
 FIRST_ANGLES = 48
@@ -61,7 +60,7 @@ class ReductionChoice:
         self._left = 0.0  # by the interpolation with the angles that were enough
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
-        if not self._families[0]:
+        if not self._families:
             raise InputError(
                 f"reduction.static_modes = true: the mesh has only {limits.n_modes} flexible modes, the scene "
                 f"{limits.n_static} loads; take a finer mesh"
@@ -99,7 +98,7 @@ class ReductionChoice:
     def _enough_angles(self) -> dict[str, Any]:
         """Return angles and scheme with which interpolation does not count for a basis of medium size."""
         grid = {"angles": FIRST_ANGLES, "interpolation": self.given.get("interpolation", SCHEMES[0])}
-        while not self._settles(self._middle(self._families[0]), grid) and 4 * grid["angles"] <= ANGLES[-1]:
+        while not self._settles(middle_of(self._families[0]), grid) and 4 * grid["angles"] <= ANGLES[-1]:
             grid = grid | {"angles": 2 * grid["angles"]}
         return grid
 
@@ -166,7 +165,7 @@ class ReductionChoice:
         """
         allowed, middles = self.allowed["basis"], []
         for family in self._families:
-            middles.append(error(self._middle(family)))
+            middles.append(error(middle_of(family)))
             if middles[-1] <= allowed:
                 break
         order = [k for k, middle in enumerate(middles) if MUCH_BETTER * middle <= min(middles)]
@@ -174,7 +173,7 @@ class ReductionChoice:
             order = [len(middles) - 1]
         for k in order:
             family = self._families[k]
-            found = climb(family, family.index(self._middle(family)))
+            found = climb(family, family.index(middle_of(family)))
             if found is not None:
                 break
         else:
@@ -207,13 +206,11 @@ class ReductionChoice:
             last.append("these are all flexible modes that the meshes have; finer ones have more")
         refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last)
 
-    def _middle(self, family: list[Rung]) -> Rung:
-        return family[nearest([rung.entries["modes"] for rung in family], MIDDLE)]
-
     def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""
-        middle = self._middle(self._families[0])
-        settled = rung.entries["modes"] <= middle.entries["modes"] and self._left <= self.allowed["interpolation"]
+        first = self._families[0]
+        small = rung in first and rung.n_flexible <= middle_of(first).n_flexible
+        settled = small and self._left <= self.allowed["interpolation"]
         while not settled and not self._settles(rung, grid):
             if 4 * grid["angles"] > ANGLES[-1]:
                 hints = [f"the tables change too fast over the range for {grid['angles']} angles"]

@@ -54,7 +54,7 @@ CASES = {
         'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6", "reduction.modes=3"
     ),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, "reduction.angles=12"),
-    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, "reduction.parameter_modes=2"),
+    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, "reduction.parameter_modes=1"),
     "extended_adaptive": lambda: slider_crank(
         UNCERTAIN, *EXTENDED, 'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=12"
     ),

@@ -1,4 +1,4 @@
-"""When errors are evaluated, which samples are checked, and integrals of what the steps see."""
+"""Which samples are checked for errors, and integrals of what the steps see."""
 
 from __future__ import annotations
 
@@ -11,30 +11,6 @@ from pgmp_petsc.effects import effects_of
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.indicator.quadrature import integrals
 from pgmp_petsc.indicator.sampled_load import SampledLoad
-from pgmp_petsc.indicator.schedule import MOST, N_EVALUATIONS, SHAKEN, TURN, choose, longest_intervals, schedules
-
-
-@pytest.mark.parametrize("n_steps", [1, 2, 150, 200, 201, 1000, 1009, 10_000])
-def test_schedules_are_even_nested_and_end_with_the_run(n_steps: int) -> None:
-    found = schedules(n_steps, 3.0)
-    kept = found[-1].steps
-    assert kept.size - 1 == min(n_steps, MOST)
-    assert found[0].steps.size - 1 == (n_steps if n_steps <= 2 * N_EVALUATIONS else N_EVALUATIONS)
-    for one in found:
-        assert (one.steps[0], one.steps[-1]) == (0, n_steps)
-        np.testing.assert_array_equal(kept[one.places], one.steps)
-        assert one.interval * (one.steps.size - 1) == pytest.approx(3.0, rel=1e-12)
-        assert np.ptp(np.diff(one.steps)) <= 1
-
-
-def test_a_sample_is_evaluated_as_often_as_it_turns_and_shakes() -> None:
-    choices = schedules(1000, 1.0)
-    assert [one.steps.size - 1 for one in choices] == [100, 200, 400, 800, 1000]
-    slow = TURN / 0.01
-    speeds = np.array([0.0, slow, 1.01 * slow, 3 * slow, 1e9, 0.0, 0.0])
-    shaken = SHAKEN * np.array([0.0, 0.0, 0.9, 0.9, 0.9, 0.9, 1.1])
-    longest = longest_intervals(speeds, shaken, np.full(7, 0.003))
-    np.testing.assert_array_equal(choose(choices, longest), [0, 0, 1, 2, 4, 0, 2])
 
 
 def test_the_first_of_every_thousand_are_checked() -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import pytest
 from scenes import kinematics_of, slider_crank
 
-from pgmp_petsc.selection.ladder import MODES, Limits, families_of, first_passing, nearest, operations
+from pgmp_petsc.selection.ladder import MODES, Limits, families_of, first_passing, middle_of, operations
 
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
+UNCERTAIN = Limits(n_modes=30, n_static=1, n_terms=3, uncertain=True)
+PLAIN = {"inertia_modes": False, "parameter_modes": 0}
 
 
 @pytest.mark.parametrize("start", [0, 3, 8, 20])
@@ -42,7 +44,7 @@ def test_limits_of_the_slider_crank() -> None:
 
 
 def test_costs_rise_along_a_family_and_from_one_to_the_next() -> None:
-    plain, curved = families_of({}, PAPER)
+    plain, curved = families_of(PLAIN, PAPER)
     for family in (plain, curved):
         assert [rung.cost for rung in family] == sorted(rung.cost for rung in family)
         assert [rung.entries["modes"] for rung in family] == [n for n in MODES if n < 29] + [29], "one is the static mode"
@@ -57,24 +59,34 @@ def test_the_cost_of_terms_of_second_order_grows_with_the_third_power() -> None:
 
 
 def test_what_is_given_is_kept() -> None:
-    (family,) = families_of({"second_order": True, "modes": 11}, PAPER)
-    assert [rung.entries for rung in family] == [{"modes": 11, "static_modes": True, "second_order": True}]
-    plain, _ = families_of({"static_modes": False}, PAPER)
-    assert plain[-1].entries == {"modes": 30, "static_modes": False, "second_order": False}
-    no_load, _ = families_of({}, Limits(5, 0, 2))
+    (family,) = families_of({"second_order": True, "modes": 11} | PLAIN, PAPER)
+    assert [rung.entries for rung in family] == [{"modes": 11, "static_modes": True, "second_order": True} | PLAIN]
+    plain, _ = families_of({"static_modes": False} | PLAIN, PAPER)
+    assert plain[-1].entries == {"modes": 30, "static_modes": False, "second_order": False} | PLAIN
+    no_load, _ = families_of(PLAIN, Limits(5, 0, 2))
     assert [rung.entries["modes"] for rung in no_load] == [1, 2, 3, 4, 5]
     assert not any(rung.entries["static_modes"] for rung in no_load)
 
 
 def test_a_large_mesh_is_not_climbed_to_the_top() -> None:
-    plain, _ = families_of({}, Limits(3000, 1, 3))
+    plain, *_ = families_of({}, Limits(3000, 1, 3))
     assert plain[-1].entries["modes"] == MODES[-1]
 
 
 def test_a_mesh_without_room_beside_the_static_modes() -> None:
-    assert families_of({}, Limits(1, 1, 1)) == [[], []]
+    assert families_of({}, Limits(1, 1, 1)) == []
 
 
-def test_nearest() -> None:
-    assert nearest((1, 2, 4, 8), 7) == 3
-    assert nearest((1, 2, 4, 8), 2.4) == 1
+def test_the_middle_is_of_seven_coordinates_or_eight() -> None:
+    plain, extended, *_ = families_of({}, UNCERTAIN)
+    assert (middle_of(plain).n_flexible, middle_of(extended).n_flexible) == (8, 7)
+    assert middle_of(plain[:2]) is plain[1]
+
+
+def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
+    entries = [family[0].entries for family in families_of({}, UNCERTAIN)]
+    assert [(entry["inertia_modes"], entry["parameter_modes"], entry["second_order"]) for entry in entries] == [
+        (False, 0, False), (True, 2, False), (False, 0, True), (True, 2, True)
+    ]
+    assert [family[0].entries["parameter_modes"] for family in families_of({}, PAPER)] == [0, 0, 0, 0]
+    assert len(families_of({"inertia_modes": True, "parameter_modes": 1}, UNCERTAIN)) == 2
