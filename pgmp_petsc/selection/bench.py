@@ -20,7 +20,7 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.scene import Scene
@@ -114,7 +114,10 @@ class Bench:
         names, start = self._names(loads), perf_counter()
         try:
             rom, reason = self.build(reduction), ""
-        except RunError as error:
+        except PgmpError as error:
+            # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
+            if isinstance(error, InputError) and "parameter_modes" in self.scene.reduction.model_fields_set:
+                raise
             rom, reason = None, str(error)
         self._bar.update()
         seconds = self.comm.bcast(perf_counter() - start)

@@ -119,7 +119,9 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
         for second in orders
         for extension in extensions
     ]
-    return [family for family in families if family]
+    # with given modes there may be no room for an extension
+    fitting = [[rung for rung in family if rung.n_flexible <= limits.n_modes] for family in families]
+    return [family for family in fitting if family] or families[:1]
 
 
 def middle_of(family: Sequence[Rung]) -> Rung:

@@ -60,7 +60,7 @@ class ReductionChoice:
         self._left = 0.0  # by the interpolation with the angles that were enough
         shares = shares_of(self._fixed_grid)
         self.allowed = {part: share * self.tolerance for part, share in shares.items()} | others
-        if not self._families:
+        if not self._families[0]:
             raise InputError(
                 f"reduction.static_modes = true: the mesh has only {limits.n_modes} flexible modes, the scene "
                 f"{limits.n_static} loads; take a finer mesh"

@@ -52,7 +52,8 @@ def refuse(
             lines.append(f"  {name}: at best {best.largest:.2g}, {of_it} ({what}; {best.where})")
         else:
             tried = [attempt.reason for attempt in ledger.attempts if attempt.part == name and attempt.reason]
-            lines.append(f"  {name}: {tried[-1] if tried else f'not looked at any more, allowed {limit:.2g}'}")
+            untold = "not known" if limit is None else f"not looked at any more, allowed {limit:.2g}"
+            lines.append(f"  {name}: {tried[-1] if tried else untold}")
     raise InputError("\n".join([*lines, *(f"  {hint}" for hint in hints)]))
 
 

@@ -23,17 +23,19 @@ for argv in json.loads(sys.argv[1]):
         print(json.dumps(statuses), flush=True)
 """
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
-PLAIN = "modes=4, static_modes=true, second_order=false, angles=48, interpolation=\"spectral\""
+NO_MORE = "inertia_modes=false, parameter_modes=0"
+PLAIN = f"modes=4, static_modes=true, {NO_MORE}, second_order=false, angles=48, interpolation=\"spectral\""
 SHORT = "simulation={duration=0.1, step=1e-3}"
 # by what stands in the way: overrides, and words of the message
 REFUSED = {
     "basis": (
-        ("reduction={tolerance=6e-3, modes=2, static_modes=false, second_order=false}", SHORT),
+        ("reduction={tolerance=6e-3, modes=2, static_modes=false, %s, second_order=false}" % NO_MORE, SHORT),
         ("reduction.tolerance = 0.006: cannot be met, the basis stands in the way", "basis: at best 0.",
          "allowed 0.0021",
          "the mesh itself leaves more than the tolerance: cells cut in two would move slider_deformation by 0.01",
          "slider_deformation, load '", "half the load leaves", "can be met by this part",
-         "kept as given: reduction.modes = 2, reduction.static_modes = false, reduction.second_order = false"),
+         "kept as given: reduction.modes = 2, reduction.static_modes = false, reduction.inertia_modes = false, "
+         "reduction.parameter_modes = 0, reduction.second_order = false"),
     ),
     "all modes of the mesh": (
         ("reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=48, "
@@ -41,8 +43,8 @@ REFUSED = {
         ("cannot be met, the basis stands in the way", "these are all flexible modes that the meshes have"),
     ),
     "angles": (
-        ("reduction={tolerance=1e-3, modes=7, static_modes=true, second_order=false, angles=16, "
-         "interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
+        ("reduction={tolerance=1e-3, modes=7, static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, "
+         "angles=16, interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
         ("the basis stands in the way", "interpolation: at best 0.", "part of the basis's error",
          "reduction.angles = 16"),
     ),
@@ -98,7 +100,7 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
                   "processor time of a sample"):
         assert words in said, said
     told = pgmp("info", rom).stdout
-    for words in ("  basis, allowed 0.005", "  step, allowed 0.005", "modes = 4, static_modes = true, second_order"):
+    for words in ("  basis, allowed 0.005", "  step, allowed 0.005", "modes = 4, static_modes = true, inertia_modes"):
         assert words in told, told
     assert "reduced model, 65 steps to 0.1 s" in pgmp("simulate", rom, "-o", run).stdout
     again = pgmp("simulate", rom, "-o", run, *overridden("simulation={tolerance=1e-3, duration=0.1}")).stdout
@@ -110,7 +112,7 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
 
 
 def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> None:
-    given = 'reduction={tolerance=1e-2, static_modes=true, second_order=false, angles=24, interpolation="spectral"}'
+    given = f'reduction={{tolerance=1e-2, static_modes=true, {NO_MORE}, second_order=false, angles=24, interpolation="spectral"}}'
     command = ["build", str(PAPER_SCENE), *overridden(given, SHORT, RIGID)]
     one = pgmp(*command, "-o", tmp_path / "one.h5").stdout
     two = mpirun(2, *PGMP, *command, "-o", tmp_path / "two.h5").stdout
@@ -120,3 +122,11 @@ def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> N
         return [line for line in lines if "processor time" not in line]
 
     assert chosen(one) == chosen(two)
+
+
+def test_parameter_modes_that_are_given_and_cannot_be_are_bad_input(tmp_path: Path) -> None:
+    done = pgmp(
+        "build", PAPER_SCENE, "-o", tmp_path / "rom.h5", "--override", "reduction={tolerance=1e-2, parameter_modes=9}",
+        "--override", "simulation.duration=0.1", status=2,
+    )
+    assert "reduction.parameter_modes = 9" in done.stderr and "independent at every configuration" in done.stderr

@@ -74,7 +74,7 @@ def test_a_large_mesh_is_not_climbed_to_the_top() -> None:
 
 
 def test_a_mesh_without_room_beside_the_static_modes() -> None:
-    assert families_of({}, Limits(1, 1, 1)) == []
+    assert families_of({}, Limits(1, 1, 1)) == [[]]
 
 
 def test_the_middle_is_of_seven_coordinates_or_eight() -> None:
@@ -89,4 +89,5 @@ def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
         (False, 0, False), (True, 2, False), (False, 0, True), (True, 2, True)
     ]
     assert [family[0].entries["parameter_modes"] for family in families_of({}, PAPER)] == [0, 0, 0, 0]
+    assert [family[0].entries["parameter_modes"] for family in families_of({"modes": 28}, UNCERTAIN)] == [0, 0]
     assert len(families_of({"inertia_modes": True, "parameter_modes": 1}, UNCERTAIN)) == 2
