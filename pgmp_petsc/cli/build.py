@@ -55,7 +55,7 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
     """Say what was built, and warn where neighbouring samples have lost each other."""
     tables = rom.tables
     lines = [
-        f"{path}: {len(rom.frequencies_hz)} angles, {tables.n_modes} flexible coordinates: "
+        f"{path}: {len(rom.frequencies_hz)} angles, "
         f"{rom.frequencies_hz.shape[1]} modes from {rom.frequencies_hz[:, 0].min():.4g} to "
         f"{rom.frequencies_hz[:, -1].max():.4g} Hz{beside_modes(rom)}",
         *points_report(rom),
@@ -72,6 +72,8 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
             "  warning: the space of modes turns away between neighbouring angles; take more reduction.angles, or "
             "another number of reduction.modes if the last mode crosses the next one"
         )
+    if rom.indefinite:
+        lines.append(f"  warning: {rom.indefinite}")
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
 

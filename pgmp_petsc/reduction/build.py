@@ -21,6 +21,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
+from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.manifold import Manifold
@@ -41,6 +42,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.spanning_values import spanning_values
 
 
 def build_rom(
@@ -111,6 +113,7 @@ def build_rom(
     if scene.reduction.second_order:
         changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
+    indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
     return ReducedOrderModel(
         tables=tables,
         projection=basis.projection,
@@ -121,6 +124,7 @@ def build_rom(
         record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
         curvature=basis.curvature,
         points=points,
+        indefinite=indefinite,
     )
 
 

@@ -52,6 +52,8 @@ class ReducedOrderModel:
         order of ``np.tril_indices``, each once (see `second_order`); None where the scene does not ask for it.
     points
         Parameter points whose modes the basis takes up.
+    indefinite
+        Where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere.
     """
 
     tables: ReducedTables
@@ -63,6 +65,7 @@ class ReducedOrderModel:
     record: RunRecord = field(repr=False)
     curvature: np.ndarray | None = None
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
+    indefinite: str = ""
 
     @property
     def n_parameter(self) -> int:
@@ -72,7 +75,7 @@ class ReducedOrderModel:
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there."""
         tables = self.tables
-        with write_file(path, "rom", {"n_redundant": self.n_redundant}) as file:
+        with write_file(path, "rom", {"n_redundant": self.n_redundant, "indefinite": self.indefinite}) as file:
             self.record.write(file)
             at = tables.samples
             theta = put(file, "theta", at.theta, "rad", "sampled configurations")
@@ -170,6 +173,7 @@ class ReducedOrderModel:
             record=RunRecord.read(file),
             curvature=curvature,
             points=_points(file),
+            indefinite=str(file.attrs.get("indefinite", "")),
         )
 
 

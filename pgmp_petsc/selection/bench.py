@@ -113,7 +113,9 @@ class Bench:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
         names, start = self._names(loads), perf_counter()
         try:
-            rom, reason = self.build(reduction), ""
+            rom = self.build(reduction)
+            reason = rom.indefinite
+            rom = None if reason else rom
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
             if isinstance(error, InputError) and "parameter_modes" in self.scene.reduction.model_fields_set:

@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable
 from typing import Any, NoReturn
 
+import numpy as np
+
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import (
@@ -137,7 +139,8 @@ class ReductionChoice:
         if found is None:
             self._refuse(grid, [rung for family in self._families for rung in family if id(rung) in tried])
         family = next(family for family in self._families if found in family)
-        cheaper = [rung for rung in family[: family.index(found)] if id(rung) in tried]
+        fewer = family[: family.index(found)]
+        cheaper = [rung for rung in fewer if id(rung) in tried and np.isfinite(error(rung))]
         reason = f"leave {error(found):.2g}, allowed {self.allowed['basis']:.2g}"
         if cheaper:
             reason += f"; {cheaper[-1].entries['modes']} leave {error(cheaper[-1]):.2g}"
@@ -178,10 +181,10 @@ class ReductionChoice:
                 break
         else:
             return None
-        for family in self._families[:k]:
+        for family in self._families:
             cheaper = [rung for rung in family if rung.cost < found.cost]
-            if cheaper and error(cheaper[-1]) <= allowed:
-                return climb(cheaper, len(cheaper) - 1)
+            if found not in family and cheaper and error(cheaper[-1]) <= allowed:
+                found = climb(cheaper, len(cheaper) - 1)
         return found
 
     def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:

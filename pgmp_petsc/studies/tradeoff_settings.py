@@ -214,7 +214,9 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
     n = own_steps(scene)
     settings: list[Setting] = []
     for number, setting in enumerate(best):
-        settings += [setting.with_reduction(modes=modes) for modes in _within(sweep.modes, limits)]
+        # what modes at other parameters add to one number of modes need not be independent of another's
+        plain = setting.with_reduction(parameter_modes=0)
+        settings += [plain.with_reduction(modes=modes) for modes in _within(sweep.modes, limits)]
         settings += [replace(setting, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
         if number > 0:
             continue

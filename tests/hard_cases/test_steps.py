@@ -81,7 +81,7 @@ def test_a_large_step_converges_or_is_recorded(name: str, speed: float) -> None:
         assert np.isnan(run.failure_time[0])
     else:
         assert run.status[0] == Status.NOT_CONVERGED
-        assert 0.0 < run.failure_time[0] <= 0.2
+        assert 0.0 < run.failure_time[0] <= 0.2 * (1 + 1e-12)
     if speed == 4.0:
         assert run.status[0] == Status.FINE
 

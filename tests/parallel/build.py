@@ -28,11 +28,12 @@ from pgmp_petsc.runtime.groups import RankGroup  # noqa: E402
 GRAVITY = 'effects.weight={type="gravity"}'
 STATIC = "reduction.static_modes=true"
 SECOND = "reduction.second_order=true"
+SPLINE = 'reduction.interpolation="spline"'
 EXTENDED = (STATIC, "reduction.inertia_modes=true", "reduction.parameter_modes=2", "reduction.modes=3")
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 UNCERTAIN_BAR = (
     'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
-    'bodies.crank.section={shape="circle", radius="r"}',
+    'bodies.coupler.section={shape="circle", radius="r"}',
 )
 PART = (
     "coordinates.theta.range=[0.2,1.4]",
@@ -53,12 +54,12 @@ CASES = {
     "adaptive": lambda: slider_crank(
         'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6", "reduction.modes=3"
     ),
-    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, "reduction.angles=12"),
-    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, "reduction.parameter_modes=1"),
+    "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.angles=48"),
+    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", "reduction.angles=48"),
     "extended_adaptive": lambda: slider_crank(
-        UNCERTAIN, *EXTENDED, 'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=12"
+        UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", "reduction.angles=12"
     ),
-    "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, "reduction.angles=12"),
+    "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, "reduction.angles=48"),
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),

@@ -60,7 +60,7 @@ def test_the_shipped_scene_is_the_published_mechanism(slider_crank: Scene) -> No
     assert scene.joints["slider"].direction == (1.0, 0.0)
     assert scene.effects["motor"].table == ((0.0, 0.0), (0.25, 0.5), (1.0, 0.5))
     assert list(scene.outputs) == ["crank_angle", "slider_position", "slider_deformation"]
-    assert (scene.reduction.modes, scene.reduction.angles) == (7, 48)
+    assert (scene.reduction.modes, scene.reduction.angles) == (3, 48)
 
 
 def test_the_paper_s_scene_is_the_same_mechanism_with_the_paper_s_reduction(slider_crank: Scene) -> None:

@@ -1,0 +1,71 @@
+"""Whether interpolated mass and stiffness are still positive definite between the samples.
+
+At the samples they are by construction; a sum of interpolated entries need not be. A reduced model with a negative mass
+or stiffness runs away as soon as the steps are small enough to see it (Amsallem et al. 2009 interpolate on the manifold
+of definite matrices for that; here a basis that is smooth enough is asked for instead).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.tables import ReducedTables
+
+PLACES = (0.25, 0.5, 0.75)  # of every interval between samples
+SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
+
+
+def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, np.ndarray], n_samples: int) -> str:
+    """Say where flexible mass or stiffness is indefinite between samples; empty where it is nowhere.
+
+    Parameters
+    ----------
+    tables
+        In the continuous basis.
+    scheme
+        Interpolation over the samples.
+    values, n_samples
+        Parameter values to look at, shape (n_samples,) each.
+
+    Returns
+    -------
+    str
+        Which matrix, where, with which parameters, and what helps.
+    """
+    samples = tables.samples
+    ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
+    starts = samples.theta[: ends.size]
+    theta = np.concatenate([starts + place * (ends - starts) for place in PLACES])
+    r = tables.n_coordinates
+    for name, table, weights in (
+        ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
+        ("stiffness", tables.stiffness, tables.stiffness_weights),
+    ):
+        between = interpolant(samples, table, scheme)(theta)
+        for k in range(n_samples):
+            point = {key: float(column[k]) for key, column in values.items()}
+            smallest = _smallest_eigenvalues(np.einsum("t,ntij->nij", evaluate_weights(weights, point), between))
+            worst = int(np.argmin(smallest))
+            if smallest[worst] < SMALLEST:
+                where = "".join(f", {key} = {value:.4g}" for key, value in point.items())
+                return (
+                    f"with {samples.n} angles the interpolated {name} matrix is not positive definite at "
+                    f"{theta[worst]:.4g} rad{where} (smallest eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away "
+                    'with small steps; take more reduction.angles, fewer modes, or interpolation = "spline"'
+                )
+    return ""
+
+
+def _smallest_eigenvalues(matrices: np.ndarray) -> np.ndarray:
+    """Return the smallest eigenvalue of each matrix (n, m, m), scaled to a unit diagonal; -1 where it has no scale."""
+    diagonal = np.einsum("nii->ni", matrices)
+    if not matrices.shape[-1]:
+        return np.ones(len(matrices))
+    positive = np.all(diagonal > 0.0, axis=1)
+    scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))
+    found = np.linalg.eigvalsh(matrices * scale[:, :, None] * scale[:, None, :])[:, 0]
+    return np.where(positive, found, -1.0)

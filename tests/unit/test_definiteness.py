@@ -1,0 +1,45 @@
+"""Tables that interpolation makes indefinite are noticed, with the place and what helps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import rom_of
+from scenes import RADIUS, slider_crank
+
+from pgmp_petsc.cli.build import report
+from pgmp_petsc.reduction.definiteness import indefinite_between
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+SPLINE = 'reduction.interpolation="spline"'
+UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
+EXTENDED = (
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.parameter_modes=2"
+)
+
+
+def test_a_basis_that_turns_faster_than_the_angles_follow_is_warned_of(tmp_path: Path) -> None:
+    rom = rom_of(slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.angles=24"))
+    assert rom.indefinite.startswith("with 24 angles the interpolated mass matrix is not positive definite at ")
+    rom.write(tmp_path / "rom.h5")
+    assert ReducedOrderModel.read(tmp_path / "rom.h5").indefinite == rom.indefinite
+    assert f"  warning: {rom.indefinite}" in report(rom, tmp_path / "rom.h5")
+    sound = rom_of(slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.angles=48"))
+    assert sound.indefinite == "" and "warning" not in report(sound, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness"])
+def test_the_matrix_and_the_parameters_are_named(name: str) -> None:
+    tables = rom_of(slider_crank(SPLINE)).tables
+    table = getattr(tables, name).copy()
+    # one sample out of the way: the spline overshoots beside it
+    table[5, :, -1, -1] *= 1e3
+    spoilt = replace(tables, **{name: table})
+    values = {"r1": np.array([RADIUS, 0.7 * RADIUS])}
+    assert indefinite_between(tables, "spline", values, 2) == ""
+    said = indefinite_between(spoilt, "spline", values, 2)
+    assert f"the interpolated {name} matrix is not positive definite" in said and "r1 = 0.0056" in said
+    assert name in indefinite_between(spoilt, "spectral", values, 2)
