@@ -19,6 +19,7 @@ import click
 from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
 from pgmp_petsc.cli.session import Session
+from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
 
 if TYPE_CHECKING:
@@ -63,10 +64,9 @@ def main(argv: list[str] | None = None) -> NoReturn:
     comm = MPI.COMM_WORLD
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
-    session = Session(comm, petsc_options)
-    status, message = _run(own, session)
+    status, message = _run(own, Session(comm, petsc_options))
     status = _close(closing, status, message)
-    session.close()
+    release_petsc(comm)
     sys.exit(status)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,18 +30,3 @@ class Session:
         import petsc4py
 
         petsc4py.init(["pgmp", *self.petsc_options])
-
-    def close(self) -> None:
-        """Let go of what PETSc still holds, while Python lives. Collective on all ranks.
-
-        A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is
-        destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
-        """
-        from mpi4py import MPI
-
-        # a rank whose command failed early may never have loaded PETSc
-        if self.comm.allreduce("petsc4py.PETSc" in sys.modules, op=MPI.LAND):
-            from petsc4py import PETSc
-
-            gc.collect()
-            PETSc.garbage_cleanup()

@@ -30,6 +30,7 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.ending import end
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.inputs import read_scene
@@ -285,4 +286,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end(main())

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
+from pgmp_petsc.runtime.ending import end
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.studies.paper_results import PaperResults
 from pgmp_petsc.studies.paper_tables import Table, number
@@ -120,4 +121,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end(main())

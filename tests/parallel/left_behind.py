@@ -7,7 +7,7 @@ import sys
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgmp_petsc.cli.session import Session
+from pgmp_petsc.runtime.ending import release_petsc
 
 
 class Stepper:
@@ -32,7 +32,7 @@ def integrate() -> None:
 def main(ending: str) -> None:
     integrate()
     if ending == "closed":
-        Session(MPI.COMM_WORLD).close()
+        release_petsc(MPI.COMM_WORLD)
 
 
 if __name__ == "__main__":

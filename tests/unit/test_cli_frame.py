@@ -183,5 +183,5 @@ def test_what_petsc_still_holds_is_let_go_while_python_lives(mpirun, parallel_sc
 
 
 def test_without_that_the_end_of_petsc_may_crash(mpirun, parallel_scripts):
-    """Once this fails, PETSc does it itself, and `Session.close` has no use any more."""
+    """Once this fails, PETSc does it itself, and `release_petsc` has no use any more."""
     assert mpirun(1, parallel_scripts / "left_behind.py", "open", check_status=None).returncode != 0

@@ -1,0 +1,34 @@
+"""The end of a process that used PETSc."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def release_petsc(comm: MPI.Comm) -> None:
+    """Let go of what PETSc still holds, while Python lives. Collective on `comm`, all ranks of the process.
+
+    A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is
+    destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
+    """
+    from mpi4py import MPI
+
+    # a rank whose work failed early may never have loaded PETSc
+    if comm.allreduce("petsc4py.PETSc" in sys.modules, op=MPI.LAND):
+        from petsc4py import PETSc
+
+        gc.collect()
+        PETSc.garbage_cleanup()
+
+
+def end(status: int) -> NoReturn:
+    """Exit from a script of one's own; collective on COMM_WORLD."""
+    from mpi4py import MPI
+
+    release_petsc(MPI.COMM_WORLD)
+    sys.exit(status)
