@@ -24,6 +24,19 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 
 PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
+# runs several commands one after the other on all ranks and prints every rank's exit status
+IN_TURN = """
+import json, sys
+from mpi4py import MPI
+from pgmp_petsc.cli.main import main
+for argv in json.loads(sys.argv[1]):
+    try:
+        main(argv)
+    except SystemExit as end:
+        statuses = MPI.COMM_WORLD.gather(end.code)
+    if statuses:
+        print(json.dumps(statuses), flush=True)
+"""
 PGMP = ("-m", "pgmp_petsc.cli.main")
 # few modes and angles, and a tenth of the time: enough for everything but accuracy
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")

@@ -18,8 +18,7 @@ import numpy as np
 
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Torque
-from pgmp_petsc.scene.spanning_values import spanning_values as training_values
-from pgmp_petsc.scene.spanning_values import uncertain_names
+from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
 PULSE = 1.6
 HASTE = 2.0
@@ -81,7 +80,7 @@ class Training:
     @classmethod
     def of(cls, scene: Scene) -> Training:
         """Return the training cases of a scene."""
-        values, n_samples = training_values(scene)
+        values, n_samples = spanning_values(scene)
         loads, remarks = training_loads(scene), []
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")

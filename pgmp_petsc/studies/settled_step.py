@@ -14,10 +14,11 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.selection.ledger import Ledger
 from pgmp_petsc.selection.step_choice import StepChoice, first_period
-from pgmp_petsc.selection.training import Training, training_loads, training_values
+from pgmp_petsc.selection.training import Training, training_loads
 from pgmp_petsc.selection.trial import Errors, Trial
 from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK
 
@@ -39,7 +40,7 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
         return model, ""
     values, n_samples = {name: np.array([value]) for name, value in model.scene.values.items()}, 1
     if ensemble:
-        values, n_samples = training_values(model.scene)
+        values, n_samples = spanning_values(model.scene)
     bench = _Runs(model, comm, Training(values, n_samples, training_loads(model.scene)[:1], ()))
     ledger = Ledger()
     period = first_period(model.scene, model.kinematics, comm, comm)

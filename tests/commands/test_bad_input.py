@@ -11,25 +11,12 @@ import h5py
 import meshio
 import numpy as np
 import pytest
-from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.results import Ensemble
 
-# runs several commands one after the other on all ranks and prints every rank's exit status
-IN_TURN = """
-import json, sys
-from mpi4py import MPI
-from pgmp_petsc.cli.main import main
-for argv in json.loads(sys.argv[1]):
-    try:
-        main(argv)
-    except SystemExit as end:
-        statuses = MPI.COMM_WORLD.gather(end.code)
-    if statuses:
-        print(json.dumps(statuses), flush=True)
-"""
 
 
 @dataclass(frozen=True)

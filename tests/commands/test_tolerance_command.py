@@ -7,21 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from runs import PAPER_SCENE, PGMP, overridden, pgmp
+from runs import IN_TURN, PAPER_SCENE, PGMP, overridden, pgmp
 
-# runs several commands one after the other on all ranks and prints every rank's exit status
-IN_TURN = """
-import json, sys
-from mpi4py import MPI
-from pgmp_petsc.cli.main import main
-for argv in json.loads(sys.argv[1]):
-    try:
-        main(argv)
-    except SystemExit as end:
-        statuses = MPI.COMM_WORLD.gather(end.code)
-    if statuses:
-        print(json.dumps(statuses), flush=True)
-"""
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 NO_MORE = "inertia_modes=false, parameter_modes=0"
 PLAIN = f"modes=4, static_modes=true, {NO_MORE}, second_order=false, angles=48, interpolation=\"spectral\""

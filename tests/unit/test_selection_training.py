@@ -7,7 +7,8 @@ import pytest
 from scenes import pendulum, slider_crank
 
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.selection.training import HASTE, PULSE, Training, training_loads, training_values
+from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.selection.training import HASTE, PULSE, Training, training_loads
 
 NORMAL = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=0.56e-3}%s}'
 SECOND = 'parameters.E={nominal=2.1e11, distribution={name="uniform", loc=2.0e11, scale=0.2e11}}'
@@ -15,24 +16,24 @@ USED = 'materials.steel.E="E"'
 
 
 def test_a_star_to_three_standard_deviations() -> None:
-    values, n = training_values(slider_crank(NORMAL % ""))
+    values, n = spanning_values(slider_crank(NORMAL % ""))
     assert n == 5
     expected = 5.6e-3 + 0.56e-3 * np.array([0.0, -3.0, -1.5, 1.5, 3.0])
     np.testing.assert_allclose(values["r1"], expected, rtol=1e-4)
 
 
 def test_bounds_cut_the_distribution_as_an_ensemble_does() -> None:
-    values, _ = training_values(slider_crank(NORMAL % ", bounds=[5.0e-3, 6.0e-3]"))
+    values, _ = spanning_values(slider_crank(NORMAL % ", bounds=[5.0e-3, 6.0e-3]"))
     assert 5.0e-3 < values["r1"].min() < 5.01e-3 and 5.99e-3 < values["r1"].max() < 6.0e-3
 
 
 def test_a_radius_stays_positive() -> None:
     wide = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5e-3}}'
-    assert training_values(slider_crank(wide))[0]["r1"].min() > 0.0
+    assert spanning_values(slider_crank(wide))[0]["r1"].min() > 0.0
 
 
 def test_two_parameters_have_corners() -> None:
-    values, n = training_values(slider_crank(NORMAL % "", SECOND, USED))
+    values, n = spanning_values(slider_crank(NORMAL % "", SECOND, USED))
     assert n == 1 + 2 * 4 + 4
     pairs = set(zip(values["r1"].round(6), values["E"].round(-9)))
     low, high = values["r1"].min().round(6), values["r1"].max().round(6)
@@ -42,13 +43,13 @@ def test_two_parameters_have_corners() -> None:
 
 def test_of_many_parameters_only_two_corners() -> None:
     many = [f'parameters.p{k}={{nominal=1.0, distribution={{name="uniform", loc=0.9, scale=0.2}}}}' for k in range(4)]
-    values, n = training_values(slider_crank("parameters.r1={nominal=5.6e-3}", *many))
+    values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3}", *many))
     assert n == 1 + 4 * 4 + 2
     np.testing.assert_array_equal(values["r1"], 5.6e-3)
 
 
 def test_the_value_of_a_run_is_tried_too() -> None:
-    values, n = training_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
+    values, n = spanning_values(slider_crank("parameters.r1={nominal=5.6e-3, value=5.0e-3}"))
     np.testing.assert_array_equal(values["r1"], [5.6e-3, 5.0e-3])
     assert n == 2
 

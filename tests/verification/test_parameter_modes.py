@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
@@ -42,6 +42,14 @@ def static_loads(problem: ModalProblem, scene: Scene) -> StaticLoads:
     mechanism = problem.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     return StaticLoads.of(problem, patterns_of(effects_of(scene, mechanism), matrices), scene.reduction)
+
+
+def kept_vectors(problem: ModalProblem, scene: Scene, theta: float) -> tuple[StaticLoads, ModeSet, np.ndarray]:
+    """Return the static loads, the modes at a configuration, and modes and static modes side by side."""
+    loads = static_loads(problem, scene)
+    modes = problem.solve(theta)
+    static = problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))
+    return loads, modes, np.hstack([modes.flexible, static])
 
 
 def frequency_errors(rom: ReducedOrderModel, scene: Scene, radius: float, n: int) -> np.ndarray:
@@ -78,9 +86,7 @@ def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> 
 def test_snapshots_turn_with_the_nominal_vectors_and_with_nothing_else() -> None:
     scene = slider_crank(UNCERTAIN, *SMALL)
     with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
-        loads = static_loads(problem, scene)
-        modes = problem.solve(2.0)
-        kept = np.hstack([modes.flexible, problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))])
+        loads, modes, kept = kept_vectors(problem, scene, 2.0)
         turn = np.linalg.qr(np.random.default_rng(3).normal(size=(5, 5)))[0]
         with ParameterSnapshots(problem, loads, [{"r1": LOW}, {"r1": RADIUS}]) as snapshots:
             low, same = snapshots.at(2.0, kept)
@@ -96,9 +102,7 @@ def test_snapshots_turn_with_the_nominal_vectors_and_with_nothing_else() -> None
 def test_with_all_snapshots_of_a_point_the_basis_is_exact_there() -> None:
     scene = slider_crank(UNCERTAIN, *SMALL)
     with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 3, MPI.COMM_SELF) as problem:
-        loads = static_loads(problem, scene)
-        modes = problem.solve(2.0)
-        kept = np.hstack([modes.flexible, problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))])
+        loads, modes, kept = kept_vectors(problem, scene, 2.0)
         with ParameterSnapshots(problem, loads, [{"r1": LOW}]) as snapshots:
             (low,) = snapshots.problems
             missed = snapshots.missed(snapshots.at(2.0, kept), np.hstack([modes.rigid, kept]))

@@ -15,9 +15,10 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.selection.choice import Choice, choose
 from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
-from pgmp_petsc.selection.training import Table, training_values
+from pgmp_petsc.selection.training import Table
 from pgmp_petsc.studies.settled_step import settle_step
 
 SHARES = np.array([0.72, 0.91, 1.13, 1.27])  # of the nominal radius; three standard deviations are 0.7 and 1.3
@@ -98,7 +99,7 @@ def test_a_hundredth_of_all_outputs(hundredth: Chosen, load: str) -> None:
     With the step, 2.3e-3 to 6.8e-3. Where the torque turns back the deformation is small beside the vibrations that its
     corner sets off: 1.6e-2, and only a run with a tolerance of its own finds the step for them.
     """
-    assert not np.isin(SHARES * RADIUS, training_values(hundredth.scene)[0]["r1"]).any()
+    assert not np.isin(SHARES * RADIUS, spanning_values(hundredth.scene)[0]["r1"]).any()
     assert hundredth.errors(LOADS[load], 32, 32).max() < 1e-2
     if load != "reversed":
         assert hundredth.errors(LOADS[load], 1, 32).max() < 1e-2
