@@ -14,7 +14,7 @@ from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables, pair_rotations
-from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class ContinuousBasis:
         groups = [*joined.groups, *np.arange(n_kept, n_kept + n_parameter)[:, None]]
         if flipped.size:
             tables = tables.over_two_turns(flipped)
-            projection = np.concatenate([projection, projection * _signs(tables.n_modes, flipped)])
+            projection = np.concatenate([projection, projection * flipping_signs(tables.n_modes, flipped)])
         return cls(tables, projection, groups, combinations, flipped)
 
     def curved(self, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
@@ -83,10 +83,9 @@ class ContinuousBasis:
             At n_sampled samples.
         """
         if self.flipped.size:
-            signs = np.diag(_signs(self.tables.n_modes, self.flipped))[None]
-            everywhere = np.broadcast_to(signs, (len(curvature), *signs.shape[1:]))
-            tables = SecondOrderTables.joined([tables, tables.turned(everywhere)])
-            curvature = np.concatenate([curvature, curvature @ pair_rotations(signs)])
+            signs = flipping_signs(self.tables.n_modes, self.flipped)
+            tables = tables.over_two_turns(signs)
+            curvature = np.concatenate([curvature, curvature @ pair_rotations(np.diag(signs)[None])])
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
 
 
@@ -105,9 +104,3 @@ def compression_of(mechanism: Mechanism, nominal: dict[str, float], joined: Join
     turned = joined.rotations[:, joined.n_kept :, joined.n_kept :]
     own = mass[:, -n_snapshots:, -n_snapshots:]
     return Compression.of(np.swapaxes(turned, 1, 2) @ own @ turned, joined.flipped[joined.n_kept :], n_parameter)
-
-
-def _signs(n: int, flipped: np.ndarray) -> np.ndarray:
-    signs = np.ones(n)
-    signs[flipped] = -1.0
-    return signs

@@ -53,6 +53,11 @@ class SecondOrderTables:
             symmetric(cubic), congruent(rotations, self.curved_load), congruent(rotations, self.curved_inertia)
         )
 
+    def over_two_turns(self, signs: np.ndarray) -> SecondOrderTables:
+        """Append a second revolution with other signs of the flexible coordinates, shape (n_delta,)."""
+        everywhere = np.broadcast_to(np.diag(signs), (len(self.cubic), signs.size, signs.size))
+        return SecondOrderTables.joined([self, self.turned(everywhere)])
+
     @classmethod
     def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
         """Return the tables of all parts, one after the other."""

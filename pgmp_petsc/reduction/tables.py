@@ -108,10 +108,9 @@ class ReducedTables:
 
     def over_two_turns(self, flipped: np.ndarray) -> ReducedTables:
         """Append a second revolution in which some flexible coordinates have the opposite sign."""
-        signs = np.eye(self.n_modes)
-        signs[flipped, flipped] = -1.0
-        second = self.turned(np.broadcast_to(signs, (self.samples.n, *signs.shape)))
-        curved = self.second_order
+        signs = flipping_signs(self.n_modes, flipped)
+        everywhere = np.broadcast_to(np.diag(signs), (self.samples.n, signs.size, signs.size))
+        second, curved = replace(self, second_order=None).turned(everywhere), self.second_order
         return replace(
             self,
             samples=self.samples.over_two_turns(),
@@ -119,7 +118,7 @@ class ReducedTables:
             inertia=np.concatenate([self.inertia, second.inertia]),
             stiffness=np.concatenate([self.stiffness, second.stiffness]),
             load=np.concatenate([self.load, second.load]),
-            second_order=None if curved is None else SecondOrderTables.joined([curved, second.second_order]),
+            second_order=None if curved is None else curved.over_two_turns(signs),
             changes=None,
         )
 
@@ -144,3 +143,10 @@ class ReducedTables:
         lower = np.linalg.inv(np.linalg.cholesky(flexible))
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
+
+
+def flipping_signs(n: int, flipped: np.ndarray) -> np.ndarray:
+    """Return the signs of n coordinates on the second of two turns: -1 for the flipped ones, given by their numbers."""
+    signs = np.ones(n)
+    signs[flipped] = -1.0
+    return signs
