@@ -78,13 +78,17 @@ class Connection:
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An independent rigid coordinate: the relative rotation of a revolute joint over a range (rad)."""
+    """An independent rigid coordinate: the relative rotation of a revolute joint over a range (rad).
+
+    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not turn its joint.
+    """
 
     name: str
     connection: Connection
     lower: float
     upper: float
     periodic: bool
+    prescribed: bool = False
 
     def measure(self, frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
         """Return the coordinate for frames of shape (3, ...)."""
@@ -213,11 +217,19 @@ class Mechanism:
         connections = _connections(scene, bodies)
         by_name = {connection.name: connection for connection in connections}
         coordinates = tuple(
-            Coordinate(name, by_name[entry.joint], *entry.range, entry.periodic)
+            Coordinate(name, by_name[entry.joint], *entry.range, entry.periodic, _is_prescribed(scene, name))
             for name, entry in scene.coordinates.items()
         )
         guess = _first_guess(scene, bodies, connections)
         return cls(tuple(bodies), connections, coordinates, guess)
+
+
+def _is_prescribed(scene: Scene, coordinate: str) -> bool:
+    """Return whether an effect of a scene prescribes the motion of a coordinate."""
+    return any(
+        getattr(entry, "type", None) == "prescribed_motion" and entry.coordinate == coordinate
+        for entry in scene.effects.values()
+    )
 
 
 def rotate(angle: np.ndarray, point: np.ndarray) -> np.ndarray:

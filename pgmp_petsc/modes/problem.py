@@ -2,8 +2,11 @@
 
     (N^T K N - Lambda N^T M N) psi = 0,    Psi = N psi,
 
-in body frames, where K and M are constant and theta enters through N alone. The n_theta zero eigenvalues belong to
-the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in the basis.
+in body frames, where K and M are constant and theta enters through N alone. The zero eigenvalues, one for each free
+coordinate, belong to the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in
+the basis. Prescribed coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so
+that no flexible vector turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the
+flexible vectors are not orthogonal to them.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
@@ -41,7 +45,7 @@ class ModeSet:
     Attributes
     ----------
     theta
-        The configuration, rad.
+        The configuration, shape (n_theta,), rad.
     eigenvalues
         Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
     rigid
@@ -49,14 +53,23 @@ class ModeSet:
     rigid_curvature
         ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
     flexible
-        M-orthonormal at the parameters of the problem and M-orthogonal to `rigid`, shape (n_local, n_modes).
+        M-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
+        n_modes).
+    free
+        Numbers of the coordinates that are not prescribed.
     """
 
-    theta: float
+    theta: np.ndarray
     eigenvalues: np.ndarray
     rigid: np.ndarray
     rigid_curvature: np.ndarray
     flexible: np.ndarray
+    free: np.ndarray
+
+    @property
+    def eigenvectors(self) -> np.ndarray:
+        """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_free + n_modes)."""
+        return np.hstack([self.rigid[:, self.free], self.flexible])
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -89,6 +102,8 @@ class ModalProblem:
     ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
+        self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
+        self._clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
@@ -117,40 +132,44 @@ class ModalProblem:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def solve(self, theta: float) -> ModeSet:
-        """Compute the modes at one configuration.
+    def solve(self, theta: np.ndarray | float) -> ModeSet:
+        """Compute the modes at one configuration (n_theta,).
 
         Raises
         ------
         RunError
             If the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
         """
-        n_theta = self.kinematics.n_coordinates
+        theta, n_free = np.atleast_1d(theta), self.free.size
         rigid, curvature = self._move_to(theta)
-        where = f"{self.kinematics.coordinate.name} = {theta:.6g} rad"
-        pairs = self._solver.solve(*self._reduced, n_theta, self.n_modes, where)
+        where = self.kinematics.describe(theta)
+        pairs = self._solver.solve(*self._reduced, n_free, self.n_modes, where)
         vectors = self._expand(pairs.vectors)
-        self._check_rigid(pairs.values, vectors[:, :n_theta], rigid, where)
-        flexible = self._deflate(vectors[:, n_theta:], rigid)
-        return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
+        self._check_rigid(pairs.values, vectors[:, :n_free], rigid[:, self.free], where)
+        flexible = self._deflate(vectors[:, n_free:], rigid[:, self.free])
+        return ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
 
-    def resume(self, theta: float, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
+    def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
         """Return to a configuration whose modes are known: `static_answers` holds there again.
 
         Parameters
         ----------
         theta
-            The configuration, rad.
+            The configuration, shape (n_theta,), rad.
         eigenvalues, flexible
             As they were found there.
         """
         rigid, curvature = self._move_to(theta)
         self._solver.factor(*self._reduced)
-        return ModeSet(theta, eigenvalues, rigid, curvature, flexible)
+        return ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free)
 
-    def _move_to(self, theta: float) -> tuple[np.ndarray, np.ndarray]:
+    def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
+        """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
+        return constraint_jacobian(self.mechanism, poses, self._clamped)
+
+    def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
-        poses = self.kinematics.poses(np.array([theta]))
+        poses = self.kinematics.poses(theta)
         rates = self.kinematics.rates(poses)
         curvatures = self.kinematics.curvatures(poses, rates)
         own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
@@ -200,7 +219,7 @@ class ModalProblem:
         RunError
             If an answer vanishes beside the others: the basis would not be continuous there.
         """
-        kept = np.hstack([modes.rigid, modes.flexible])
+        kept = modes.eigenvectors
         answers = kept
         for load in loads.T:
             answer = self.static_answers(kept, load[:, None])
@@ -210,7 +229,7 @@ class ModalProblem:
             after = self._norms(answer)[0]
             if not after > DEPENDENT_TOLERANCE * before:
                 raise RunError(
-                    f"reduction.static_modes at {self.kinematics.coordinate.name} = {modes.theta:.6g} rad: a load's static "
+                    f"reduction.static_modes at {self.kinematics.describe(modes.theta)}: a load's static "
                     "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
                 )
             answers = np.hstack([answers, answer / after])
@@ -222,7 +241,7 @@ class ModalProblem:
         Parameters
         ----------
         kept
-            Rigid motion and modes at the configuration that the problem is at, local rows, shape (n_local, n_kept).
+            Eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept).
         loads
             In body frames, local rows, shape (n_local, n_loads).
         what
@@ -312,9 +331,8 @@ class ModalProblem:
             )
 
     def _check_size(self) -> None:
-        start = self.kinematics.poses(np.array([self.kinematics.coordinate.lower]))[..., 0]
-        null = null_space(constraint_jacobian(self.mechanism, start))
-        self._available = null.independent.size - self.kinematics.n_coordinates
+        null = null_space(self.constraints_at(self.kinematics.poses(self._lowest())[..., 0]))
+        self._available = null.independent.size - self.free.size
         if self.n_modes > self._available:
             raise InputError(
                 f"reduction.modes = {self.n_modes}: the mesh has only {self._available} flexible modes; "
@@ -328,18 +346,21 @@ class ModalProblem:
         The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
         eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
         """
-        n_theta = self.kinematics.n_coordinates
-        lower = self.kinematics.coordinate.lower
-        self._project(self.kinematics.poses(np.array([lower]))[..., 0])
+        n_free, lowest = self.free.size, self._lowest()
+        self._project(self.kinematics.poses(lowest)[..., 0])
         guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
         trial = ShiftInvertSolver(self.mass.getComm(), -guess)
-        pairs = trial.solve(*self._reduced, n_theta, 1, f"{self.kinematics.coordinate.name} = {lower:.6g} rad")
+        pairs = trial.solve(*self._reduced, n_free, 1, self.kinematics.describe(lowest))
         trial.close()
-        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_theta])
+        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free])
+
+    def _lowest(self) -> np.ndarray:
+        """Return the configuration at the lower end of every coordinate, shape (n_theta,)."""
+        return np.array([coordinate.lower for coordinate in self.kinematics.coordinates])
 
     def _project(self, poses: np.ndarray) -> None:
         """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
-        null = null_space(constraint_jacobian(self.mechanism, poses))
+        null = null_space(self.constraints_at(poses))
         lo, hi = np.searchsorted(null.independent, (self.rows.start, self.rows.stop))
         local = null.matrix[self.rows.start : self.rows.stop].tocsr()
         signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()
@@ -370,21 +391,25 @@ class ModalProblem:
         return times(self._null, vectors)
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-        """Make vectors M-orthogonal to the rigid motion to the last digits."""
+        """Make vectors M-orthogonal to the free rigid motion to the last digits."""
+        if not rigid.shape[1]:
+            return vectors
         return vectors - self.onto(rigid, vectors)
 
     def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
-        n_theta = zeros.shape[1]
-        largest = np.max(np.abs(values[:n_theta])) / values[n_theta] if values.size > n_theta else 0.0
+        n_free = zeros.shape[1]
+        if not n_free:
+            return
+        largest = np.max(np.abs(values[:n_free])) / values[n_free] if values.size > n_free else 0.0
         if not largest < RIGID_TOLERANCE:
             raise RunError(
-                f"eigenproblem at {where}: {n_theta} eigenvalues should vanish, but the largest is {largest:.2g} of "
+                f"eigenproblem at {where}: {n_free} eigenvalues should vanish, but the largest is {largest:.2g} of "
                 "the first flexible one"
             )
         m_rigid = self.times_mass(rigid)
         norm = self.inner(rigid, m_rigid)
         part = self.inner(m_rigid, zeros)
-        captured = np.trace(np.linalg.solve(norm, part @ part.T)) / n_theta
+        captured = np.trace(np.linalg.solve(norm, part @ part.T)) / n_free
         if not abs(captured - 1.0) < RIGID_TOLERANCE:
             raise RunError(
                 f"eigenproblem at {where}: the modes of frequency zero are not the mechanism's rigid motion "
