@@ -3,9 +3,9 @@
 The range is covered by a tensor grid of configurations. From the assembled one the branch is continued along the first
 coordinate, from each of these configurations along the second, and so on, always from neighbour to neighbour with a
 linear prediction. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
-their branch or coordinates lose control of the mechanism, and the range is refused. A change of the sign of det J
-between neighbours tells a curve of singular configurations; places where J is nearly singular are looked at closely,
-for isolated ones.
+their branch or coordinates lose control of the mechanism, and the range is refused. The sign of det J tells a curve of
+singular configurations between two neighbours. Around an isolated one, neighbours on different lines of the
+continuation come to different branches.
 """
 
 from __future__ import annotations
@@ -16,16 +16,12 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.ndimage import minimum_filter
-from scipy.optimize import minimize
 
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.runtime.errors import InputError
 
 SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
 NEARLY_SINGULAR = 1e-2  # the same, where a bisection ended that may not come closer
-WATCHED = 0.1  # the same, below which a singular configuration may hide between those of the grid
-MOST_WATCHED = 16
 SAME_BRANCH = 1e-6  # difference of poses that neighbours agree to
 
 
@@ -72,7 +68,6 @@ class Continuation:
         self.theta, self.poses = front.theta, front.poses
         if len(axes) > 1:
             self._check_neighbours()
-            self._look_closely(front)
 
     def winding(self, axis: int) -> np.ndarray:
         """Return how often every body has turned when a coordinate has made a turn, shape (n_bodies,).
@@ -120,26 +115,7 @@ class Continuation:
             worst = int(np.argmax(gap.max(axis=(0, 1))))
             if gap[..., worst].max() > SAME_BRANCH:
                 at = self.theta[after[worst]]
-                refuse_control(closure, at, closure.singular_values(self.poses[..., after[[worst]]])[0])
-
-    def _look_closely(self, front: _Front) -> None:
-        """Search around the least singular values of the grid for a singular configuration between its points."""
-        closure = self._closure
-        ratio = (front.values[:, -1] / front.values[:, 0]).reshape(self.shape)
-        lowest = (ratio == minimum_filter(ratio, size=3, mode="nearest")) & (ratio < WATCHED)
-        numbers = np.flatnonzero(lowest)
-        lower, upper = (np.array([axis[end] for axis in self._axes]) for end in (0, -1))
-        for k in numbers[np.argsort(ratio.ravel()[numbers], kind="stable")][:MOST_WATCHED]:
-            start, poses = self.theta[k], self.poses[..., [k]]
-
-            def share(theta: np.ndarray) -> float:
-                values = closure.singular_values(closure.close(poses, theta[None]))[0]  # noqa: B023
-                return float(values[-1] / values[0])
-
-            bounds = list(zip(np.maximum(start - self._steps, lower), np.minimum(start + self._steps, upper)))
-            options = {"xatol": 1e-8, "fatol": 1e-9}
-            found = minimize(share, start, method="Nelder-Mead", bounds=bounds, options=options).x[None]
-            front.at(k).moved(found, closure.close(poses, found))
+                _refuse_control(closure, at, closure.singular_values(self.poses[..., after[[worst]]])[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +128,6 @@ class _Front:
         Shape (n, n_theta).
     poses
         Shape (n_bodies, 3, n).
-    values
-        Singular values of J, descending, shape (n, 3 n_bodies).
     pivots
         Independent rows of J, shape (n, 3 n_bodies).
     signs
@@ -163,44 +137,36 @@ class _Front:
     closure: LoopClosure
     theta: np.ndarray
     poses: np.ndarray
-    values: np.ndarray
     pivots: np.ndarray
     signs: np.ndarray
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
         """Return a front at the assembled configurations; the watched rows are chosen there."""
-        pivots, signs = _choose_pivots(closure, poses)
-        return cls(closure, theta, poses, _controlled(closure, theta, poses), pivots, signs)
+        _check_control(closure, theta, poses)
+        return cls(closure, theta, poses, *_choose_pivots(closure, poses))
 
     @classmethod
     def stacked(cls, fronts: Sequence[_Front]) -> _Front:
         """Join fronts along a new axis, which runs fastest."""
         n, n_theta = fronts[0].theta.shape
         poses = np.stack([front.poses for front in fronts], axis=-1)
-        parts = (np.stack([getattr(f, name) for f in fronts], axis=1) for name in ("values", "pivots", "signs"))
+        parts = (np.stack([getattr(f, name) for f in fronts], axis=1) for name in ("pivots", "signs"))
         flat = (part.reshape(n * len(fronts), *part.shape[2:]) for part in parts)
         theta = np.stack([front.theta for front in fronts], axis=1).reshape(-1, n_theta)
         return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1), *flat)
 
-    def at(self, k: int) -> _Front:
-        """Return one of the configurations."""
-        rows = (self.values[[k]], self.pivots[[k]], self.signs[[k]])
-        return _Front(self.closure, self.theta[[k]], self.poses[..., [k]], *rows)
-
     def continued(self, theta: np.ndarray, axis: int, step: float) -> _Front:
         """Return the front one step along an axis, at theta (n, n_theta)."""
         guess = self.poses + self.closure.rates(self.poses)[:, :, axis] * step
-        return self.moved(theta, self.closure.close(guess, theta))
-
-    def moved(self, theta: np.ndarray, poses: np.ndarray) -> _Front:
-        """Return a front of neighbours (n, n_theta) with their poses; refuse what is singular there or between."""
-        values, pivots = _controlled(self.closure, theta, poses), self.pivots.copy()
+        poses = self.closure.close(guess, theta)
+        _check_control(self.closure, theta, poses)
+        pivots = self.pivots.copy()
         signs = _orientation(self.closure, poses, pivots)
         for k in np.flatnonzero(signs != self.signs):
             self._check_change(k, theta[k])
             pivots[k], signs[k] = _choose_pivots(self.closure, poses[..., [k]])
-        return _Front(self.closure, theta, poses, values, pivots, signs)
+        return _Front(self.closure, theta, poses, pivots, signs)
 
     def _check_change(self, k: int, after: np.ndarray) -> None:
         """Bisect for the place on the way to a neighbour where the determinant changes its sign.
@@ -218,10 +184,10 @@ class _Front:
         values = closure.singular_values(poses)[0]
         n_rows, n_poses = closure.scaled_jacobian(poses).shape[1:]
         if n_rows == n_poses or values[-1] < NEARLY_SINGULAR * values[0]:
-            refuse_control(closure, before, values)
+            _refuse_control(closure, before, values)
 
 
-def refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray) -> None:
+def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray) -> None:
     """Refuse a singular configuration (n_theta,) with these singular values, descending."""
     coordinates = closure.mechanism.coordinates
     names = ", ".join(coordinate.name for coordinate in coordinates)
@@ -234,13 +200,12 @@ def refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray) 
     )
 
 
-def _controlled(closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return the singular values (n, 3 n_bodies) of J; refuse where it is singular."""
+def _check_control(closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
+    """Refuse configurations (n, n_theta) where J is singular."""
     values = closure.singular_values(poses)
     lost = np.flatnonzero(values[:, -1] < SINGULAR_TOLERANCE * values[:, 0])
     if lost.size:
-        refuse_control(closure, theta[lost[0]], values[lost[0]])
-    return values
+        _refuse_control(closure, theta[lost[0]], values[lost[0]])
 
 
 def _choose_pivots(closure: LoopClosure, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
