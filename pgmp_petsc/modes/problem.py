@@ -12,7 +12,6 @@ flexible vectors are not orthogonal to them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +23,7 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
 
@@ -36,45 +36,6 @@ REFINEMENT_FLOOR = 1e-6
 ROUND_OFF = 1e-15
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
-
-
-@dataclass(frozen=True)
-class ModeSet:
-    """Rigid and flexible modes at one configuration, local rows, in body frames.
-
-    Attributes
-    ----------
-    theta
-        The configuration, shape (n_theta,), rad.
-    eigenvalues
-        Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
-    rigid
-        ``d rho / d theta``, shape (n_local, n_theta).
-    rigid_curvature
-        ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
-    flexible
-        M-orthonormal at the parameters of the problem and M-orthogonal to the free columns of `rigid`, shape (n_local,
-        n_modes).
-    free
-        Numbers of the coordinates that are not prescribed.
-    """
-
-    theta: np.ndarray
-    eigenvalues: np.ndarray
-    rigid: np.ndarray
-    rigid_curvature: np.ndarray
-    flexible: np.ndarray
-    free: np.ndarray
-
-    @property
-    def eigenvectors(self) -> np.ndarray:
-        """All vectors of the eigenproblem, those of its zero eigenvalues first, shape (n_local, n_free + n_modes)."""
-        return np.hstack([self.rigid[:, self.free], self.flexible])
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """Eigenfrequencies, shape (n_modes,)."""
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
 
 
 class ModalProblem:
@@ -169,31 +130,36 @@ class ModalProblem:
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
+        self._project(self.kinematics.poses(theta)[..., 0])
+        return self.rigid_motion(theta)
+
+    def rigid_motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``d rho / d theta`` and ``d2 rho / d theta2`` at a configuration, local rows, as in `ModeSet`."""
         poses = self.kinematics.poses(theta)
         rates = self.kinematics.rates(poses)
         curvatures = self.kinematics.curvatures(poses, rates)
         own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
-        self._project(pose)
         rigid = rigid_velocities(self.mechanism, pose, rate)[own]
         return rigid, rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
-        """Leave out the loads that are combinations of those before them.
+        """Leave out the loads that are combinations of those before them, or that clamped joints take up.
 
         Parameters
         ----------
         loads
             In body frames, local rows, shape (n_local, n_loads).
         """
+        clamps = self.constraints_at(self.mechanism.first_guess)[self.mechanism.n_constraints :].toarray().T
         chosen = np.empty((len(loads), 0))
-        for load in loads.T[..., None]:
+        for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
             rest = load / np.sqrt(self.inner(load, load)[0, 0])
             for _ in range(2):
                 rest = rest - chosen @ self.inner(chosen, rest)
             size = np.sqrt(self.inner(rest, rest)[0, 0])
             if size > DEPENDENT_TOLERANCE:
                 chosen = np.hstack([chosen, rest / size])
-        return chosen
+        return chosen[:, clamps.shape[1] :]
 
     def static_modes(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
         """Return the static answers to loads that the modes miss.

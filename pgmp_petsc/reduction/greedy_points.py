@@ -133,7 +133,7 @@ class _Configuration:
     ) -> _Configuration:
         """Compute the products."""
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, loads.at(problem, modes))
         flexible = np.hstack([modes.flexible, static])
         found = snapshots.at(theta, flexible)
         rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))

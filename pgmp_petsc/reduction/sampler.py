@@ -106,7 +106,7 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = turned_loads(problem, self._loads, theta)
-        static = problem.static_modes(modes, self._static_loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, self._static_loads.at(problem, modes))
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
             missed = self._snapshots.missed(self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept]))

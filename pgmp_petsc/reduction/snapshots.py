@@ -60,7 +60,7 @@ class ParameterSnapshots:
 
     def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, self._loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, self._loads.at(problem, modes))
         own = np.hstack([modes.flexible, static])
         return own @ problem.inner(own, problem.times_mass(kept))
 

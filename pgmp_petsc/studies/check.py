@@ -50,7 +50,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
-    flexible = _flexible(scene, n_patterns)
+    flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
@@ -107,13 +107,14 @@ def _effects(scene: Scene, loads) -> list[str]:
     ]
 
 
-def _flexible(scene: Scene, n_patterns: int) -> dict[str, int]:
-    """Return the vectors of the basis by their kind; static modes of loads that depend on others are not told apart."""
-    reduction, n_theta = scene.reduction, len(scene.coordinates)
+def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, int]:
+    """Return the vectors of the basis by their kind; loads that depend on others are not told apart."""
+    reduction, n_theta = scene.reduction, len(mechanism.coordinates)
+    n_accelerations = n_theta * (n_theta + 1) // 2 + sum(coordinate.prescribed for coordinate in mechanism.coordinates)
     counts = {
         "modes": reduction.modes,
         "static": n_patterns if reduction.static_modes else 0,
-        "inertia": int(reduction.inertia_modes) * n_theta * (n_theta + 1) // 2,
+        "inertia": n_accelerations if reduction.inertia_modes else 0,
         "of other parameter values": reduction.parameter_modes,
     }
     return {kind: count for kind, count in counts.items() if count}
