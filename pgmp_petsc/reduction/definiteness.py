@@ -7,7 +7,7 @@ of definite matrices for that; here a basis that is smooth enough is asked for i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 
 PLACES = (0.25, 0.5, 0.75)  # of every interval between samples
+MIDDLE = (0.5,)  # the same over several coordinates, whose cells are many
 SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 
 
@@ -40,7 +41,8 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
         Which matrix, where, with which parameters, and what helps.
     """
     samples, r = tables.samples, tables.n_coordinates
-    between_samples = SampleGrid(tuple(_between(axis) for axis in samples))
+    places = PLACES if samples.n_coordinates == 1 else MIDDLE
+    between_samples = SampleGrid(tuple(_between(axis, places) for axis in samples))
     theta = between_samples.theta
     for name, table, weights in (
         ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
@@ -61,11 +63,11 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
     return ""
 
 
-def _between(samples: Samples) -> Samples:
-    """Return places between the samples of one coordinate."""
+def _between(samples: Samples, places: Sequence[float]) -> Samples:
+    """Return places, as shares of every interval, between the samples of one coordinate."""
     ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
     starts = samples.theta[: ends.size]
-    return replace(samples, theta=np.concatenate([starts + place * (ends - starts) for place in PLACES]))
+    return replace(samples, theta=np.concatenate([starts + place * (ends - starts) for place in places]))
 
 
 def _smallest_eigenvalues(matrices: np.ndarray) -> np.ndarray:

@@ -180,6 +180,27 @@ def test_full_order_and_reduced_frequencies_side_by_side(prescribed: bool, monke
     np.testing.assert_allclose(table.reduced_hz, table.full_hz, rtol=1e-8)
 
 
+def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None:
+    uncertain = (
+        'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
+        'bodies.upper.section={shape="circle", radius="r"}',
+        "reduction.modes=5",
+        SPLINE,
+    )
+    errors, values = [], {"r": 5.99e-3}  # near the point that is chosen
+    for more in ((), ("reduction.parameter_modes=1",)):
+        scene = double_pendulum(*uncertain, *more)
+        rom = rom_of(scene)
+        from mpi4py import MPI
+
+        with ModalProblem(kinematics_of(scene), values, 5, MPI.COMM_SELF) as problem:
+            exact = np.array([problem.solve(theta).frequencies_hz for theta in rom.tables.samples.theta[:8]])
+        tables = rom.tables
+        weights = (evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values))
+        errors.append(np.abs(tables.frequencies_hz(*weights)[:8, :5] / exact - 1).max())
+    assert rom.n_parameter == 1 and errors[1] < 0.3 * errors[0]
+
+
 def test_interpolation_from_grid_to_grid() -> None:
     scene = double_pendulum(SPLINE)
     samples = rom_of(scene).tables.samples
