@@ -1,0 +1,61 @@
+"""Force laws ``F(t, s, s')`` on a scalar measure s of the motion; compiled.
+
+====================== =============================================== ==============================================
+law                    F                                               parameters
+====================== =============================================== ==============================================
+``SOURCE``             ``amplitude(t) scale``                          scale
+``SPRING_DAMPER``      ``-k (s - rest) - c s'``                        k, c, rest
+``FRICTION``           ``-limit tanh(s' / speed)``                     limit, speed
+``STOP``               ``-side k depth (1 + c depth')``, where         k, c, place, side (1 upper, -1 lower)
+                       ``depth = side (s - place) > 0``, never a pull
+====================== =============================================== ==============================================
+
+The stop's damping is that of Hunt and Crossley (1975): its force begins at zero, so that it is continuous at contact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SOURCE, SPRING_DAMPER, FRICTION, STOP = range(4)
+N_PARAMETERS = 4
+
+
+@njit(cache=True, error_model="numpy")
+def law(kind, p, amplitude, s, rate):
+    """Evaluate a law.
+
+    Parameters
+    ----------
+    kind
+        ``SOURCE``, ``SPRING_DAMPER``, ``FRICTION`` or ``STOP``.
+    p
+        Parameters as in the module's table, shape (N_PARAMETERS,).
+    amplitude
+        Of a source, now.
+    s, rate
+        Measure and its rate.
+
+    Returns
+    -------
+    tuple of float
+        F, ``-dF/ds``, ``-dF/ds'`` and the potential energy that F derives from (J; 0 where it has none).
+    """
+    if kind == SOURCE:
+        return amplitude * p[0], 0.0, 0.0, 0.0
+    if kind == SPRING_DAMPER:
+        stretch = s - p[2]
+        return -p[0] * stretch - p[1] * rate, p[0], p[1], 0.5 * p[0] * stretch * stretch
+    if kind == FRICTION:
+        bent = np.tanh(rate / p[1])
+        return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0
+    side = p[3]
+    depth = side * (s - p[2])
+    braking = 1.0 + p[1] * side * rate
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    stored = 0.5 * p[0] * depth * depth
+    if braking <= 0.0:
+        return 0.0, 0.0, 0.0, stored
+    return -side * p[0] * depth * braking, p[0] * braking, p[0] * p[1] * depth, stored
