@@ -125,7 +125,7 @@ def evaluate_actions(actions, amplitudes, z, rates, gain_v, forces, tangents, po
         Results: force on the frame unknowns, shape (n_actions, 6, n_samples), and minus its derivative,
         shape (n_actions, 6, 6, n_samples).
     powers, stored
-        Results: power (W) and potential energy (J), shape (n_actions, n_samples).
+        Results: power of what is not elastic (W) and potential energy of what is (J), shape (n_actions, n_samples).
     depths
         Result: how deep a stop is entered (negative: how far it is), NaN for other laws, shape (n_actions, n_samples).
     """
@@ -137,8 +137,8 @@ def evaluate_actions(actions, amplitudes, z, rates, gain_v, forces, tangents, po
             rate = 0.0
             for i in range(N_PAIR):
                 rate += gradient[i] * rates[k, i, sample]
-            force, stiffness, damping, potential = law(actions.laws[k], p, amplitudes[k], s, rate)
-            powers[k, sample] = force * rate
+            force, stiffness, damping, elastic, potential = law(actions.laws[k], p, amplitudes[k], s, rate)
+            powers[k, sample] = (force - elastic) * rate
             stored[k, sample] = potential
             depths[k, sample] = p[3] * (s - p[2]) if actions.laws[k] == STOP else np.nan
             for i in range(N_PAIR):

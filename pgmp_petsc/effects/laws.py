@@ -40,22 +40,23 @@ def law(kind, p, amplitude, s, rate):
     Returns
     -------
     tuple of float
-        F, ``-dF/ds``, ``-dF/ds'`` and the potential energy that F derives from (J; 0 where it has none).
+        F, ``-dF/ds``, ``-dF/ds'``, and of its elastic part ``F_e = -dV/ds`` the force and the potential energy V (J).
     """
     if kind == SOURCE:
-        return amplitude * p[0], 0.0, 0.0, 0.0
+        return amplitude * p[0], 0.0, 0.0, 0.0, 0.0
     if kind == SPRING_DAMPER:
         stretch = s - p[2]
-        return -p[0] * stretch - p[1] * rate, p[0], p[1], 0.5 * p[0] * stretch * stretch
+        elastic = -p[0] * stretch
+        return elastic - p[1] * rate, p[0], p[1], elastic, 0.5 * p[0] * stretch * stretch
     if kind == FRICTION:
         bent = np.tanh(rate / p[1])
-        return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0
+        return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
     side = p[3]
     depth = side * (s - p[2])
-    braking = 1.0 + p[1] * side * rate
     if depth <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0
-    stored = 0.5 * p[0] * depth * depth
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    braking = 1.0 + p[1] * side * rate
+    elastic, stored = -side * p[0] * depth, 0.5 * p[0] * depth * depth
     if braking <= 0.0:
-        return 0.0, 0.0, 0.0, stored
-    return -side * p[0] * depth * braking, p[0] * braking, p[0] * p[1] * depth, stored
+        return 0.0, 0.0, 0.0, elastic, stored
+    return elastic * braking, p[0] * braking, p[0] * p[1] * depth, elastic, stored
