@@ -200,7 +200,7 @@ class WatchedRun:
         plain = states[:, 0].copy()
         plain[..., fine, 0] = self._angles[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        start = start_of(model.scene, model.kinematics)
+        start = start_of(model.scene, model.kinematics.mechanism)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
         motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval)

@@ -139,9 +139,8 @@ def _find_entries(connection: Connection) -> tuple[np.ndarray, np.ndarray]:
     return np.nonzero((jacobian != 0.0) & chosen)
 
 
-def independent_constraints(kinematics: RigidKinematics, theta: float) -> ConstraintSet:
-    """Return the constraints of a mechanism without those that follow from the others, as found at theta (rad)."""
+def independent_constraints(kinematics: RigidKinematics, theta: np.ndarray) -> ConstraintSet:
+    """Return the constraints of a mechanism without those that follow from the others, as found at theta (n_theta,), rad."""
     mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([theta]))[..., 0]
+    poses = kinematics.poses(theta)[..., 0]
     return ConstraintSet(mechanism, null_space(constraint_jacobian(mechanism, poses)).rows)
-
