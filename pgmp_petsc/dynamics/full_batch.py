@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.batched_ldl import analyse
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Lumps, Pattern, correct
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.lumped_masses import lumped_masses
@@ -73,6 +73,7 @@ class FullBatch:
         self._lumped = lumped_masses(mechanism.bodies, values, n_samples)
         padded = {name: self._block(value).ravel() for name, value in values.items()}
         self._local = LocalForces(actions_of(effects), padded, self.n_blocks * LANES)
+        self._edges = self._local.edges
         self._loads(effects, values)
         self._structure()
         lengths = np.array([body.mesh.lengths.sum() for body in mechanism.bodies])
@@ -122,6 +123,16 @@ class FullBatch:
             (state.multipliers, previous.multipliers),
         ):
             np.copyto(now, before, where=chosen[:, None, :])
+
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, n_samples)."""
+        q, v = (_lanes_last(part).reshape(self.n_dofs, -1) for part in (state.q, state.v))
+        return self._local.evaluate(time, q, v, 0.0).depths[self._edges, : self.n_samples]
 
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""

@@ -27,7 +27,7 @@ from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
 from pgmp_petsc.bodies.matrices import assemble, owned_rows, weighted_sum
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.rank_elements import RankElements
 from pgmp_petsc.effects import Effect, Motion, actions_of, loads_of
@@ -145,6 +145,16 @@ class FullDistributed:
                 (state.multipliers, previous.multipliers),
             ):
                 now[:] = before
+
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._local.edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, 1), the same on all ranks. Collective on `comm`."""
+        q, v = self._gather_rows(state.q), self._gather_rows(state.v)
+        return self._local.evaluate(time, q[:, None], v[:, None], 0.0).depths[self._local.edges]
 
     def outside(self, state: State) -> np.ndarray:
         """Return False: the full-order model is valid everywhere."""

@@ -78,6 +78,11 @@ class LocalForces:
             columns.append(dofs[j])
         self.pattern = np.concatenate(rows), np.concatenate(columns)
 
+    @property
+    def edges(self) -> list[int]:
+        """Numbers of the actions whose law has an edge."""
+        return [k for k, action in enumerate(self.actions) if action.has_events]
+
     def evaluate(self, time: float, q: np.ndarray, v: np.ndarray, gain_v: float) -> LocalState:
         """Evaluate all actions.
 

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.cells import Cache
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.reduced_kernel import Weights, correct
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
@@ -36,6 +36,7 @@ class ReducedSystem:
     """
 
     comm = MPI.COMM_SELF
+    n_events = 0
 
     def __init__(
         self,

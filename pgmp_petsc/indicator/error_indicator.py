@@ -20,7 +20,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
-from pgmp_petsc.dynamics.generalised_alpha import State
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import SecondOrderSystem, State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import State
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import effects_of
