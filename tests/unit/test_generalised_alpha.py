@@ -10,7 +10,8 @@ import scipy.integrate
 import scipy.linalg
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import CAREFUL_ITERATIONS, MAX_ITERATIONS, Run, count_steps, integrate
+from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
+from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import RunError
