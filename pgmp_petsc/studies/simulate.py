@@ -11,6 +11,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -63,7 +64,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     timings = Timings()
     simulation, values = model.scene.simulation, model.scene.values
     wanted = frame_steps(simulation)
-    times, histories, frames = [], [], []
+    times, histories, frames, energies = [], [], [], []
     with timings.phase("assembly"):
         system = model.distributed(values, comm)
     with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
@@ -71,6 +72,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         def record(step: int, time: float, state: State) -> None:
             every = model.frames(system, state)
             times.append(time)
+            energies.append(system.energies(time, state))
             histories.append(np.concatenate([every[list(model.outputs.nodes)], _driving(model, every)]))
             if step in wanted:
                 frames.append(every[..., 0])
@@ -87,7 +89,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
     return _trajectory(
         model, np.array(times), history[:n_outputs], measured[:, None], None,
-        stored, np.array(times)[sorted(wanted)], n_ranks, timings,
+        stored, np.array(times)[sorted(wanted)], n_ranks, timings, Balance.of(np.array(times), energies),
     )
 
 
@@ -120,7 +122,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, estimate
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, None, estimate
     )
 
 
@@ -151,7 +153,7 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 
 
 def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, estimate=None
+    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
 ) -> Trajectory:
     bodies = model.kinematics.mechanism.bodies
     stored = Frames(
@@ -173,6 +175,7 @@ def _trajectory(
         modal=modal,
         frames=stored if len(frame_times) else None,
         errors=None if estimate is None else _errors(estimate, outputs),
+        balance=balance,
     )
 
 
