@@ -116,5 +116,5 @@ class ReducedSystem:
 
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinate left the sampled range."""
-        return np.broadcast_to(~self.tables.samples.contains(state.q[:, 0]), (self.n_samples,))
+        return np.broadcast_to(~self.tables.samples.axes[0].contains(state.q[:, 0]), (self.n_samples,))
 

@@ -70,7 +70,7 @@ class ReducedTerms:
         scheme
             Interpolation over the samples.
         """
-        samples = tables.samples
+        samples = tables.samples.axes[0]
         weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
         parts = [
             _spread(pack(tables.mass), tables.mass_weights, weights),
@@ -114,7 +114,7 @@ def rigid_inertia(
     tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics
 ) -> Interpolant:
     """Return ``(d rho/d theta)^T M_i (d rho/d theta)`` of every term, from the kinematics alone."""
-    at = tables.samples
+    at = tables.samples.axes[0]
     fine = Samples.uniform(at.lower, at.upper, N_RIGID, at.periodic)
     mechanism = kinematics.mechanism
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
@@ -134,8 +134,9 @@ def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
     By the product rule it is the derivative of the mass table's coupling block, taken from the interpolant, less the
     inertia table.
     """
-    block = interpolant(tables.samples, tables.mass[:, :, 0, 1:], scheme)
-    return block.slope(tables.samples.theta) - tables.inertia[:, :, 0, 0]
+    samples = tables.samples.axes[0]
+    block = interpolant(samples, tables.mass[:, :, 0, 1:], scheme)
+    return block.slope(samples.theta) - tables.inertia[:, :, 0, 0]
 
 
 def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:

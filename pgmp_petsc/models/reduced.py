@@ -49,7 +49,7 @@ class ReducedModel:
         self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
         self._effects = effects_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics.mechanism)
-        samples, scheme = rom.tables.samples, scene.reduction.interpolation
+        samples, scheme = rom.tables.samples.axes[0], scene.reduction.interpolation
         if not samples.contains(self._start[0]):
             name = self.kinematics.coordinate.name
             raise InputError(
