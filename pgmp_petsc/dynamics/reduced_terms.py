@@ -101,7 +101,8 @@ class ReducedTerms:
     @property
     def grids(self) -> tuple[Grid, Grid]:
         """Cells of the rigid inertia, and of all other terms."""
-        return tuple(Grid(part.lower, part.step, part.n_cells, part.periodic) for part in (self.rigid, self.terms))
+        axes = (self.rigid.axes[0], self.terms.axes[0])
+        return tuple(Grid(axis.lower, axis.step, axis.n_cells, axis.periodic) for axis in axes)
 
     @cached_property
     def polynomials(self) -> Tables:

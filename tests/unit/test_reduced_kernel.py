@@ -278,7 +278,7 @@ def lagrangian(
 def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, terms: ReducedTerms) -> None:
     """``d/dt dL/dv - dL/dq`` along the motion that q, v and a begin, by central differences."""
     (q,), (v,), (a,) = anywhere(terms.tables.n_modes + 1, 1)
-    q[0] = 20.3 * terms.terms.step  # away from the samples, where the interpolant's second derivative jumps
+    q[0] = 20.3 * terms.terms.axes[0].step  # away from the samples, where the interpolant's second derivative jumps
     values, amplitudes = {"r1": 5e-3}, amplitudes_of(model, TIME)
     here = At(terms, values, amplitudes, q[0])
 
@@ -311,7 +311,7 @@ def test_the_kinetic_energy_is_that_of_the_flexible_mechanism_to_first_order(mod
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"r1": 5e-3})
-    theta = 7.4 * terms.terms.step
+    theta = 7.4 * terms.terms.axes[0].step
     random = np.random.default_rng(8)
     delta, rate = random.normal(size=(2, terms.tables.n_modes)) * 1e-3
     speed, dt = 6.0, 1e-6
