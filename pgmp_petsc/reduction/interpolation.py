@@ -181,7 +181,7 @@ def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -
     ValueError
         If the scheme does not take such samples.
     """
-    grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
+    grid = as_grid(samples)
     rows = table.reshape(*grid.shape, *table.shape[1:])
     fine = FINE if grid.n_coordinates == 1 else FINE_OF_MORE
     axes = []
@@ -190,6 +190,11 @@ def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -
         axes.append(axis)
         rows = np.moveaxis(fitted, 0, k)
     return Interpolant(tuple(axes), _contiguous(rows))
+
+
+def as_grid(samples: SampleGrid | Samples) -> SampleGrid:
+    """Return the samples of one coordinate as a grid of one axis."""
+    return samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
 
 
 def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[Axis, np.ndarray]:
