@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.cells import Cache
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
@@ -49,6 +49,7 @@ class ReducedSystem:
     """
 
     comm = MPI.COMM_SELF
+    n_events = 0
 
     def __init__(
         self,

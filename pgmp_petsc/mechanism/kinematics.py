@@ -306,7 +306,7 @@ class RigidKinematics:
 
 def _size(mechanism: Mechanism) -> float:
     """Return a length that is typical of the mechanism: the largest extent of a body, m."""
-    return max(float(np.max(np.ptp(body.mesh.nodes, axis=0))) for body in mechanism.bodies)
+    return max(float(np.max(np.ptp(body.shape.nodes, axis=0))) for body in mechanism.bodies)
 
 
 def _frame_gradient(side: Attachment, poses: np.ndarray) -> np.ndarray:

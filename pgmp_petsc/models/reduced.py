@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import State
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import effects_of
@@ -48,7 +48,7 @@ class ReducedModel:
         self.outputs = OutputSet.of(scene, self.kinematics)
         self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
         self._effects = effects_of(scene, mechanism)
-        self._start = start_of(scene, self.kinematics)
+        self._start = start_of(scene, self.kinematics.mechanism)
         samples, scheme = rom.tables.samples, scene.reduction.interpolation
         if not samples.contains(self._start[0]):
             name = self.kinematics.coordinate.name

@@ -12,7 +12,7 @@ from scenes import meshes_of, slider_crank
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.cells import Grid, evaluate, locate, refill
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import (
     LANES, contract, eliminate_border, factorise, multiply, solve_bordered, substitute,
 )
