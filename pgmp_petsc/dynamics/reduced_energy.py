@@ -28,18 +28,20 @@ def reduced_energy(
         Each of shape (n,), J. Terms of second order in the deformation are in them where the model has them.
     """
     weights, layout = evaluate_weights(terms.weights, values), terms.layout
-    entries = np.einsum("t,nte->ne", weights, terms.terms(q[:, 0]))
-    entries[:, 0] = terms.rigid(q[:, 0])[:, :, 0] @ weights
-    delta, rate, speed = q[:, 1:], v[:, 1:], v[:, 0]
-    mass, coupling, stiffness, cubic, swing, gyroscopic = np.split(
-        entries, [layout.coupling, layout.stiffness, layout.cubic, layout.swing, layout.gyroscopic], axis=1
-    )
-    kinetic = 0.5 * _form(mass, v) + speed**2 * np.sum(coupling * delta, axis=1)
+    r = len(layout.rigid)
+    entries = np.einsum("t,nte->ne", weights, terms.terms(q[:, :r]))
+    entries[:, : layout.n_rigid] = np.einsum("t,nte->ne", weights, terms.rigid(q[:, :r]))
+    delta, rate, speed = q[:, r:], v[:, r:], v[:, 0]
+    mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
+    k, j = np.tril_indices(r)
+    turning = v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)
+    coupling = coupling.reshape(len(q), layout.n_rigid, -1)
+    kinetic = 0.5 * _form(mass, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
     strain = 0.5 * _form(stiffness, delta)
     if layout.second_order:
         i, j = np.tril_indices(delta.shape[1], -1)
-        turning = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
-        kinetic += speed * np.sum(gyroscopic * turning, axis=1) - 0.5 * speed**2 * _form(swing, delta)
+        swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
+        kinetic += speed * np.sum(gyroscopic * swept, axis=1) - 0.5 * speed**2 * _form(swing, delta)
         strain += _cubic_form(cubic, delta) / 6.0
     return kinetic, strain
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -11,11 +12,19 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
-from pgmp_petsc.dynamics.reduced_kernel import Weights, correct
+from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect
+from pgmp_petsc.reduction.interpolation import as_grid
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
+
+
+class Motion(Protocol):
+    """Motion of a prescribed coordinate."""
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """Return position (rad), velocity (rad/s) and acceleration (rad/s2) at a time (s)."""
 
 
 class ReducedSystem:
@@ -30,9 +39,13 @@ class ReducedSystem:
     values
         Parameter values of the samples, each of shape (n_samples,).
     initial
-        Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each a number or of shape (n_theta,).
     n_samples
         Number of samples.
+    motions
+        Of the prescribed coordinates, by their numbers.
+    mass_damping
+        Factor of the damping proportional to the mass, 1/s: a number, or of shape (n_samples,).
     """
 
     comm = MPI.COMM_SELF
@@ -43,16 +56,16 @@ class ReducedSystem:
         terms: ReducedTerms,
         effects: Sequence[Effect],
         values: Mapping[str, np.ndarray],
-        initial: tuple[float, float],
+        initial: tuple[np.ndarray | float, np.ndarray | float],
         n_samples: int,
+        motions: Mapping[int, Motion] | None = None,
+        mass_damping: np.ndarray | float = 0.0,
     ) -> None:
-        tables = terms.tables
+        tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.n_samples = n_samples
         self._initial = initial
-        self._layout = terms.layout
-        self._grids = terms.grids
-        self._polynomials = terms.polynomials
+        self._motions = dict(motions or {})
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
@@ -61,14 +74,22 @@ class ReducedSystem:
             for w in (terms.weights, tables.load_weights)
         )
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
-        self._weights = Weights(of_terms, of_loads, effects_of_loads)
-        self._scale = terms.scale
-        n_blocks, n_delta = -(-n_samples // LANES), terms.layout.n_eta - 1
+        r = len(layout.rigid)
+        self._equations = Equations(
+            layout,
+            *terms.grids,
+            terms.polynomials,
+            Weights(of_terms, of_loads, effects_of_loads),
+            np.full(n_samples if np.any(mass_damping) else 0, mass_damping, dtype=float),
+            np.array([k in self._motions for k in layout.rigid]),
+            terms.scale,
+        )
+        n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
         self._factors = (
             np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
-            np.empty((n_blocks, 1 + 2 * n_delta, LANES)),
+            np.empty((n_blocks, r * r + 2 * r * n_delta, LANES)),
         )
-        self._cache = Cache.empty(n_blocks, terms.layout.end, len(names) * terms.layout.load_end)
+        self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
         self._size = np.empty(n_samples)
 
     @property
@@ -78,27 +99,26 @@ class ReducedSystem:
 
     def start(self) -> State:
         """Return the undeformed start with the accelerations that the equations of motion give."""
+        r = self.tables.n_coordinates
         q = np.zeros((self.n_samples, self.n_eta))
         v = np.zeros_like(q)
-        q[:, 0], v[:, 0] = self._initial
+        q[:, :r], v[:, :r] = self._initial
         state = State(q, v, np.zeros_like(q), np.zeros(0))
         # with gain_a = 1 and stiffness left out of the balance (delta = 0), a correction solves M a = -r
         trial = state.copy()
         only_mass = Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE)
-        self.correct(0.0, trial, only_mass, np.ones(self.n_samples, dtype=bool), fresh=True)
+        everyone = np.ones(self.n_samples, dtype=bool)
+        self.correct(0.0, trial, only_mass, everyone, fresh=True)
         state.a = trial.a
+        self._prescribe(0.0, state, everyone)
         return state
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
+        self._prescribe(time, state, active)
         correct(
-            self._layout,
-            self._grids,
-            self._polynomials,
-            self._weights,
-            amplitudes,
-            self._scale,
+            self._equations,
+            self._amplitudes(time),
             (state.q, state.v, state.a),
             (scheme.gain_v, scheme.gain_a),
             active,
@@ -109,12 +129,28 @@ class ReducedSystem:
         )
         return self._size.copy()
 
+    def residual(self, time: float, state: State) -> np.ndarray:
+        """Return the residual of the equations of motion, shape (n_samples, n_eta).
+
+        In the rows of prescribed coordinates it is the force (N m) that drives them.
+        """
+        result = np.empty_like(state.q)
+        evaluate_residual(self._equations, self._amplitudes(time), (state.q, state.v, state.a), self._cache, result)
+        return result
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
         for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):
             now[samples] = before[samples]
 
     def outside(self, state: State) -> np.ndarray:
-        """Return the samples whose rigid coordinate left the sampled range."""
-        return np.broadcast_to(~self.tables.samples.axes[0].contains(state.q[:, 0]), (self.n_samples,))
+        """Return the samples whose rigid coordinates left the sampled range."""
+        return ~as_grid(self.tables.samples).contains(state.q[:, : self.tables.n_coordinates])
 
+    def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Put the prescribed coordinates of some samples (a mask) where they are at a time."""
+        for k, motion in self._motions.items():
+            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)
+
+    def _amplitudes(self, time: float) -> np.ndarray:
+        return np.array([effect.amplitude(time) for effect in self._load_effects])

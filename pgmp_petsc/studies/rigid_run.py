@@ -20,6 +20,7 @@ from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import StructuralDamping
+from pgmp_petsc.studies.balance import balance_of
 
 MAX_STEPS = 2000  # more do not change an order of magnitude
 
@@ -117,4 +118,4 @@ def _collect(
         heights += mass * parts[0][3 * body.first_node : 3 * body.first_node + 2].T
         total += mass
     theta, speed, acceleration = np.swapaxes(motion, 1, 2)
-    return RigidRun(time, theta, speed, acceleration, joints, heights, Balance.of(time, energies), total)
+    return RigidRun(time, theta, speed, acceleration, joints, heights, balance_of(time, energies), total)

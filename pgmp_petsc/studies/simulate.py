@@ -11,7 +11,6 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -20,6 +19,7 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.studies.balance import balance_of
 
 UNKNOWNS_PER_RANK = 3000
 
@@ -89,7 +89,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
     return _trajectory(
         model, np.array(times), history[:n_outputs], measured[:, None], None,
-        stored, np.array(times)[sorted(wanted)], n_ranks, timings, Balance.of(np.array(times), energies),
+        stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
     )
 
 
