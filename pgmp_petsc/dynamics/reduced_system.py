@@ -15,7 +15,7 @@ from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect
-from pgmp_petsc.reduction.interpolation import as_grid
+from pgmp_petsc.reduction.transition import as_grid
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 

@@ -20,10 +20,12 @@ from pgmp_petsc.dynamics.reduced_kernel import Tables
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.reduction.interpolation import Interpolant, as_grid, interpolant
+from pgmp_petsc.mechanism.transition import as_coordinates
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.transition import as_grid
 
 N_RIGID = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_RIGID_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
@@ -174,11 +176,6 @@ def rigid_inertia(
     local = local.reshape(N_FRAME * n_bodies, -1, fine.n)
     values = [np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in tables.mass_weights]
     return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
-
-
-def as_coordinates(theta: np.ndarray) -> np.ndarray:
-    """Return configurations (n, n_theta) as the kinematics takes them: of shape (n,) for one coordinate."""
-    return theta[:, 0] if theta.shape[1] == 1 else theta
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:

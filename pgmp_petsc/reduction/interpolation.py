@@ -30,6 +30,7 @@ from scipy.signal import resample
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil, count_rows, stencil
+from pgmp_petsc.reduction.transition import as_grid
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
@@ -190,11 +191,6 @@ def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -
         axes.append(axis)
         rows = np.moveaxis(fitted, 0, k)
     return Interpolant(tuple(axes), _contiguous(rows))
-
-
-def as_grid(samples: SampleGrid | Samples) -> SampleGrid:
-    """Return the samples of one coordinate as a grid of one axis."""
-    return samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
 
 
 def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[Axis, np.ndarray]:
