@@ -245,8 +245,8 @@ class Closure:
         frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
         if flipped >= 0:
             raise RunError(
-                "the modes' signs cannot be followed from one configuration to the next; take more reduction.angles or "
-                "another number of reduction.modes"
+                "the modes' signs cannot be followed over the configurations: a mode that is kept meets one that is not, or "
+                "the configurations are too few; take another number of reduction.modes or more reduction.angles"
             )
         # half a turn forwards or back: the way that the other one goes
         expected = np.array([frame[:, i] @ other.generator @ frame[:, j] for i, j in planes]).reshape(angles.shape)

@@ -119,6 +119,7 @@ def _check_lines(
             for group in groups:
                 if np.linalg.norm(procrustes(turn[np.ix_(group, group)])[0] - np.eye(group.size), 2) > LARGEST_TURN:
                     raise RunError(
-                        "the basis cannot be followed over the grid of configurations: neighbouring lines turn away "
-                        "from each other; take more reduction.angles or another number of reduction.modes"
+                        "the modes cannot be followed over the configurations: a mode that is kept meets one that is "
+                        "not, or the configurations are too few; take another number of reduction.modes or more "
+                        "reduction.angles"
                     )
