@@ -210,3 +210,32 @@ def evaluate_directly(table, cell, grid, weights, lane, place, values, slopes):
         slopes[0, e, lane] = slope * rate
         if len(grid) == 2:
             slopes[-1, e, lane] = other_slope * other_rate
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def evaluate_row(polynomials, grid, s, t, values, slopes):
+    """Evaluate the polynomials (4**n_theta, n_entries) of one cell at one place in it, entry beside entry.
+
+    Parameters
+    ----------
+    s, t
+        Place in the cell along the first and the last coordinate.
+    values, slopes
+        Results, shapes (n_entries,) and (n_theta, n_entries).
+    """
+    c = polynomials
+    rate, other_rate = 1.0 / grid[0].step, 1.0 / grid[-1].step
+    for e in range(values.size):
+        if len(grid) == 1:
+            values[e] = _cubic(c[0, e], c[1, e], c[2, e], c[3, e], s)
+            slopes[0, e] = _cubic_slope(c[1, e], c[2, e], c[3, e], s) * rate
+        else:
+            p0 = _cubic(c[0, e], c[1, e], c[2, e], c[3, e], t)
+            p1 = _cubic(c[4, e], c[5, e], c[6, e], c[7, e], t)
+            p2 = _cubic(c[8, e], c[9, e], c[10, e], c[11, e], t)
+            p3 = _cubic(c[12, e], c[13, e], c[14, e], c[15, e], t)
+            d0, d1 = _cubic_slope(c[1, e], c[2, e], c[3, e], t), _cubic_slope(c[5, e], c[6, e], c[7, e], t)
+            d2, d3 = _cubic_slope(c[9, e], c[10, e], c[11, e], t), _cubic_slope(c[13, e], c[14, e], c[15, e], t)
+            values[e] = _cubic(p0, p1, p2, p3, s)
+            slopes[0, e] = _cubic_slope(p1, p2, p3, s) * rate
+            slopes[-1, e] = _cubic(d0, d1, d2, d3, s) * other_rate

@@ -15,7 +15,7 @@ coupling with theta vanishes identically. The last line is the work of loads and
 with theta: of second order in the loads, both together or none. With all of them the system is Lagrangian in the
 interpolated tables and conserves energy.
 
-Where a scene asks for it, structural damping adds ``D delta'``. Damping proportional to the mass, ``alpha d T / d eta'``, needs no
+Where a scene asks for it, structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha d T / d eta'``, needs no
 term of its own: because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.
 
 The iteration matrix leaves out second derivatives of the tables alone; its flexible block is symmetric positive definite
@@ -91,6 +91,8 @@ class Work(NamedTuple):
         ``(d_k M) eta'`` and ``(d_k K) delta - d_k Q_delta``, shapes (n_theta, n_eta, LANES) and (n_theta, n_delta, LANES).
     bent, swung, skewed
         Of the terms of second order; see `second_order_kernel`.
+    braked
+        ``D eta'``, shape (n_eta, LANES).
     """
 
     q: np.ndarray
@@ -107,6 +109,7 @@ class Work(NamedTuple):
     bent: np.ndarray
     swung: np.ndarray
     skewed: np.ndarray
+    braked: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,6 +134,7 @@ def allocate(layout):
         np.zeros((n_packed, LANES)),
         np.zeros((m, LANES)),
         np.zeros((m, LANES)),
+        np.zeros((n, LANES)),
     )
 
 
@@ -204,13 +208,11 @@ def add_coupling(layout, work):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def add_damping(layout, work):
-    """Add structural damping ``D delta'`` to ``work.balance``."""
-    r = len(layout.rigid)
-    m = layout.n_eta - r
-    multiply(work.terms, layout.damping, m, work.rate, r, work.swung)
-    for i in range(m):
+    """Add structural damping ``D eta'`` to ``work.balance``."""
+    multiply(work.terms, layout.damping, layout.n_eta, work.rate, 0, work.braked)
+    for i in range(layout.n_eta):
         for lane in range(work.balance.shape[1]):
-            work.balance[r + i, lane] += work.swung[i, lane]
+            work.balance[i, lane] += work.braked[i, lane]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -254,9 +256,33 @@ def iteration_matrix(layout, work, gain_v, gain_a, factor, border):
     for k in range(r):
         for j in range(r):
             _fill_corner(layout, work, k, j, gain_v, gain_a, border[k * r + j])
-    for entry in range(layout.end - layout.damping):
-        for lane in range(n_lanes):
-            factor[entry, lane] += gain_v * terms[layout.damping + entry, lane]
+    if layout.damping < layout.end:
+        _add_damping_tangent(layout, work, gain_v, factor, border)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_damping_tangent(layout, work, gain_v, factor, border):
+    """Add ``gain_v D`` to the iteration matrix; the change of D with theta is left out."""
+    r = len(layout.rigid)
+    m = layout.n_eta - r
+    n_lanes = border.shape[1]
+    at, into = layout.damping, 0
+    for k in range(r):
+        for j in range(r):
+            for lane in range(n_lanes):
+                border[k * r + j, lane] += gain_v * work.terms[at + pair(k, j), lane]
+    at += r * (r + 1) // 2
+    for i in range(m):
+        for k in range(r):
+            for lane in range(n_lanes):
+                braked = gain_v * work.terms[at + k, lane]
+                border[r * r + k * m + i, lane] += braked
+                border[r * r + (r + k) * m + i, lane] += braked
+        for j in range(i + 1):
+            for lane in range(n_lanes):
+                factor[into, lane] += gain_v * work.terms[at + r + j, lane]
+            into += 1
+        at += r + i + 1
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
 from pgmp_petsc.dynamics.cells import Cache
+from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
-from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
+from pgmp_petsc.dynamics.reduced_kernel import Equations, Strengths, Weights, correct, evaluate_depths, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.effects import Effect
+from pgmp_petsc.effects import Effect, Motion
+from pgmp_petsc.effects.action import amplitudes_of
 from pgmp_petsc.reduction.transition import as_grid
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
-
-
-class Motion(Protocol):
-    """Motion of a prescribed coordinate."""
-
-    def at(self, time: float) -> tuple[float, float, float]:
-        """Return position (rad), velocity (rad/s) and acceleration (rad/s2) at a time (s)."""
 
 
 class ReducedSystem:
@@ -44,12 +42,11 @@ class ReducedSystem:
         Number of samples.
     motions
         Of the prescribed coordinates, by their numbers.
-    mass_damping
-        Factor of the damping proportional to the mass, 1/s: a number, or of shape (n_samples,).
+    actions
+        Local effects, if there are any.
     """
 
     comm = MPI.COMM_SELF
-    n_events = 0
 
     def __init__(
         self,
@@ -58,14 +55,15 @@ class ReducedSystem:
         values: Mapping[str, np.ndarray],
         initial: tuple[np.ndarray | float, np.ndarray | float],
         n_samples: int,
-        motions: Mapping[int, Motion] | None = None,
-        mass_damping: np.ndarray | float = 0.0,
+        motions: Mapping[int, Motion] = MappingProxyType({}),
+        actions: ReducedActions | None = None,
     ) -> None:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.n_samples = n_samples
         self._initial = initial
-        self._motions = dict(motions or {})
+        self._terms, self._motions = terms, motions
+        self._values = values
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
@@ -75,14 +73,17 @@ class ReducedSystem:
         )
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
         r = len(layout.rigid)
+        self._actions = actions or ReducedActions.none(r)
+        alpha = 0.0 if terms.damping is None else terms.damping.mass
         self._equations = Equations(
             layout,
             *terms.grids,
             terms.polynomials,
             Weights(of_terms, of_loads, effects_of_loads),
-            np.full(n_samples if np.any(mass_damping) else 0, mass_damping, dtype=float),
+            np.full(n_samples if alpha else 0, alpha),
             np.array([k in self._motions for k in layout.rigid]),
             terms.scale,
+            self._actions.of_samples(values, n_samples),
         )
         n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
         self._factors = (
@@ -118,7 +119,7 @@ class ReducedSystem:
         self._prescribe(time, state, active)
         correct(
             self._equations,
-            self._amplitudes(time),
+            self._strengths(time),
             (state.q, state.v, state.a),
             (scheme.gain_v, scheme.gain_a),
             active,
@@ -134,9 +135,35 @@ class ReducedSystem:
 
         In the rows of prescribed coordinates it is the force (N m) that drives them.
         """
-        result = np.empty_like(state.q)
-        evaluate_residual(self._equations, self._amplitudes(time), (state.q, state.v, state.a), self._cache, result)
-        return result
+        return self._evaluate(time, state)[0]
+
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._actions.edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, n_samples)."""
+        known = self._known()
+        evaluate_depths(self._equations, self._strengths(time), (state.q, state.v, state.a), known)
+        return known[:, DEPTH, self._actions.edges].T
+
+    def energies(self, time: float, state: State) -> Energies:
+        """Return energies and powers at an instant, from the same tables as the equations of motion."""
+        residual, known = self._evaluate(time, state)
+        energies = Energies(*reduced_energy(self._terms, self._values, state.q, state.v))
+        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
+            energies.add_power(action.effect, power)
+            energies.add_potential(action.effect, stored)
+        loads = load_powers(self._terms, self._values, state.q, state.v)
+        for effect in self._load_effects:
+            energies.add_power(effect.name, effect.amplitude(time) * loads[effect.name])
+        if self._terms.damping is not None:
+            power = damping_power(self._terms, self._values, state.q, state.v)
+            energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
+        for k, motion in self._motions.items():
+            energies.add_power(motion.name, residual[:, k] * state.v[:, k])
+        return energies
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
@@ -152,5 +179,16 @@ class ReducedSystem:
         for k, motion in self._motions.items():
             state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)
 
-    def _amplitudes(self, time: float) -> np.ndarray:
-        return np.array([effect.amplitude(time) for effect in self._load_effects])
+    def _evaluate(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual, and what is known of the actions beside their forces."""
+        result, known = np.empty_like(state.q), self._known()
+        state_arrays = (state.q, state.v, state.a)
+        evaluate_residual(self._equations, self._strengths(time), state_arrays, self._cache, result, known)
+        return result, known
+
+    def _known(self) -> np.ndarray:
+        return np.empty((self.n_samples, 3, len(self._actions.actions)))
+
+    def _strengths(self, time: float) -> Strengths:
+        loads = np.array([effect.amplitude(time) for effect in self._load_effects])
+        return Strengths(loads, amplitudes_of(self._actions.actions, time))

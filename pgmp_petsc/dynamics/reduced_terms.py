@@ -15,6 +15,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
+from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_equations import Layout
 from pgmp_petsc.dynamics.reduced_kernel import Tables
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
@@ -29,22 +30,6 @@ from pgmp_petsc.reduction.transition import as_grid
 
 N_RIGID = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_RIGID_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
-
-
-@dataclass(frozen=True)
-class Damping:
-    """Structural damping of a reduced model.
-
-    Attributes
-    ----------
-    weights
-        Monomials of its terms.
-    table
-        ``Psi^T D_i Psi`` at the samples, symmetric, shape (n, n_terms, n_delta, n_delta).
-    """
-
-    weights: tuple[Monomial, ...]
-    table: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +54,8 @@ class ReducedTerms:
         Load terms, rows of shape (n_load_terms, layout.load_end).
     scale
         Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
+    damping
+        Structural damping, if there is any.
     """
 
     tables: ReducedTables
@@ -78,6 +65,7 @@ class ReducedTerms:
     layout: Layout
     load: Interpolant
     scale: np.ndarray
+    damping: ReducedDamping | None = None
 
     @classmethod
     def of(
@@ -86,7 +74,7 @@ class ReducedTerms:
         kinematics: RigidKinematics,
         projection: np.ndarray,
         scheme: str,
-        damping: Damping | None = None,
+        damping: ReducedDamping | None = None,
         quadratic: bool = True,
     ) -> ReducedTerms:
         """Prepare the terms.
@@ -103,7 +91,7 @@ class ReducedTerms:
             Whether inertia forces quadratic in the velocities are evaluated.
         """
         samples = tables.samples
-        damping_weights = damping.weights if damping else ()
+        damping_weights = () if damping is None else damping.weights
         weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights, *damping_weights}))
         parts = [
             _spread(pack(tables.mass), tables.mass_weights, weights),
@@ -119,7 +107,7 @@ class ReducedTerms:
             load = np.concatenate([load, pack(bent.curved_load)], axis=2)
         else:
             parts += [np.zeros((*parts[0].shape[:2], 0))] * 3
-        if damping:
+        if damping is not None:
             parts.append(_spread(pack(damping.table), damping.weights, weights))
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
         r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
@@ -131,6 +119,7 @@ class ReducedTerms:
             layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
             scale=np.concatenate([np.ones(r), displacement_scale(projection, kinematics.size)]),
+            damping=damping,
         )
 
     @property
