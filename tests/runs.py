@@ -14,7 +14,8 @@ from conftest import MPI_ENVIRONMENT, ROOT
 from mpi4py import MPI
 from scenes import HEADER, meshes_of
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, SecondOrderSystem, State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet

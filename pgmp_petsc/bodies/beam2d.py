@@ -96,6 +96,63 @@ def force_and_tangent(u, length, alpha, section, force, tangent):
         tangent[20, k] = kpp + kb
 
 
+@njit(cache=True, error_model="numpy")
+def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, power):
+    """Add the forces of Kelvin-Voigt damping: stresses by ``beta`` times the rates of the strains.
+
+    The rates are ``b v`` with the gradient b of each strain; the tangent holds ``gain_v beta L S b b^T`` and leaves out the
+    change of b.
+
+    Parameters
+    ----------
+    u, v
+        Element unknowns and their rates, shape (6, n).
+    length, alpha, section
+        As for `force_and_tangent`.
+    beta
+        s, shape (n,).
+    gain_v
+        Derivative of v with u, 1/s.
+    force, tangent
+        Added to, shapes (6, n) and (21, n).
+    power
+        Result: power of the damping forces on the element, never positive, shape (n,), W.
+    """
+    b = np.empty((3, 6))
+    for k in range(u.shape[1]):
+        psi = 0.5 * (u[2, k] + u[5, k]) + alpha
+        cos, sin = np.cos(psi), np.sin(psi)
+        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
+        stretch, gamma = (cos * dx + sin * dy) / length, (cos * dy - sin * dx) / length
+        b[0, 0], b[0, 1], b[0, 2], b[0, 3], b[0, 4], b[0, 5] = -cos, -sin, 0.5 * length * gamma, cos, sin, 0.5 * length * gamma
+        turning = -0.5 * length * stretch
+        b[1, 0], b[1, 1], b[1, 2], b[1, 3], b[1, 4], b[1, 5] = sin, -cos, turning, -sin, cos, turning
+        b[2, 0], b[2, 1], b[2, 2], b[2, 3], b[2, 4], b[2, 5] = 0.0, 0.0, -1.0, 0.0, 0.0, 1.0
+        power[k] = 0.0
+        for strain in range(3):
+            rate = 0.0
+            for i in range(6):
+                rate += b[strain, i] * v[i, k]
+            stress = section[strain, k] * beta[k] / length
+            power[k] -= stress * rate * rate
+            at = 0
+            for i in range(6):
+                force[i, k] += stress * rate * b[strain, i]
+                for j in range(i + 1):
+                    tangent[at, k] += gain_v * stress * b[strain, i] * b[strain, j]
+                    at += 1
+
+
+@njit(cache=True, error_model="numpy")
+def strain_energy(u, length, alpha, section):
+    """Return the strain energy (J) of one element with unknowns u (6,) and section ``(EA, k_s GA, EI)``."""
+    psi = 0.5 * (u[2] + u[5]) + alpha
+    cos, sin = np.cos(psi), np.sin(psi)
+    dx, dy = u[3] - u[0], u[4] - u[1]
+    eps, gamma, kappa = (cos * dx + sin * dy) / length - 1.0, (cos * dy - sin * dx) / length, (u[5] - u[2]) / length
+    return 0.5 * length * (section[0] * eps * eps + section[1] * gamma * gamma + section[2] * kappa * kappa)
+
+
 def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Return the tangents of elements at rest in the mesh's own frame.
 

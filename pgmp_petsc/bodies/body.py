@@ -1,4 +1,4 @@
-"""A flexible body: its mesh in its own frame, its place among the unknowns, and its affine matrices.
+"""A body: its mesh in its own frame, its place among the unknowns, and its affine matrices.
 
 In the body's frame the mass and the tangent stiffness at rest are constant for every configuration of the mechanism,
 so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).
@@ -6,7 +6,7 @@ so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,25 +19,103 @@ DOFS_PER_NODE = 3  # x, y, phi
 
 
 @dataclass(frozen=True)
+class LumpedMass:
+    """What remains of a node's own mass (kg) and moment of inertia (kg m2) when their weight is taken out."""
+
+    mass: float
+    inertia: float
+
+    def __add__(self, other: LumpedMass) -> LumpedMass:
+        return LumpedMass(self.mass + other.mass, self.inertia + other.inertia)
+
+
+@dataclass(frozen=True)
 class Body:
-    """A beam body.
+    """A beam, or a rigid body whose only node is its centre of mass.
 
     Attributes
     ----------
     name
         Name in the scene.
     mesh
-        Nodes (m) in the body's own frame, and line cells.
+        Nodes (m) in the body's own frame, and line cells; of a rigid body its centre of mass, without cells.
     section
-        Sectional coefficients.
+        Sectional coefficients; None for a particle.
+    shape
+        The mesh that the scene gives, with the named points; `mesh` itself for a beam.
+    lumps
+        Masses at nodes, by node (of the mesh) and weight.
     first_node
         Number of the body's first node among all nodes of the mechanism.
     """
 
     name: str
     mesh: LineMesh
-    section: BeamSection
-    first_node: int
+    section: BeamSection | None
+    shape: LineMesh
+    lumps: dict[int, dict[Monomial, LumpedMass]] = field(default_factory=dict)
+    first_node: int = 0
+
+    @classmethod
+    def beam(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
+        """Return a flexible body."""
+        return cls(name, mesh, section, mesh)
+
+    @classmethod
+    def rigid(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
+        """Return a rigid body with the mass of beams along the lines of a mesh.
+
+        A line of length L at the distance d of its middle from the centre of mass has the moment of inertia
+        ``rho A L (d^2 + L^2 / 12) + rho I L``.
+        """
+        lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
+        centre = lengths @ middles / lengths.sum()
+        arms = np.sum((middles - centre) ** 2, axis=1) + lengths**2 / 12.0
+        line, rotary = section.line_density, section.rotary_density
+        lumps = {line.monomial: LumpedMass(line.coefficient * lengths.sum(), line.coefficient * float(lengths @ arms))}
+        if rotary.coefficient:
+            turning = LumpedMass(0.0, rotary.coefficient * lengths.sum())
+            lumps[rotary.monomial] = lumps.get(rotary.monomial, LumpedMass(0.0, 0.0)) + turning
+        return cls(name, LineMesh(centre[None], np.empty((0, 2), dtype=int)), section, mesh, {0: lumps})
+
+    @classmethod
+    def particle(cls, name: str, place: np.ndarray, lumps: dict[Monomial, LumpedMass]) -> Body:
+        """Return a rigid body that is a point mass at a place in its own frame, shape (2,), m."""
+        mesh = LineMesh(place[None], np.empty((0, 2), dtype=int))
+        return cls(name, mesh, None, mesh, {0: lumps})
+
+    def with_lumps(self, node: int, lumps: dict[Monomial, LumpedMass]) -> Body:
+        """Return the body with further masses at a node."""
+        here = dict(self.lumps.get(node, {}))
+        for weight, lump in lumps.items():
+            here[weight] = here.get(weight, LumpedMass(0.0, 0.0)) + lump
+        return replace(self, lumps={**self.lumps, node: here})
+
+    def from_node(self, first_node: int) -> Body:
+        """Return the body with its place in the numbering of all nodes."""
+        return replace(self, first_node=first_node)
+
+    @property
+    def flexible(self) -> bool:
+        """Whether the body deforms."""
+        return len(self.mesh.cells) > 0
+
+    @property
+    def mass_weights(self) -> set[Monomial]:
+        """Weights of its affine mass terms."""
+        lumped = {weight for lumps in self.lumps.values() for weight in lumps}
+        return lumped | set(self.section.mass_terms()) if self.flexible else lumped
+
+    @property
+    def translational_weights(self) -> set[Monomial]:
+        """Weights of the mass terms that resist translation."""
+        lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
+        return lumped | {self.section.line_density.monomial} if self.flexible else lumped
+
+    @property
+    def stiffness_weights(self) -> set[Monomial]:
+        """Weights of its affine stiffness terms; none for a rigid body."""
+        return set(self.section.stiffness_terms()) if self.flexible else set()
 
     @property
     def n_nodes(self) -> int:
@@ -62,6 +140,8 @@ class Body:
 
     def stiffness_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return element tangents at rest in the body's frame, (n_chosen, 6, 6), by weight."""
+        if not self.flexible:
+            return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
             monomial: beam2d.undeformed_stiffness(lengths, directions, np.array(coefficients))
@@ -83,6 +163,8 @@ class Body:
         dict
             Each of shape (n_chosen, 6, m (m + 1) / 2), pairs as in `beam2d.third_derivative`.
         """
+        if not self.flexible:
+            return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
             monomial: beam2d.third_derivative(lengths, directions, np.array(coefficients), vectors)
@@ -91,6 +173,8 @@ class Body:
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), by weight."""
+        if not self.flexible:
+            return {}
         lengths = self.mesh.lengths[chosen]
         return {
             monomial: beam2d.consistent_mass(lengths, *coefficients)

@@ -53,8 +53,8 @@ def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     """Assemble the given rows of all affine terms of all bodies, in body frames."""
     return AffineMatrices(
         rows,
-        mass=_assemble_terms(bodies, rows, Body.mass_entries),
-        stiffness=_assemble_terms(bodies, rows, Body.stiffness_entries),
+        mass=_assemble_terms(bodies, rows, Body.mass_entries, lumped=True),
+        stiffness=_assemble_terms(bodies, rows, Body.stiffness_entries, lumped=False),
     )
 
 
@@ -62,6 +62,7 @@ def _assemble_terms(
     bodies: Sequence[Body],
     rows: range,
     entries_of: Callable[[Body, np.ndarray], dict[Monomial, np.ndarray]],
+    lumped: bool,
 ) -> dict[Monomial, sp.csr_matrix]:
     n_dofs = DOFS_PER_NODE * sum(body.n_nodes for body in bodies)
     row_parts, column_parts, value_parts = [], [], []
@@ -71,6 +72,11 @@ def _assemble_terms(
         row_parts.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
         column_parts.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
         value_parts.append({m: values.ravel() for m, values in entries_of(body, chosen).items()})
+        if lumped and body.lumps:
+            dofs, values = lumped_entries(body)
+            row_parts.append(dofs)
+            column_parts.append(dofs)
+            value_parts.append(values)
     row, column = np.concatenate(row_parts), np.concatenate(column_parts)
     owned = (row >= rows.start) & (row < rows.stop)
     shape = (len(rows), n_dofs)
@@ -83,6 +89,18 @@ def _assemble_terms(
         coo = sp.coo_matrix((values[owned], (row[owned] - rows.start, column[owned])), shape=shape)
         terms[monomial] = coo.tocsr()
     return terms
+
+
+def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+    """Return the unknowns of a body's nodes that have masses of their own, and these masses by weight, each (n_lumped,)."""
+    nodes = np.array(list(body.lumps), dtype=int)
+    weights = {weight for lumps in body.lumps.values() for weight in lumps}
+    values = {weight: np.zeros((nodes.size, DOFS_PER_NODE)) for weight in sorted(weights)}
+    for row, lumps in enumerate(body.lumps.values()):
+        for weight, lump in lumps.items():
+            values[weight][row] = lump.mass, lump.mass, lump.inertia
+    dofs = DOFS_PER_NODE * (body.first_node + nodes)[:, None] + np.arange(DOFS_PER_NODE)
+    return dofs.ravel(), {weight: part.ravel() for weight, part in values.items()}
 
 
 def touching(body: Body, rows: range) -> np.ndarray:

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
+from pgmp_petsc.scene.bodies import Circle, Coefficients, Material, Rectangle
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,11 @@ class BeamSection:
     rotary_density: Quantity  # rho I, kg m
 
     @classmethod
-    def of(cls, section: Circle | Rectangle, material: Material) -> BeamSection:
-        """Derive the coefficients from a scene's section and material."""
+    def of(cls, section: Circle | Rectangle | Coefficients, material: Material | None) -> BeamSection:
+        """Derive the coefficients from a scene's section and material; a section given by coefficients has none."""
+        if isinstance(section, Coefficients):
+            entries = (section.axial, section.shear, section.bending, section.line_density, section.rotary_density)
+            return cls(*map(Quantity.of, entries))
         nu = material.nu
         if isinstance(section, Circle):
             radius = Quantity.of(section.radius)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,10 +13,14 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
 from pgmp_petsc.bodies.matrices import assemble, element_dofs
 from pgmp_petsc.dynamics.batched_ldl import analyse
-from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Pattern, correct
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.full_kernel import Elements, Entries, Lumps, Pattern, correct
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
-from pgmp_petsc.effects import Effect, loads_of
+from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.lumped_masses import lumped_masses
+from pgmp_petsc.effects import Effect, Motion, actions_of, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
@@ -35,9 +40,11 @@ class FullBatch:
     values
         Parameter values of the samples, each of shape (n_samples,).
     initial
-        Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each of shape (n_theta,).
     n_samples
         Number of samples.
+    motions
+        Prescribed motions by the number of their coordinate.
     """
 
     comm = MPI.COMM_SELF
@@ -47,8 +54,9 @@ class FullBatch:
         kinematics: RigidKinematics,
         effects: Sequence[Effect],
         values: Mapping[str, np.ndarray],
-        initial: tuple[float, float],
+        initial: tuple[np.ndarray, np.ndarray],
         n_samples: int,
+        motions: Mapping[int, Motion] = MappingProxyType({}),
     ) -> None:
         mechanism = kinematics.mechanism
         self.n_samples = n_samples
@@ -56,25 +64,33 @@ class FullBatch:
         self.n_dofs = mechanism.n_dofs
         self._kinematics = kinematics
         self._initial = initial
+        self._motions = list(motions.values())
         self._constraints = independent_constraints(kinematics, initial[0])
         self.n_constraints = self._constraints.n_constraints
         values = {name: np.broadcast_to(value, (n_samples,)) for name, value in values.items()}
+        self._damping = BodyDampings.of(effects, mechanism)
         self._section = self._sections(values)
+        self._lumped = lumped_masses(mechanism.bodies, values, n_samples)
+        padded = {name: self._block(value).ravel() for name, value in values.items()}
+        self._local = LocalForces(actions_of(effects), padded, self.n_blocks * LANES)
+        self._edges = self._local.edges
         self._loads(effects, values)
         self._structure()
         lengths = np.array([body.mesh.lengths.sum() for body in mechanism.bodies])
-        self._node_mass = np.einsum("kbl,b->kl", self._section[:, :, 3], lengths) / mechanism.n_nodes
+        total = np.einsum("kbl,b->kl", self._section[:, :, 3], lengths)
+        total += self._block(self._lumped.mass[::DOFS_PER_NODE].sum(axis=0))
+        self._node_mass = total / mechanism.n_nodes
         self._units = np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], mechanism.n_nodes)
         self._size = np.empty((self.n_blocks, LANES))
 
     def start(self) -> State:
         """Return the undeformed start with consistent accelerations and multipliers."""
-        position, velocity = self._initial
-        poses = self._kinematics.poses(np.array([position]))
+        positions, velocities = self._initial
+        poses = self._kinematics.poses(positions)
         rates = self._kinematics.rates(poses)
         mechanism = self._kinematics.mechanism
         q = mechanism.place(poses)[:, 0]
-        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ np.array([velocity])
+        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities
         shape = (self.n_blocks, self.n_dofs, LANES)
         state = State(
             np.broadcast_to(q[None, :, None], shape).copy(),
@@ -85,13 +101,15 @@ class FullBatch:
         # acceleration and multipliers enter linearly: one correction with the mass alone solves
         # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
         trial = state.copy()
-        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v))
+        driven = np.array([motion.at(0.0)[2] for motion in self._motions])
+        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v), driven)
         self._correct(0.0, trial, (0.0, 1.0, 0.0), _lanes_first(drift), self._everyone(), True)
         return State(state.q, state.v, trial.a, trial.multipliers)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        residual = _lanes_first(self._constraints.residual(_lanes_last(state.q)))
+        driven = np.array([motion.at(time)[0] for motion in self._motions])
+        residual = _lanes_first(self._constraints.residual(_lanes_last(state.q), driven))
         gains = (scheme.gain_v, scheme.gain_a, 1.0)
         return self._correct(time, state, gains, residual, self._fill(active), fresh)
 
@@ -105,6 +123,16 @@ class FullBatch:
             (state.multipliers, previous.multipliers),
         ):
             np.copyto(now, before, where=chosen[:, None, :])
+
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, n_samples)."""
+        q, v = (_lanes_last(part).reshape(self.n_dofs, -1) for part in (state.q, state.v))
+        return self._local.evaluate(time, q, v, 0.0).depths[self._edges, : self.n_samples]
 
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""
@@ -130,10 +158,15 @@ class FullBatch:
         amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
         # of each sample by itself, so that none is felt by another
         scale = gains[1] * self._node_mass
-        constraint = (residual, *self._linearise(state), self._load_values)
+        jacobian, curvature = self._linearise(state)
+        local, tangents = self._local_effects(time, state, gains[0])
+        if tangents.size:
+            curvature = np.concatenate([curvature, tangents], axis=1)
+        constraint = (residual, jacobian, curvature, self._load_values)
         with np.errstate(all="ignore"):
             correct(
                 self._elements,
+                self._lumps,
                 self._section,
                 self._jacobian,
                 self._curvature,
@@ -141,6 +174,7 @@ class FullBatch:
                 self._pattern,
                 constraint,
                 amplitudes[:, None] * self._load_weights,
+                local,
                 (state.q, state.v, state.a, state.multipliers),
                 gains,
                 scale,
@@ -162,14 +196,31 @@ class FullBatch:
         self._constant = jacobian, curvature
         return self._constant
 
+    def _local_effects(self, time: float, state: State, gain_v: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return forces of local effects (n_blocks, n_dofs, LANES) and their tangents; empty where there are none."""
+        n = self.n_blocks * LANES
+        if not (self._local.n_actions or self._damping.modal):
+            return np.empty((self.n_blocks, 0, LANES)), np.empty((self.n_blocks, 0, LANES))
+        q, v = (_lanes_last(part).reshape(self.n_dofs, n) for part in (state.q, state.v))
+        total, tangents = np.zeros((self.n_dofs, n)), np.zeros((0, n))
+        with np.errstate(all="ignore"):
+            if self._local.n_actions:
+                now = self._local.evaluate(time, q, v, gain_v)
+                self._local.add_forces(now, total)
+                tangents = now.tangents
+            self._damping.add_modal_forces(q, v, total)
+        return tuple(_lanes_first(part.reshape(-1, self.n_blocks, LANES)) for part in (total, tangents))
+
     def _sections(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Evaluate (EA, k_s GA, EI, rho A, rho I) of every body, shape (n_blocks, n_bodies, 5, LANES)."""
+        """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES)."""
         bodies = self._kinematics.mechanism.bodies
-        table = np.empty((len(bodies), 5, self.n_samples))
-        for body, row in zip(bodies, table):
-            s = body.section
-            quantities = (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)
-            row[:] = [q.coefficient * (q.monomial.evaluate(values) * np.ones(self.n_samples)) for q in quantities]
+        table = np.zeros((len(bodies), 7, self.n_samples))
+        for number, (body, row) in enumerate(zip(bodies, table)):
+            if body.flexible:
+                s = body.section
+                quantities = (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)
+                row[:5] = [q.coefficient * (q.monomial.evaluate(values) * np.ones(self.n_samples)) for q in quantities]
+                row[5:] = np.array(self._damping.rayleigh_of(number))[:, None]
         return np.ascontiguousarray(np.moveaxis(self._block(table), 2, 0))
 
     def _loads(self, effects: Sequence[Effect], values: Mapping[str, np.ndarray]) -> None:
@@ -191,11 +242,14 @@ class FullBatch:
         dofs = np.concatenate([element_dofs(body.elements) for body in mechanism.bodies])
         owner = np.concatenate([np.full(len(b.mesh.cells), i) for i, b in enumerate(mechanism.bodies)])
         rows, columns = self._constraints.jacobian_pattern
-        curved_rows, curved_columns = self._constraints.curvature_pattern
+        curved_rows, curved_columns = (
+            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern)
+        )
+        lumped = self._lumped.dofs
         multiplier = self.n_dofs + rows
         n = self.n_dofs + self.n_constraints
-        i = np.concatenate([dofs[:, PACKED_ROWS].ravel(), multiplier, curved_rows])
-        j = np.concatenate([dofs[:, PACKED_COLUMNS].ravel(), columns, curved_columns])
+        i = np.concatenate([dofs[:, PACKED_ROWS].ravel(), multiplier, curved_rows, lumped])
+        j = np.concatenate([dofs[:, PACKED_COLUMNS].ravel(), columns, curved_columns, lumped])
         lower = sp.coo_matrix((np.ones(i.size), (i, j)), shape=(n, n))
         symbolic = analyse(lower + lower.T, np.arange(self.n_dofs, n))
         place = np.empty(n, dtype=np.int64)
@@ -207,7 +261,10 @@ class FullBatch:
             np.concatenate([body.directions for body in mechanism.bodies]),
             owner,
             symbolic.position(dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]),
+            self._damping.any_rayleigh,
         )
+        mass = np.ascontiguousarray(np.moveaxis(self._block(self._lumped.mass), 1, 0))
+        self._lumps = Lumps(lumped, self._lumped.body, symbolic.position(lumped, lumped), mass)
         self._jacobian = Entries(rows, columns, symbolic.position(multiplier, columns))
         self._curvature = Entries(curved_rows, curved_columns, symbolic.position(curved_rows, curved_columns))
         self._factors = (

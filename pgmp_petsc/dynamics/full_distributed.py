@@ -17,17 +17,20 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
-from numba import njit
 from petsc4py import PETSc
 
-from pgmp_petsc.bodies.beam2d import N_PACKED, PACKED_COLUMNS, PACKED_ROWS, force_and_tangent
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.bodies.matrices import assemble, element_dofs, owned_rows, weighted_sum
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
-from pgmp_petsc.effects import Effect, loads_of
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.matrices import assemble, owned_rows, weighted_sum
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.rank_elements import RankElements
+from pgmp_petsc.effects import Effect, Motion, actions_of, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import RunError
@@ -50,9 +53,11 @@ class FullDistributed:
     values
         Parameter values.
     initial
-        Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each of shape (n_theta,).
     comm
         Ranks that share the model.
+    motions
+        Prescribed motions by the number of their coordinate.
     """
 
     n_samples = 1
@@ -62,12 +67,14 @@ class FullDistributed:
         kinematics: RigidKinematics,
         effects: Sequence[Effect],
         values: Mapping[str, float],
-        initial: tuple[float, float],
+        initial: tuple[np.ndarray, np.ndarray],
         comm: MPI.Comm,
+        motions: Mapping[int, Motion] = MappingProxyType({}),
     ) -> None:
         mechanism = kinematics.mechanism
         self.comm = comm
-        self._kinematics, self._initial = kinematics, initial
+        self._kinematics, self._initial, self._effects = kinematics, initial, effects
+        self._motions = list(motions.values())
         self._constraints = independent_constraints(kinematics, initial[0])
         self.n_dofs = mechanism.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
@@ -76,13 +83,16 @@ class FullDistributed:
         loads = loads_of(effects, matrices)
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[load.effect] for load in loads]
+        self._local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
+        self._damping = BodyDampings.of(effects, mechanism)
+        self._elements = RankElements(mechanism.bodies, self.rows, values, self._damping)
+        self._needs_rates = bool(self._local.n_actions or self._damping.modal or self._elements.damped)
         self._load_vectors = np.array(
             [load.weight.evaluate(values) * load.vector for load in loads]
         ).reshape(len(loads), len(self.rows))
         mass = weighted_sum(matrices.mass, values)
         self._mass = aij_matrix(mass, comm, len(self.rows))
         self._typical_mass = comm.allreduce(float(mass.diagonal(self.rows.start).sum())) / self.n_dofs
-        self._elements(values)
         self._numbering()
         units = np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], len(self.rows) // DOFS_PER_NODE)
         self._units = units
@@ -102,21 +112,22 @@ class FullDistributed:
 
     def start(self) -> State:
         """Return the undeformed start with consistent accelerations and multipliers."""
-        position, velocity = self._initial
-        poses = self._kinematics.poses(np.array([position]))
+        positions, velocities = self._initial
+        poses = self._kinematics.poses(positions)
         rates = self._kinematics.rates(poses)
         mechanism = self._kinematics.mechanism
         own = slice(self.rows.start, self.rows.stop)
         q = mechanism.place(poses)[:, 0]
-        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ np.array([velocity])
+        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities
         state = State(q[own], v[own], np.zeros(len(self.rows)), np.zeros(self._n_multipliers))
-        drift = self._constraints.drift(q[:, None], v[:, None])[:, 0]
-        step, multipliers = self._solve(0.0, state, 1.0, 0.0, drift, fresh=True)
+        driven = np.array([motion.at(0.0)[2] for motion in self._motions])
+        drift = self._constraints.drift(q[:, None], v[:, None], driven)[:, 0]
+        step, multipliers = self._solve(0.0, state, (0.0, 1.0, 0.0), drift, fresh=True)
         return State(state.q, state.v, state.a - step, state.multipliers - multipliers)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        step, multipliers = self._solve(time, state, scheme.gain_a, 1.0, None, fresh)
+        step, multipliers = self._solve(time, state, (scheme.gain_v, scheme.gain_a, 1.0), None, fresh)
         state.q -= step
         state.v -= scheme.gain_v * step
         state.a -= scheme.gain_a * step
@@ -135,6 +146,16 @@ class FullDistributed:
             ):
                 now[:] = before
 
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._local.edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, 1), the same on all ranks. Collective on `comm`."""
+        q, v = self._gather_rows(state.q), self._gather_rows(state.v)
+        return self._local.evaluate(time, q[:, None], v[:, None], 0.0).depths[self._local.edges]
+
     def outside(self, state: State) -> np.ndarray:
         """Return False: the full-order model is valid everywhere."""
         return np.zeros(1, dtype=bool)
@@ -143,23 +164,79 @@ class FullDistributed:
         """Gather a state's array from all ranks as (n, 1), on every rank."""
         return np.concatenate(self.comm.allgather(array))[:, None]
 
+    def energies(self, time: float, state: State) -> Energies:
+        """Return energies and powers at an instant, the same on all ranks. Collective on `comm`."""
+        q, multipliers = self._gather(state)
+        v = self._gather_rows(state.v)
+        elements = self._elements.evaluate(q, v, 0.0)
+        owned = self._elements.owned
+        self._a.setArray(state.v)
+        self._mass.mult(self._a, self._ma)
+        kinetic = 0.5 * float(state.v @ self._ma.getArray(readonly=True))
+        # what each rank knows of its own rows and elements; the rest is known to all
+        parts = {("kinetic", ""): kinetic, ("strain", ""): float(elements.strain[owned].sum())}
+        for number, name in self._damping.effects.items():
+            own = owned & (self._elements.body == number)
+            braked = self._elements.lumped_body == number
+            lumps = self._elements.lumped_forces(v)[braked] @ v[self._elements.lumped[braked]]
+            parts["power", name] = parts.get(("power", name), 0.0) + float(elements.powers[own].sum()) - float(lumps)
+        for effect, vector in zip(self._load_effects, self._load_vectors):
+            kind, moved = ("potential", -state.q) if effect.conservative else ("power", state.v)
+            strength = float(effect.amplitude(time)) * float(vector @ moved)
+            parts[kind, effect.name] = parts.get((kind, effect.name), 0.0) + strength
+        names = list(parts)
+        summed = self.comm.allreduce(np.array([parts[name] for name in names]), op=MPI.SUM)
+        total = dict(zip(names, summed[:, None]))
+        energies = Energies(total.pop(("kinetic", "")), total.pop(("strain", "")))
+        for (kind, name), value in total.items():
+            (energies.add_potential if kind == "potential" else energies.add_power)(name, value)
+        self._add_local_energies(time, q, v, multipliers, energies)
+        return energies
+
+    def _add_local_energies(
+        self, time: float, q: np.ndarray, v: np.ndarray, multipliers: np.ndarray, energies: Energies
+    ) -> None:
+        """Add what every rank knows: actions, modal damping, and the drives of prescribed coordinates."""
+        if self._local.n_actions:
+            now = self._local.evaluate(time, q[:, None], v[:, None], 0.0)
+            for action, power, stored in zip(self._local.actions, now.powers, now.stored):
+                energies.add_power(action.effect, power)
+                energies.add_potential(action.effect, stored)
+        if self._damping.modal:
+            nowhere = np.zeros((self.n_dofs, 1))
+            for name, power in self._damping.add_modal_forces(q[:, None], v[:, None], nowhere).items():
+                energies.add_power(name, power)
+        for motion, multiplier in zip(self._motions, multipliers[multipliers.size - len(self._motions) :]):
+            energies.add_power(motion.name, np.array([-multiplier * motion.at(time)[1]]))
+
     def _solve(
-        self, time: float, state: State, gain_a: float, gain_k: float, constraint: np.ndarray | None, fresh: bool
+        self, time: float, state: State, gains: tuple[float, float, float], constraint: np.ndarray | None, fresh: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the residual and solve for the correction; `constraint` replaces c(q) where given."""
+        gain_v, gain_a, gain_k = gains
         scale = gain_a * self._typical_mass
         q, multipliers = self._gather(state)
-        forces, tangents = np.empty((len(self._dofs), 6)), np.empty((len(self._dofs), N_PACKED))
-        evaluate_elements(self._dofs, self._lengths, self._directions, self._sections, q, forces, tangents)
-        everywhere = np.zeros((self.n_dofs, 1))
-        everywhere[self._needed_dofs, 0] = q[self._needed_dofs]
+        v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
+        elements = self._elements.evaluate(q, v, gain_v)
+        everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
-            constraint = self._constraints.residual(everywhere)[:, 0]
+            driven = np.array([motion.at(time)[0] for motion in self._motions])
+            constraint = self._constraints.residual(everywhere, driven)[:, 0]
         rows, columns = self._constraints.jacobian_pattern
         residual = np.zeros(self.n_dofs)
-        np.add.at(residual, self._dofs.ravel(), forces.ravel())
+        np.add.at(residual, self._elements.dofs.ravel(), elements.forces.ravel())
         np.add.at(residual, columns, jacobian * multipliers[rows])
+        residual[self._elements.lumped] += self._elements.lumped_forces(v)
+        tangents = np.zeros(0)
+        if self._local.n_actions or self._damping.modal:
+            local = np.zeros((self.n_dofs, 1))
+            if self._local.n_actions:
+                now = self._local.evaluate(time, everywhere, v[:, None], gain_v)
+                self._local.add_forces(now, local)
+                tangents = now.tangents[:, 0]
+            self._damping.add_modal_forces(everywhere, v[:, None], local)
+            residual -= local[:, 0]
         own = residual[self.rows.start : self.rows.stop]
         self._a.setArray(state.a)
         self._mass.mult(self._a, self._ma)
@@ -168,7 +245,7 @@ class FullDistributed:
             own -= effect.amplitude(time) * vector
         if fresh:
             curvature = self._constraints.curvature_values(everywhere, multipliers[:, None])[:, 0]
-            self._assemble(gain_a, gain_k, scale, tangents, jacobian, curvature)
+            self._assemble(gains, scale, elements.tangents, jacobian, np.concatenate([curvature, tangents]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
         self._ksp.solve(self._rhs, self._x)
         if self._ksp.getConvergedReason() < 0:
@@ -180,44 +257,29 @@ class FullDistributed:
         n_own = len(self.rows)
         return solution[:n_own].copy(), scale * solution[n_own:]
 
-    def _elements(self, values: Mapping[str, float]) -> None:
-        """Collect the elements that touch this rank's nodes."""
-        first, last = self.rows.start // DOFS_PER_NODE, self.rows.stop // DOFS_PER_NODE
-        dofs, lengths, directions, sections, masses = [], [], [], [], []
-        for body in self._kinematics.mechanism.bodies:
-            chosen = np.flatnonzero(((body.elements >= first) & (body.elements < last)).any(axis=1))
-            section = body.section
-            numbers = [
-                quantity.coefficient * float(quantity.monomial.evaluate(values))
-                for quantity in (section.axial, section.shear, section.bending)
-            ]
-            dofs.append(element_dofs(body.elements[chosen]))
-            lengths.append(body.mesh.lengths[chosen])
-            directions.append(body.directions[chosen])
-            sections.append(np.tile(numbers, (chosen.size, 1)))
-            entries = body.mass_entries(chosen)
-            masses.append(sum(float(w.evaluate(values)) * matrix for w, matrix in entries.items()))
-        self._dofs = np.concatenate(dofs)
-        self._lengths, self._directions = np.concatenate(lengths), np.concatenate(directions)
-        self._sections, self._mass_entries = np.concatenate(sections), np.concatenate(masses)
-
     def _numbering(self) -> None:
         """Find which unknowns are needed here, and where element and constraint entries go in this rank's rows."""
         rows, columns = self._constraints.jacobian_pattern
-        curved_rows, curved_columns = self._constraints.curvature_pattern
+        curved_rows, curved_columns = (
+            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern)
+        )
+        dofs, lumped = self._elements.dofs, self._elements.lumped
+        modal = [np.arange(3 * b.nodes.start, 3 * b.nodes.stop) for b in self._modal_bodies()]
         off_diagonal = curved_rows != curved_columns
         self._mirrored = off_diagonal
-        self._needed_dofs = np.unique(np.concatenate([self._dofs.ravel(), columns]))
+        self._needed_dofs = np.unique(np.concatenate([dofs.ravel(), columns, curved_rows, curved_columns, lumped, *modal]))
         i = np.concatenate(
             [
-                np.repeat(self._dofs, 6, axis=1).ravel(), columns, self.n_dofs + rows,
+                np.repeat(dofs, 6, axis=1).ravel(), columns, self.n_dofs + rows,
                 curved_rows, curved_columns[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
+                lumped,
             ]
         )
         j = np.concatenate(
             [
-                np.tile(self._dofs, (1, 6)).ravel(), self.n_dofs + rows, columns,
+                np.tile(dofs, (1, 6)).ravel(), self.n_dofs + rows, columns,
                 curved_columns, curved_rows[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
+                lumped,
             ]
         )
         stop = self.n_dofs + self._constraints.n_constraints if self._n_multipliers else self.rows.stop
@@ -262,42 +324,34 @@ class FullDistributed:
         q[self._needed_dofs] = ghosts[: self._needed_dofs.size]
         return q, ghosts[self._needed_dofs.size :].copy()
 
+    def _gather_rows(self, rows: np.ndarray) -> np.ndarray:
+        """Return a nodal vector (n_dofs,), valid where it is needed here, from its local rows."""
+        self._x.setArray(np.concatenate([rows, np.zeros(self._n_multipliers)]))
+        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.FORWARD)
+        everywhere = np.zeros(self.n_dofs)
+        everywhere[self._needed_dofs] = self._ghosts.getArray(readonly=True)[: self._needed_dofs.size]
+        return everywhere
+
+    def _modal_bodies(self) -> list[Body]:
+        return [self._kinematics.mechanism.bodies[modal.body] for modal in self._damping.modal]
+
     def _assemble(
         self,
-        gain_a: float,
-        gain_k: float,
+        gains: tuple[float, float, float],
         scale: float,
         tangents: np.ndarray,
         jacobian: np.ndarray,
         curvature: np.ndarray,
     ) -> None:
-        matrices = gain_a * self._mass_entries
-        packed = gain_k * tangents
-        matrices[:, PACKED_ROWS, PACKED_COLUMNS] += packed
-        below = PACKED_ROWS != PACKED_COLUMNS
-        matrices[:, PACKED_COLUMNS[below], PACKED_ROWS[below]] += packed[:, below]
+        gain_v, gain_a, gain_k = gains
         values = np.concatenate(
             [
-                matrices.ravel(), scale * jacobian, scale * jacobian,
+                self._elements.matrices(gains, tangents).ravel(), scale * jacobian, scale * jacobian,
                 gain_k * curvature, gain_k * curvature[self._mirrored], np.zeros(self._constraints.n_constraints),
+                self._elements.lumped_tangents(gain_v, gain_a),
             ]
         )
         data = np.bincount(self._positions, weights=values[self._chosen], minlength=self._indices.size)
         self._matrix.setValuesCSR(self._indptr, self._indices, data)
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
-
-
-@njit(cache=True)
-def evaluate_elements(dofs, lengths, directions, sections, q, forces, tangents):
-    """Evaluate force (n_e, 6) and packed tangent (n_e, 21) of every element at q (n_dofs,)."""
-    u, force = np.empty((6, 1)), np.empty((6, 1))
-    section, tangent = np.empty((3, 1)), np.empty((N_PACKED, 1))
-    for e in range(len(lengths)):
-        for i in range(6):
-            u[i, 0] = q[dofs[e, i]]
-        for i in range(3):
-            section[i, 0] = sections[e, i]
-        force_and_tangent(u, lengths[e], directions[e], section, force, tangent)
-        forces[e] = force[:, 0]
-        tangents[e] = tangent[:, 0]

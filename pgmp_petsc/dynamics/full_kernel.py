@@ -18,19 +18,32 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pgmp_petsc.bodies.beam2d import N_PACKED, force_and_tangent
+from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, force_and_tangent
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
 from pgmp_petsc.dynamics.lanes import LANES
 
 
 class Elements(NamedTuple):
-    """Beam elements: unknowns (n_e, 6), length, direction, body, and where their 21 entries are stored."""
+    """Beam elements: unknowns (n_e, 6), length, direction, body, where their 21 entries are stored, and whether any damps."""
 
     dofs: np.ndarray
     length: np.ndarray
     direction: np.ndarray
     body: np.ndarray
     positions: np.ndarray
+    damped: bool
+
+
+class Lumps(NamedTuple):
+    """Masses of nodes: unknown, body and where the entry on the diagonal is stored (n_lumped,); and the masses, by lane.
+
+    `mass` has shape (n_blocks, n_lumped, LANES).
+    """
+
+    dofs: np.ndarray
+    body: np.ndarray
+    positions: np.ndarray
+    mass: np.ndarray
 
 
 class Entries(NamedTuple):
@@ -63,11 +76,12 @@ def add_entry(position, factor, values, diagonal, lower):
 
 
 @njit(cache=True, error_model="numpy")
-def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lower):
+def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     n_lanes = x.shape[1]
-    gain_a, gain_k = gains
+    gain_v, gain_a, gain_k = gains
     u, acceleration = np.empty((6, LANES)), np.empty((6, LANES))
+    rate, power, gain_m = np.empty((6, LANES)), np.empty(LANES), np.empty(LANES)
     force, tangent = np.empty((6, LANES)), np.empty((N_PACKED, LANES))
     for e in range(elements.length.size):
         length, properties = elements.length[e], section[elements.body[e]]
@@ -77,6 +91,17 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
                 u[i, lane] = q[dof, lane]
                 acceleration[i, lane] = a[dof, lane]
         force_and_tangent(u, length, elements.direction[e], properties[:3], force, tangent)
+        for lane in range(n_lanes):
+            gain_m[lane] = gain_a
+        if elements.damped:
+            for i in range(6):
+                dof = elements.dofs[e, i]
+                for lane in range(n_lanes):
+                    rate[i, lane] = v[dof, lane]
+                    acceleration[i, lane] += properties[6, lane] * v[dof, lane]
+            for lane in range(n_lanes):
+                gain_m[lane] += properties[6, lane] * gain_v
+            add_damping(u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power)
         for i in range(6):
             density = properties[3] if i % 3 < 2 else properties[4]
             other = (i + 3) % 6
@@ -93,12 +118,29 @@ def add_elements(elements, section, q, a, gains, fresh, x, place, diagonal, lowe
                 density = properties[3] if i % 3 < 2 else properties[4]
                 here = i * (i + 1) // 2 + i
                 for lane in range(n_lanes):
-                    tangent[here, lane] += gain_a * length / 3.0 * density[lane]
+                    tangent[here, lane] += gain_m[lane] * length / 3.0 * density[lane]
                 if i >= 3:
                     for lane in range(n_lanes):
-                        tangent[here - 3, lane] += gain_a * length / 6.0 * density[lane]
+                        tangent[here - 3, lane] += gain_m[lane] * length / 6.0 * density[lane]
             for t in range(N_PACKED):
                 add_entry(elements.positions[e, t], 1.0, tangent[t], diagonal, lower)
+
+
+@njit(cache=True, error_model="numpy")
+def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lower):
+    """Add the inertia forces of the nodes' own masses to x, and their tangents to the matrix."""
+    n_lanes = x.shape[1]
+    gain_v, gain_a, _ = gains
+    entry = np.empty(LANES)
+    for k in range(lumps.dofs.size):
+        dof = lumps.dofs[k]
+        braking = section[lumps.body[k], 6]
+        row = place[dof]
+        for lane in range(n_lanes):
+            x[row, lane] += mass[k, lane] * (a[dof, lane] + braking[lane] * v[dof, lane])
+            entry[lane] = mass[k, lane] * (gain_a + braking[lane] * gain_v)
+        if fresh:
+            add_entry(lumps.positions[k], 1.0, entry, diagonal, lower)
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,8 +164,8 @@ def add_constraints(jacobian, values, residual, multipliers, first_row, scale, f
 
 @njit(cache=True, error_model="numpy")
 def correct(
-    elements, section, jacobian, curvature, loads, pattern, constraint, load_factors, state, gains, scale, active,
-    fresh, factors, units, size,
+    elements, lumps, section, jacobian, curvature, loads, pattern, constraint, load_factors, local, state, gains, scale,
+    active, fresh, factors, units, size,
 ):
     """Do one Newton correction of every active sample in place.
 
@@ -132,9 +174,12 @@ def correct(
     elements, pattern
         Structure of the problem.
     section
-        ``(EA, k_s GA, EI, rho A, rho I)`` of every body, shape (n_blocks, n_bodies, 5, LANES).
+        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES); the last two
+        are those of structural damping.
+    lumps
+        Masses of nodes.
     jacobian, curvature
-        Entries of C, and of ``sum lambda d2c/dq2`` (lower triangle).
+        Entries of C, and of ``sum lambda d2c/dq2`` and of the local forces' tangents (lower triangle).
     loads
         Entries (load, unknown) of the load vectors; `positions` is not used.
     constraint
@@ -142,6 +187,8 @@ def correct(
         (n_blocks, n_entries, LANES), (n_blocks, n_curvature_entries, LANES), (n_load_entries,).
     load_factors
         Amplitude times weight of every load, shape (n_blocks, n_loads, LANES).
+    local
+        Forces of local effects on all unknowns, shape (n_blocks, n_dofs, LANES), or (n_blocks, 0, LANES) without any.
     state
         ``(q, v, a, multipliers)``, shapes (n_blocks, n_dofs or n_constraints, LANES).
     gains
@@ -176,8 +223,15 @@ def correct(
             diagonal[:] = 0.0
             lower[:] = 0.0
         add_elements(
-            elements, section[block], q[block], a[block], (gain_a, gain_k), fresh, x, pattern.place, diagonal, lower
+            elements, section[block], q[block], v[block], a[block], gains, fresh, x, pattern.place, diagonal, lower
         )
+        add_lumps(
+            lumps, lumps.mass[block], section[block], v[block], a[block], gains, fresh, x, pattern.place, diagonal, lower
+        )
+        for dof in range(local.shape[1]):
+            at = pattern.place[dof]
+            for lane in range(n_lanes):
+                x[at, lane] -= local[block, dof, lane]
         for k in range(loads.rows.size):
             at, value, factor = pattern.place[loads.columns[k]], load_values[k], load_factors[block, loads.rows[k]]
             for lane in range(n_lanes):

@@ -21,119 +21,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.dynamics.alpha_step import AlphaStep
+from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
     from petsc4py import PETSc
 
     from pgmp_petsc.scene.numerics import Simulation
 
 PREFIX = "pgmp_ts_"
-MAX_ITERATIONS = 12
-CAREFUL_ITERATIONS = 40
-LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
-REFRESH_EVERY = 4  # corrections that share one factorisation
-FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
-ROUND_OFF = 1e-15
-NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
-
-
-@dataclass
-class State:
-    """State at one time; the arrays have the system's own shapes, all samples together.
-
-    Attributes
-    ----------
-    q, v, a
-        Coordinates, velocities, accelerations.
-    multipliers
-        Lagrange multipliers; of size zero for a system without constraints.
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    multipliers: np.ndarray
-
-    def copy(self) -> State:
-        """Return a deep copy."""
-        return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy())
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """Coefficients for a spectral radius and a step; `gain_v` and `gain_a` are dv/dq and da/dq within a step."""
-
-    alpha_m: float
-    alpha_f: float
-    beta: float
-    gamma: float
-    gain_v: float
-    gain_a: float
-
-    @classmethod
-    def of(cls, spectral_radius: float, step: float) -> Scheme:
-        """Return the coefficients of second order with the given spectral radius at infinite frequency."""
-        alpha_m = (2 * spectral_radius - 1) / (spectral_radius + 1)
-        alpha_f = spectral_radius / (spectral_radius + 1)
-        gamma = 0.5 + alpha_f - alpha_m
-        beta = 0.25 * (gamma + 0.5) ** 2
-        return cls(
-            alpha_m,
-            alpha_f,
-            beta,
-            gamma,
-            gain_v=gamma / (beta * step),
-            gain_a=(1 - alpha_m) / ((1 - alpha_f) * beta * step**2),
-        )
-
-
-class SecondOrderSystem(Protocol):
-    """What the integrator asks of a model; a batch of samples is one system.
-
-    Samples are numbered 0 to n_samples - 1 whatever the shapes of the state's arrays.
-    """
-
-    comm: MPI.Comm
-    n_samples: int
-
-    def start(self) -> State:
-        """Return the consistent state at time 0."""
-
-    def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
-        """Do one Newton correction of the active samples, in place.
-
-        Parameters
-        ----------
-        time
-            End of the step, s.
-        state
-            Iterate; ``q``, ``v``, ``a`` and multipliers are corrected consistently with the scheme.
-        scheme
-            Gains of the step.
-        active
-            Samples to correct, shape (n_samples,).
-        fresh
-            Whether the iteration matrix is to be evaluated anew.
-
-        Returns
-        -------
-        ndarray, shape (n_samples,)
-            Size of the correction, in units of the mechanism's size or of 1 rad; not finite where it failed.
-        """
-
-    def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
-        """Put the given samples (a mask) of `state` back to `previous`."""
-
-    def outside(self, state: State) -> np.ndarray:
-        """Return a mask of the samples that left the model's range of validity."""
-
 
 Observer = Callable[[int, float, State], None]
 
@@ -149,123 +52,42 @@ class GeneralisedAlpha:
         Status of every sample, shape (n_samples,).
     failure_time
         Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
-    n_iterations
-        Newton corrections done so far, all samples together.
     """
 
     def __init__(self, system: SecondOrderSystem, spectral_radius: float, step: float, alive: np.ndarray) -> None:
         self.system = system
-        self.scheme = Scheme.of(spectral_radius, step)
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.OUT_OF_BOUNDS)
         self.failure_time = np.where(alive, np.nan, 0.0)
-        self.n_iterations = 0
+        self._stepper = AlphaStep(system, spectral_radius)
         self._step = step
         self._auxiliary = self.state.a.copy()
+        self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
+
+    @property
+    def n_iterations(self) -> int:
+        """Newton corrections done so far, all samples together."""
+        return self._stepper.n_iterations
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
         """Advance all living samples to `end`, one step on."""
         alive = self.status == Status.FINE
         if alive.any():
-            previous = self.state
-            self.state = self._predict(previous, previous.a)
-            lost = self._iterate(end, alive, REFRESH_EVERY)
-            if lost.any():
-                # A load that sets in at once gives light nodes accelerations that no step can follow; the
-                # displacement, held at constant velocity, is then the better prediction.
-                self.system.restore(self.state, self._predict(previous, self._coasting(previous)), lost)
-                lost = self._iterate(end, lost, 1)
-            if lost.any():
-                self.system.restore(self.state, self._predict(previous, self._coasting(previous)), lost)
-                lost = self._iterate_carefully(end, lost)
+            previous, auxiliary = self.state, self._auxiliary
+            self.state, self._auxiliary, lost = self._stepper.advance(previous, auxiliary, end, self._step, alive)
+            if self._events is not None:
+                lost |= self._events.repeat_steps(
+                    (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
+                )
             self._retire(lost, Status.NOT_CONVERGED, end)
             self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
             self.system.restore(self.state, previous, self.status != Status.FINE)
-            self._auxiliary = self._ahead(self.state.a, previous.a)
         u.setArray(self.state.q.ravel())
-
-    def _ahead(self, a: np.ndarray, previous_a: np.ndarray) -> np.ndarray:
-        """Return A_{n+1} from the accelerations at the end and the beginning of the step."""
-        s = self.scheme
-        weighted = (1 - s.alpha_f) * a + s.alpha_f * previous_a - s.alpha_m * self._auxiliary
-        return weighted / (1 - s.alpha_m)
-
-    def _coasting(self, previous: State) -> np.ndarray:
-        """Return the accelerations at the end of the step for which the displacement is ``q + h q'``."""
-        s = self.scheme
-        ahead = -(0.5 - s.beta) / s.beta * self._auxiliary
-        weighted = (1 - s.alpha_m) * ahead + s.alpha_m * self._auxiliary - s.alpha_f * previous.a
-        return weighted / (1 - s.alpha_f)
-
-    def _predict(self, previous: State, a: np.ndarray) -> State:
-        """Predict the end of the step with given accelerations there."""
-        s, h = self.scheme, self._step
-        ahead = self._ahead(a, previous.a)
-        q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * self._auxiliary + s.beta * ahead)
-        v = previous.v + h * ((1 - s.gamma) * self._auxiliary + s.gamma * ahead)
-        return State(q, v, a.copy(), previous.multipliers.copy())
-
-    def _iterate(self, time: float, alive: np.ndarray, refresh_every: int) -> np.ndarray:
-        """Run Newton's iteration of every living sample to its own convergence; return those that failed.
-
-        What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner
-        1996, section IV.8). A contraction is not carried over from the step before: it grows with the speed.
-        """
-        lost = np.zeros_like(alive)
-        active = alive.copy()
-        last = np.full(active.shape, np.inf)
-        for iteration in range(MAX_ITERATIONS):
-            fresh = iteration % refresh_every == 0
-            size = self.system.correct(time, self.state, self.scheme, active, fresh)
-            self.n_iterations += int(active.sum())
-            lost |= active & ~np.isfinite(size)
-            active &= np.isfinite(size)
-            contraction = np.clip(size / np.maximum(last, 1e-300), 0.0, 0.999) if iteration else FIRST_CONTRACTION
-            remaining = size * contraction / (1.0 - contraction)
-            active &= ~((remaining <= NEWTON_TOLERANCE) | (size <= ROUND_OFF))
-            last = size
-            if not active.any():
-                break
-        return lost | active
-
-    def _iterate_carefully(self, time: float, alive: np.ndarray) -> np.ndarray:
-        """Run Newton's iteration with limited corrections; return the samples that failed.
-
-        A load that sets in at once may throw the first corrections far beyond the range in which the equations look like
-        their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
-        """
-        active, lost = alive.copy(), np.zeros_like(alive)
-        for _ in range(CAREFUL_ITERATIONS):
-            before = self.state.copy()
-            size = self.system.correct(time, self.state, self.scheme, active, True)
-            self.n_iterations += int(active.sum())
-            lost |= active & ~np.isfinite(size)
-            active &= np.isfinite(size)
-            # by halves, together: rarely more than a few samples come here
-            while True:
-                long = active & (size > LONGEST)
-                if not long.any():
-                    break
-                self.system.restore(self.state, _halfway(before, self.state), long)
-                size = np.where(long, 0.5 * size, size)
-            active &= size > NEWTON_TOLERANCE
-            if not active.any():
-                break
-        return lost | active
 
     def _retire(self, samples: np.ndarray, reason: Status, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
         self.status[samples] = reason
         self.failure_time[samples] = time
-
-
-def _halfway(one: State, other: State) -> State:
-    return State(
-        0.5 * (one.q + other.q),
-        0.5 * (one.v + other.v),
-        0.5 * (one.a + other.a),
-        0.5 * (one.multipliers + other.multipliers),
-    )
 
 
 @dataclass(frozen=True)

@@ -7,23 +7,62 @@ from collections.abc import Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.end_stop import end_stop
+from pgmp_petsc.effects.force import force
 from pgmp_petsc.effects.gravity import Gravity
-from pgmp_petsc.effects.load import Effect, Load
+from pgmp_petsc.effects.joint_damping import joint_damping
+from pgmp_petsc.effects.joint_friction import joint_friction
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.spring_damper import spring_damper
+from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.effects.torque import Torque
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.schema import Scene
 
-_KINDS = {"torque": Torque, "gravity": Gravity}
+#: What makes an effect of an entry; entries of other types are parts of the mechanism or of its reduction.
+_MAKERS = {
+    "torque": Torque,
+    "force": force,
+    "gravity": Gravity,
+    "joint_damping": joint_damping,
+    "joint_friction": joint_friction,
+    "spring_damper": spring_damper,
+    "structural_damping": StructuralDamping,
+    "end_stop": end_stop,
+}
 
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Return the effects that a scene names, in its order."""
-    return tuple(_KINDS[entry.type](name, entry, mechanism) for name, entry in scene.effects.items())
+    """Return the effects that a scene names and that act by forces, in its order.
+
+    Raises
+    ------
+    InputError
+        If an effect names a point that its body's mesh does not have.
+    """
+    return tuple(
+        _MAKERS[entry.type](name, entry, mechanism) for name, entry in scene.effects.items() if entry.type in _MAKERS
+    )
+
+
+def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:
+    """Return the prescribed motions by the number of their coordinate."""
+    motions = [Motion(name, entry) for name, entry in scene.effects.items() if entry.type == "prescribed_motion"]
+    numbers = {coordinate.name: k for k, coordinate in enumerate(mechanism.coordinates)}
+    return {numbers[motion.coordinate]: motion for motion in sorted(motions, key=lambda m: numbers[m.coordinate])}
 
 
 def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load, ...]:
     """Return the load terms of all effects, effect after effect."""
     return tuple(load for effect in effects for load in effect.loads(matrices))
+
+
+def actions_of(effects: Sequence[Effect]) -> tuple[Action, ...]:
+    """Return the local effects of all effects, effect after effect."""
+    return tuple(action for effect in effects for action in effect.actions())
 
 
 def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> np.ndarray:
@@ -32,4 +71,4 @@ def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> np.ndarr
     return np.array(vectors).reshape(len(vectors), len(matrices.rows)).T
 
 
-__all__ = ["Effect", "Load", "effects_of", "loads_of", "patterns_of"]
+__all__ = ["Action", "Effect", "Load", "Motion", "actions_of", "effects_of", "loads_of", "motions_of", "patterns_of"]

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import effects as schema
 
 
-class Gravity:
+class Gravity(Effect):
     """Gravity effect; see the module."""
 
+    conservative = True
+
     def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
-        self.name = name
+        super().__init__(name)
         direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
         self._acceleration = Quantity.of(entry.acceleration)
-        self._translational = {body.section.line_density.monomial for body in mechanism.bodies}
+        self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._field = np.zeros((mechanism.n_nodes, DOFS_PER_NODE))
         self._field[:, :2] = direction * self._acceleration.coefficient
@@ -38,12 +43,8 @@ class Gravity:
         """Return the weight of every body along the two axes of its own frame: gravity turns in it."""
         vectors = []
         for body in self._bodies:
-            for axis in range(2):
+            for weight, axis in product(sorted(body.translational_weights), range(2)):
                 field = np.zeros_like(self._field)
                 field[body.nodes, axis] = 1.0
-                vectors.append(matrices.mass[body.section.line_density.monomial] @ field.ravel())
+                vectors.append(matrices.mass[weight] @ field.ravel())
         return vectors
-
-    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        """Return 1: gravity does not change."""
-        return np.ones_like(time)

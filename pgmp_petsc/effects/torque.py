@@ -1,27 +1,24 @@
-"""A torque in a revolute joint: a couple on the second body and its reaction on the first.
-
-The torque is a table over time, interpolated linearly and constant beyond its ends, times a scale that may be an
-uncertain parameter.
-"""
+"""A torque in a revolute joint: a couple on the second body and its reaction on the first, over time."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.amplitude import amplitude_of
+from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import effects as schema
 
 
-class Torque:
+class Torque(Effect):
     """Torque effect; see the module."""
 
     def __init__(self, name: str, entry: schema.Torque, mechanism: Mechanism) -> None:
-        self.name = name
-        self._times, self._values = np.array(entry.table, dtype=float).T
+        super().__init__(name)
+        self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._connection = mechanism.connection(entry.joint)
 
@@ -29,9 +26,8 @@ class Torque:
         """Return one term: unit couples at the joint's nodes."""
         vector = np.zeros(len(matrices.rows))
         for sign, side in ((-1.0, self._connection.a), (1.0, self._connection.b)):
-            dof = DOFS_PER_NODE * side.node + 2
-            if not side.on_ground and dof in matrices.rows:
-                vector[dof - matrices.rows.start] += sign * self._scale.coefficient
+            if not side.on_ground and side.dofs[2] in matrices.rows:
+                vector[side.dofs[2] - matrices.rows.start] += sign * self._scale.coefficient
         return [Load(self.name, self._scale.monomial, vector)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
@@ -39,5 +35,5 @@ class Torque:
         return [load.vector for load in self.loads(matrices)]
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        """Return the torque of the table, N m."""
-        return np.interp(time, self._times, self._values)
+        """Return the torque, N m."""
+        return self._amplitude(time)

@@ -20,7 +20,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
@@ -200,7 +201,7 @@ class WatchedRun:
         plain = states[:, 0].copy()
         plain[..., fine, 0] = self._angles[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        start = start_of(model.scene, model.kinematics)
+        start = start_of(model.scene, model.kinematics.mechanism)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
         motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval)

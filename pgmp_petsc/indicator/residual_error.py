@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, State
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 
 
@@ -31,6 +31,8 @@ class ErrorSystem:
     interval
         Step of the integration, s.
     """
+
+    n_events = 0
 
     def __init__(self, full: FullBatch, motion: ReferenceMotion, interval: float) -> None:
         self.comm = full.comm

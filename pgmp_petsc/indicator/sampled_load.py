@@ -18,7 +18,7 @@ from pgmp_petsc.indicator.quadrature import integrals
 N_PARTS = 16  # of a step, between which an amplitude is taken for linear
 
 
-class SampledLoad:
+class SampledLoad(Effect):
     """An effect at the instants of evaluation, with the impulse that the run missed.
 
     Parameters
@@ -34,7 +34,7 @@ class SampledLoad:
     """
 
     def __init__(self, effect: Effect, steps: np.ndarray, step: float, interval: float) -> None:
-        self.name = effect.name
+        super().__init__(effect.name)
         self._effect = effect
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import N_FRAME
-from pgmp_petsc.mechanism.mechanism import Attachment, Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
 
 MAX_ITERATIONS = 25
@@ -40,7 +41,7 @@ class LoopClosure:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        self.size = max(float(np.max(np.ptp(body.mesh.nodes, axis=0))) for body in mechanism.bodies)
+        self.size = max(float(np.max(np.ptp(body.shape.nodes, axis=0))) for body in mechanism.bodies)
         self.n_coordinates = len(mechanism.coordinates)
 
     def describe(self, theta: np.ndarray) -> str:

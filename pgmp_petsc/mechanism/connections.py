@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.joints import N_PAIR
+from pgmp_petsc.mechanism.joints import N_FRAME, N_PAIR
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Connection, Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 
 
 class ConstraintSet:
-    """Constraints ``c(q) = 0`` of a mechanism.
+    """Constraints ``c(q) = 0`` of a mechanism, and ``phi_b - phi_a`` of the joints that are driven.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ class ConstraintSet:
     Attributes
     ----------
     n_constraints
-        Number of constraints taken.
+        Number of constraints taken, the driven rotations at the end.
     linear
         Whether all of them are linear in q.
     jacobian_pattern
@@ -38,29 +39,41 @@ class ConstraintSet:
     """
 
     def __init__(self, mechanism: Mechanism, kept: np.ndarray | None = None) -> None:
-        self._kept = np.arange(mechanism.n_constraints) if kept is None else kept
-        self._n_all = mechanism.n_constraints
+        n_joints = mechanism.n_constraints
+        driven = mechanism.driven_connections
+        self._n_all = n_joints + len(driven)
+        kept = np.arange(n_joints) if kept is None else kept
+        self._kept = np.concatenate([kept, np.arange(n_joints, self._n_all)])
         self.n_constraints = self._kept.size
-        self._connections = mechanism.connections
-        self._dofs = [mechanism.constraint_dofs(connection) for connection in self._connections]
-        self.linear = all(connection.joint.linear for connection in self._connections)
-        self._entries = [self._find_entries(c, columns) for c, (_, columns) in zip(self._connections, self._dofs)]
+        self.n_driven = len(driven)
+        self._connections = (*mechanism.connections, *driven)
+        self.linear = all(connection.linear for connection in self._connections)
+        self._entries = [_find_entries(connection) for connection in self._connections]
         self.jacobian_pattern = self._jacobian_pattern()
         self.curvature_pattern = self._curvature_pattern()
 
-    def residual(self, q: np.ndarray) -> np.ndarray:
-        """Return c, shape (n_constraints, ...), m, for q of shape (n_dofs, ...)."""
+    def residual(self, q: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Return c, shape (n_constraints, ...), m or rad.
+
+        Parameters
+        ----------
+        q
+            Nodal unknowns, shape (n_dofs, ...).
+        driven
+            Angles that the driven rotations are to have, shape (n_driven,), rad; none needed where nothing is driven.
+        """
         result = np.empty((self._n_all, *q.shape[1:]))
         for connection in self._connections:
-            result[connection.rows] = connection.joint.residual(*_frames(connection, q))
+            result[connection.rows] = connection.residual(q)
+        if self.n_driven:
+            result[-self.n_driven :] -= driven.reshape(-1, *(1,) * (q.ndim - 1))
         return result[self._kept]
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the entries of C on `jacobian_pattern`, shape (n_entries, ...)."""
         parts = []
         for connection, (rows, columns) in zip(self._connections, self._entries):
-            jacobian = connection.joint.jacobian(*_frames(connection, q))
-            parts.append(jacobian[rows, columns])
+            parts.append(connection.jacobian(q)[rows, columns])
         return np.concatenate(parts)[self._kept_entries]
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
@@ -68,38 +81,34 @@ class ConstraintSet:
         everywhere = np.zeros((self._n_all, *multipliers.shape[1:]))
         everywhere[self._kept] = multipliers
         parts = [np.empty((0, *q.shape[1:]))]
-        for connection, (_, columns) in zip(self._connections, self._dofs):
-            if not connection.joint.linear:
-                hessian = connection.joint.hessian(*_frames(connection, q))
-                total = np.einsum("c...,cij...->ij...", everywhere[connection.rows], hessian)
+        for connection in self._connections:
+            if not connection.linear:
+                columns = connection.moving_columns
+                total = np.einsum("c...,cij...->ij...", everywhere[connection.rows], connection.hessian(q))
                 i, j = np.tril_indices(columns.size)
                 parts.append(total[columns[i], columns[j]])
         return np.concatenate(parts)
 
-    def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration."""
-        result = np.zeros((self._n_all, *q.shape[1:]))
-        for connection, (dofs, columns) in zip(self._connections, self._dofs):
-            if not connection.joint.linear:
-                rate = np.zeros((N_PAIR, *q.shape[1:]))
-                rate[columns] = v[dofs]
-                hessian = connection.joint.hessian(*_frames(connection, q))
-                result[connection.rows] = np.einsum("cij...,i...,j...->c...", hessian, rate, rate)
-        return result[self._kept]
+    def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
 
-    def _find_entries(self, connection: Connection, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return rows and frame columns of a joint's Jacobian that can be nonzero."""
-        generic = np.linspace(0.1, 0.7, N_PAIR)
-        jacobian = connection.joint.jacobian(generic[:3], generic[3:])
-        chosen = np.zeros(N_PAIR, dtype=bool)
-        chosen[columns] = True
-        return np.nonzero((jacobian != 0.0) & chosen)
+        `driven` are the angular accelerations of the driven rotations, shape (n_driven,), rad/s2.
+        """
+        result = np.zeros((self._n_all, *q.shape[1:]))
+        for connection in self._connections:
+            if not connection.linear:
+                rate = np.zeros((N_PAIR, *q.shape[1:]))
+                rate[connection.moving_columns] = v[connection.dofs]
+                result[connection.rows] = np.einsum("cij...,i...,j...->c...", connection.hessian(q), rate, rate)
+        if self.n_driven:
+            result[-self.n_driven :] = -driven.reshape(-1, *(1,) * (q.ndim - 1))
+        return result[self._kept]
 
     def _jacobian_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         rows, unknowns = [], []
-        for connection, (dofs, columns), (row, column) in zip(self._connections, self._dofs, self._entries):
+        for connection, (row, column) in zip(self._connections, self._entries):
             unknown_of = np.full(N_PAIR, -1)
-            unknown_of[columns] = dofs
+            unknown_of[connection.moving_columns] = connection.dofs
             rows.append(connection.rows.start + row)
             unknowns.append(unknown_of[column])
         place = np.full(self._n_all, -1)
@@ -110,20 +119,28 @@ class ConstraintSet:
 
     def _curvature_pattern(self) -> tuple[np.ndarray, np.ndarray]:
         rows, columns = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
-        for connection, (dofs, _) in zip(self._connections, self._dofs):
-            if not connection.joint.linear:
-                i, j = np.tril_indices(dofs.size)
-                rows.append(dofs[i])
-                columns.append(dofs[j])
+        for connection in self._connections:
+            if not connection.linear:
+                i, j = np.tril_indices(connection.dofs.size)
+                rows.append(connection.dofs[i])
+                columns.append(connection.dofs[j])
         return np.concatenate(rows), np.concatenate(columns)
 
 
-def independent_constraints(kinematics: RigidKinematics, theta: float) -> ConstraintSet:
-    """Return the constraints of a mechanism without those that follow from the others, as found at theta (rad)."""
+def _find_entries(connection: Connection) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns of a joint's Jacobian in its six node unknowns that can be nonzero."""
+    generic = np.linspace(0.1, 0.7, N_PAIR)
+    jacobian = connection.joint.jacobian(generic[:N_FRAME], generic[N_FRAME:])
+    for first, side in zip((0, N_FRAME), connection.sides):
+        if not side.on_ground and not side.at_node:
+            jacobian[:, first + 2] += np.abs(jacobian[:, first : first + 2]).sum(axis=1)
+    chosen = np.zeros(N_PAIR, dtype=bool)
+    chosen[connection.moving_columns] = True
+    return np.nonzero((jacobian != 0.0) & chosen)
+
+
+def independent_constraints(kinematics: RigidKinematics, theta: np.ndarray) -> ConstraintSet:
+    """Return the constraints of a mechanism without those that follow from the others, as found at theta (n_theta,), rad."""
     mechanism = kinematics.mechanism
-    poses = kinematics.poses(np.array([theta]))[..., 0]
+    poses = kinematics.poses(theta)[..., 0]
     return ConstraintSet(mechanism, null_space(constraint_jacobian(mechanism, poses)).rows)
-
-
-def _frames(connection: Connection, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return connection.a.frame_of_node(q), connection.b.frame_of_node(q)

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.body_frames import rotation
+from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 
 
@@ -35,17 +35,15 @@ def constraint_jacobian(
     csr_matrix, shape (n_constraints + n_clamped, n_dofs)
     """
     rows, columns, values = [], [], []
+    q = mechanism.place(poses)
     for connection in mechanism.connections:
-        frames = connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
-        jacobian = connection.joint.jacobian(*frames)
-        for offset, side in ((0, connection.a), (DOFS_PER_NODE, connection.b)):
+        jacobian = connection.jacobian(q)
+        for offset, side in zip((0, N_FRAME), connection.sides):
             if side.on_ground:
                 continue
-            block = jacobian[:, offset : offset + DOFS_PER_NODE] @ rotation(poses[side.body, 2])
+            block = jacobian[:, offset : offset + N_FRAME] @ rotation(poses[side.body, 2])
             row, column = np.meshgrid(
-                np.arange(connection.rows.start, connection.rows.stop),
-                DOFS_PER_NODE * side.node + np.arange(DOFS_PER_NODE),
-                indexing="ij",
+                np.arange(connection.rows.start, connection.rows.stop), side.dofs, indexing="ij"
             )
             # explicit zeros are dropped: an unknown that no constraint feels must not become a dependent one
             chosen = np.abs(block) > 1e-14
@@ -56,7 +54,7 @@ def constraint_jacobian(
         for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
             if not side.on_ground:
                 rows.append([row])
-                columns.append([DOFS_PER_NODE * side.node + 2])
+                columns.append([side.dofs[2]])
                 values.append([sign])
     shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
     return sp.coo_matrix(
@@ -85,13 +83,11 @@ class ConstraintHessian:
 
 def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
     """Return the second derivatives of the joints that are not linear, for poses (n_bodies, 3) of rigid bodies."""
-    hessians = []
+    hessians, q = [], mechanism.place(poses)
     for connection in mechanism.connections:
-        if not connection.joint.linear:
-            dofs, columns = mechanism.constraint_dofs(connection)
-            sides = [side for side in (connection.a, connection.b) if not side.on_ground]
-            turn = block_diag(*(rotation(poses[side.body, 2]) for side in sides))
-            frames = connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
-            values = connection.joint.hessian(*frames)[:, columns][:, :, columns]
-            hessians.append(ConstraintHessian(connection.rows, dofs, turn.T @ values @ turn))
+        if not connection.linear:
+            columns = connection.moving_columns
+            turn = block_diag(*(rotation(poses[side.body, 2]) for side in connection.sides if not side.on_ground))
+            values = connection.hessian(q)[:, columns][:, :, columns]
+            hessians.append(ConstraintHessian(connection.rows, connection.dofs, turn.T @ values @ turn))
     return hessians

@@ -54,6 +54,55 @@ class Revolute:
         return np.zeros((2, N_PAIR, N_PAIR, *a.shape[1:]))
 
 
+class Fixed:
+    """Equal positions and a fixed relative rotation: ``x_a = x_b``, ``y_a = y_b``, ``phi_b - phi_a = angle`` (rad)."""
+
+    n_constraints = 3
+    linear = True
+
+    def __init__(self, angle: float) -> None:
+        self._angle = angle
+
+    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return ``b - a``, the angle taken off, m and rad."""
+        gap = b - a
+        gap[2] -= self._angle
+        return gap
+
+    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the constant Jacobian."""
+        jacobian = np.zeros((3, N_PAIR, *a.shape[1:]))
+        for i in range(3):
+            jacobian[i, i] = -1.0
+            jacobian[i, N_FRAME + i] = 1.0
+        return jacobian
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return zeros."""
+        return np.zeros((3, N_PAIR, N_PAIR, *a.shape[1:]))
+
+
+class Driver:
+    """The relative rotation ``phi_b - phi_a``, to be held at a given angle by whoever takes its residual."""
+
+    n_constraints = 1
+    linear = True
+
+    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the relative rotation, rad."""
+        return (b[2] - a[2])[None]
+
+    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the constant Jacobian."""
+        jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
+        jacobian[0, 2], jacobian[0, 5] = -1.0, 1.0
+        return jacobian
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return zeros."""
+        return np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
+
+
 class PointOnLine:
     """Point b stays on a line through a: ``n(phi_a) . (b - a) = 0``, n normal to the line.
 
@@ -67,7 +116,12 @@ class PointOnLine:
         self._direction = np.asarray(direction, dtype=float) / np.hypot(*direction)
         self.linear = not turning
 
-    def _line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def direction(self) -> tuple[float, float]:
+        """Unit direction of the line in the frame of a."""
+        return float(self._direction[0]), float(self._direction[1])
+
+    def line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the line's unit direction and normal, each of shape (2, ...)."""
         angle = np.zeros_like(a[2]) if self.linear else a[2]
         cos, sin = np.cos(angle), np.sin(angle)
@@ -77,12 +131,12 @@ class PointOnLine:
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the distance of b from the line, m."""
-        _, normal = self._line(a)
+        _, normal = self.line(a)
         return np.sum(normal * (b[:2] - a[:2]), axis=0)[None]
 
     def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return dc/d(a, b); ``dn/dphi = -direction``."""
-        direction, normal = self._line(a)
+        direction, normal = self.line(a)
         jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
         jacobian[0, 0:2] = -normal
         jacobian[0, 3:5] = normal
@@ -94,7 +148,7 @@ class PointOnLine:
         """Return the second derivatives, zero where the line is fixed."""
         hessian = np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
         if not self.linear:
-            direction, normal = self._line(a)
+            direction, normal = self.line(a)
             hessian[0, 0:2, 2] = hessian[0, 2, 0:2] = direction
             hessian[0, 3:5, 2] = hessian[0, 2, 3:5] = -direction
             hessian[0, 2, 2] = -np.sum(normal * (b[:2] - a[:2]), axis=0)

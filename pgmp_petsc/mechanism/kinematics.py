@@ -14,7 +14,8 @@ from numba import njit
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
 from pgmp_petsc.mechanism.joints import N_FRAME
-from pgmp_petsc.mechanism.mechanism import Mechanism, place_points
+from pgmp_petsc.mechanism.attachment import place_points
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps

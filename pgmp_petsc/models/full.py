@@ -12,8 +12,8 @@ from mpi4py import MPI
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
-from pgmp_petsc.dynamics.generalised_alpha import State
-from pgmp_petsc.effects import effects_of
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -32,9 +32,9 @@ class FullModel:
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)
         self.kinematics = RigidKinematics(mechanism)
-        self.outputs = OutputSet.of(scene, self.kinematics)
-        self._effects = effects_of(scene, mechanism)
-        self._start = start_of(scene, self.kinematics)
+        self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
+        self._start = start_of(scene, self.kinematics.mechanism)
+        self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
@@ -44,11 +44,11 @@ class FullModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch:
         """Return a batch of samples on this rank."""
-        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples)
+        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
-        return FullDistributed(self.kinematics, self._effects, values, self._start, comm)
+        return FullDistributed(self.kinematics, self._effects, values, self._start, comm, self._motions)
 
     def output_frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``. Collective on the system's communicator."""

@@ -7,8 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import SecondOrderSystem, State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.scene import Scene
 
@@ -36,7 +38,15 @@ class Model(Protocol):
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
 
 
-def start_of(scene: Scene, kinematics: RigidKinematics) -> tuple[float, float]:
-    """Return position (rad) and velocity (rad/s) at the start."""
-    state = scene.initial_state(kinematics.coordinate.name)
-    return state.position, state.velocity
+def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,)."""
+    motions = motions_of(scene, mechanism)
+    start = []
+    for number, coordinate in enumerate(mechanism.coordinates):
+        if number in motions:
+            start.append(motions[number].at(0.0)[:2])
+        else:
+            state = scene.initial_state(coordinate.name)
+            start.append((state.position, state.velocity))
+    positions, velocities = np.array(start).T
+    return positions, velocities

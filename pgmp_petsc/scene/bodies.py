@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Number, Pair, PositiveOrParameter, Table
+from pgmp_petsc.scene.fields import (
+    Integer,
+    NotNegativeOrParameter,
+    Number,
+    Pair,
+    PositiveNumber,
+    PositiveOrParameter,
+    Table,
+    exactly_one,
+    refusal,
+)
 
 
 class Material(Table):
@@ -34,7 +44,28 @@ class Rectangle(Table):
     height: PositiveOrParameter = Field(description="size in the plane of motion (m), or a parameter's name")
 
 
-Section = Annotated[Circle | Rectangle, Field(discriminator="shape")]
+class Coefficients(Table):
+    """A cross-section given by its stiffness and inertia."""
+
+    shape: Literal["coefficients"]
+    axial: PositiveOrParameter = Field(description="EA (N), a number or a parameter's name")
+    shear: PositiveOrParameter = Field(description="k_s GA (N), a number or a parameter's name")
+    bending: PositiveOrParameter = Field(description="EI (N m2), a number or a parameter's name")
+    line_density: PositiveOrParameter = Field(description="rho A (kg/m), a number or a parameter's name")
+    rotary_density: NotNegativeOrParameter = Field(
+        0.0, description="rho I (kg m), a number or a parameter's name; above 0 in a flexible body"
+    )
+
+
+Section = Annotated[Circle | Rectangle | Coefficients, Field(discriminator="shape")]
+
+
+class StraightBeam(Table):
+    """A straight line of equal elements along the x axis of the body's frame, with the points hinge and tip at its ends."""
+
+    length: PositiveNumber = Field(description="length (m)")
+    elements: Integer = Field(ge=1, description="number of elements")
+    start: Number = Field(0.0, description="x of the hinge (m)")
 
 
 class Placement(Table):
@@ -45,10 +76,26 @@ class Placement(Table):
 
 
 class Body(Table):
-    """A flexible body."""
+    """A body: flexible, or rigid with the same mass."""
 
-    mesh: str = Field(min_length=1, description="mesh file, relative to the scene's directory")
+    mesh: str | None = Field(None, min_length=1, description="mesh file, relative to the scene's directory")
+    line: StraightBeam | None = Field(
+        None, description="instead of a mesh file, a straight line { length = 0.3, elements = 5 }"
+    )
     element: Literal["beam2d"] = Field(description="element type")
-    material: str = Field(description="name of a material")
+    material: str | None = Field(None, description="name of a material; not for a section given by coefficients")
     section: Section = Field(description='cross-section, such as { shape = "circle", radius = 0.01 }')
+    flexible: bool = Field(True, strict=True, description="false makes the body rigid")
     placement: Placement | None = Field(None, description="first guess for the assembly")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        exactly_one(self, "mesh", "line")
+        given = isinstance(self.section, Coefficients)
+        if given and self.material is not None:
+            raise refusal("a section given by coefficients has no material", "material")
+        if not given and self.material is None:
+            raise refusal("missing; needed: name of a material", "material")
+        if given and self.flexible and self.section.rotary_density == 0.0:
+            raise refusal("a flexible body needs section.rotary_density above 0", "section")
+        return self

@@ -2,36 +2,68 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Direction, NumberOrParameter, Pair, Table, refusal
+from pgmp_petsc.scene.fields import (
+    Connection,
+    Direction,
+    Name,
+    NotNegative,
+    Number,
+    NumberOrParameter,
+    Point,
+    PositiveNumber,
+    PositiveOrParameter,
+    Table,
+    exactly_one,
+    refusal,
+)
+from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
+
+TABLE = "rows [time (s), value]; linear between rows, constant before and after them"
 
 
-class Torque(Table):
-    """A torque over time on a revolute joint: it turns the second body, and its reaction the first."""
+class _OverTime(Table):
+    """What acts with a given strength over time."""
+
+    table: TimeTable | None = Field(None, description=TABLE)
+    harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
+    scale: NumberOrParameter = Field(1.0, description="factor on it, a number or a parameter's name")
+
+    @model_validator(mode="after")
+    def _one_function(self) -> Self:
+        exactly_one(self, "table", "harmonic")
+        return self
+
+
+class Torque(_OverTime):
+    """A torque (Nm) over time on a revolute joint: it turns the second body, and its reaction the first."""
 
     type: Literal["torque"]
     joint: str = Field(description="name of a revolute joint")
-    table: tuple[Pair, ...] = Field(
-        min_length=1,
-        description="rows [time (s), torque (Nm)]; linear between rows, constant before and after them",
-    )
-    scale: NumberOrParameter = Field(1.0, description="factor on the torque, a number or a parameter's name")
 
-    @field_validator("table")
-    @classmethod
-    def _times_increase(cls, table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        for earlier, later in pairwise(table):
-            if not earlier[0] < later[0]:
-                raise refusal(f"times must increase strictly, but {later[0]} s follows {earlier[0]} s")
-        return table
+
+class Force(_OverTime):
+    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point."""
+
+    type: Literal["force"]
+    point: Point = Field(description='where it acts, "body:point"')
+    direction: Direction | None = Field(None, description="direction (x, y); its length does not matter")
+    follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
+    towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> Self:
+        exactly_one(self, "direction", "towards")
+        if self.follows and self.direction is None:
+            raise refusal("a direction that turns with the body needs `direction`", "follows")
+        return self
 
 
 class Gravity(Table):
-    """A uniform field of acceleration on every body."""
+    """A uniform field of acceleration on every body and every point mass."""
 
     type: Literal["gravity"]
     direction: Direction = Field((0.0, -1.0), description="direction (x, y); its length does not matter")
@@ -40,4 +72,149 @@ class Gravity(Table):
     )
 
 
-Effect = Annotated[Torque | Gravity, Field(discriminator="type")]
+class PointMass(Table):
+    """A mass and a moment of inertia at a point of a body."""
+
+    type: Literal["point_mass"]
+    point: Point = Field(description='where it is, "body:point"')
+    mass: PositiveOrParameter = Field(description="mass (kg), a number or a parameter's name")
+    inertia: NotNegative = Field(0.0, description="moment of inertia about the point (kg m2)")
+
+
+class JointDamping(Table):
+    """Viscous damping of the relative rotation or sliding in a joint."""
+
+    type: Literal["joint_damping"]
+    joint: str = Field(description="name of a revolute joint, or of one that slides")
+    coefficient: NumberOrParameter = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
+
+
+class JointFriction(Table):
+    """Coulomb friction in a joint under a constant load, regularised: ``-limit tanh(rate / speed)``."""
+
+    type: Literal["joint_friction"]
+    joint: str = Field(description="name of a revolute joint, or of one that slides")
+    limit: NumberOrParameter = Field(
+        description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
+    )
+    speed: PositiveNumber = Field(description="rate at which 76 % of the limit are reached (rad/s or m/s)")
+
+
+class SpringDamper(Table):
+    """A linear spring and damper: between the bodies of a joint, or between two points."""
+
+    type: Literal["spring_damper"]
+    joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
+    points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
+    stiffness: NumberOrParameter = Field(0.0, description="Nm/rad or N/m, a number or a parameter's name")
+    damping: NumberOrParameter = Field(0.0, description="Nm s/rad or N s/m, a number or a parameter's name")
+    rest: Number | None = Field(
+        None, description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given"
+    )
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        exactly_one(self, "joint", "points")
+        if self.points is not None and self.rest is None:
+            raise refusal("a spring between points needs the distance without force (m)", "rest")
+        return self
+
+
+class StructuralDamping(Table):
+    """Damping within the bodies: Rayleigh's, or ratios of the modes of each free body."""
+
+    type: Literal["structural_damping"]
+    bodies: tuple[Name, ...] | None = Field(None, min_length=1, description="names of bodies; all if not given")
+    stiffness: NotNegative = Field(
+        0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
+    )
+    mass: NotNegative = Field(
+        0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
+    )
+    ratios: tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...] = Field(
+        (), description="damping ratios of the first elastic modes of each free body"
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not (self.stiffness or self.mass or any(self.ratios)):
+            raise refusal("at least one of stiffness, mass and ratios must be above zero")
+        return self
+
+
+class PrescribedMotion(Table):
+    """A coordinate that moves as given, whatever it takes."""
+
+    type: Literal["prescribed_motion"]
+    coordinate: str = Field(description="name of a coordinate")
+    table: TimeTable | None = Field(
+        None, description="rows [time (s), angle (rad)]; cubic spline, at rest at both ends and beyond"
+    )
+    harmonic: Harmonic | None = Field(None, description="{ amplitude, frequency_hz, phase = 0, mean = 0 }")
+    spin_up: SpinUp | None = Field(None, description="{ speed, time, start = 0 }: from rest to a constant speed")
+    constant_speed: ConstantSpeed | None = Field(None, description="{ speed, start = 0 }")
+
+    @model_validator(mode="after")
+    def _one_function(self) -> Self:
+        exactly_one(self, "table", "harmonic", "spin_up", "constant_speed")
+        if self.table is not None and len(self.table) < 2:
+            raise refusal("a motion needs at least two rows", "table")
+        return self
+
+
+class EndStop(Table):
+    """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
+
+    type: Literal["end_stop"]
+    joint: str = Field(description="name of a revolute joint, or of one that slides")
+    lower: Number | None = Field(None, description="where the stop at the lower end is (rad or m)")
+    upper: Number | None = Field(None, description="where the stop at the upper end is (rad or m)")
+    stiffness: PositiveOrParameter = Field(description="Nm/rad or N/m, a number or a parameter's name")
+    damping: NotNegative = Field(
+        0.0, description="of Hunt and Crossley (s/rad or s/m): force of stiffness times depth (1 + damping depth')"
+    )
+
+    @model_validator(mode="after")
+    def _some_end(self) -> Self:
+        if self.lower is None and self.upper is None:
+            raise refusal("at least one of lower and upper is needed")
+        if self.lower is not None and self.upper is not None and not self.lower < self.upper:
+            raise refusal(f"must be below upper = {self.upper:g}", "lower")
+        return self
+
+
+class Gyroscopic(Table):
+    """The inertia forces that are quadratic in velocities: there unless a slow scene leaves them out."""
+
+    type: Literal["gyroscopic"]
+    keep: bool = Field(True, strict=True, description="false leaves them out of the reduced model")
+
+
+class GeometricStiffening(Table):
+    """Stiffness by the forces that act: axial loads and inertia forces (the reduced model's; the full-order one has it)."""
+
+    type: Literal["geometric_stiffening"]
+
+
+class ModeInertia(Table):
+    """Inertia of mode shapes that change with the configuration (the reduced model's; the full-order one has it)."""
+
+    type: Literal["mode_inertia"]
+
+
+Effect = Annotated[
+    Torque
+    | Force
+    | Gravity
+    | PointMass
+    | JointDamping
+    | JointFriction
+    | SpringDamper
+    | StructuralDamping
+    | PrescribedMotion
+    | EndStop
+    | Gyroscopic
+    | GeometricStiffening
+    | ModeInertia,
+    Field(discriminator="type"),
+]

@@ -23,6 +23,14 @@ def refusal(allowed: str, key: str = "") -> PydanticCustomError:
     return PydanticCustomError("refusal", "{allowed}", {"allowed": allowed, "key": key})
 
 
+def exactly_one(table: Table, *keys: str) -> None:
+    """Refuse a table that does not have exactly one of some keys."""
+    given = [key for key in keys if getattr(table, key) is not None]
+    if len(given) != 1:
+        found = f"{' and '.join(given)} are given" if given else "none is given"
+        raise refusal(f"exactly one of {', '.join(keys)} is needed; {found}", given[-1] if given else keys[0])
+
+
 def is_number(value: object) -> TypeGuard[float]:
     """Say whether `value` is a finite number; true and false are none."""
     try:
@@ -52,6 +60,12 @@ def _number_or_parameter(value: object) -> object:
 def _positive_or_parameter(value: object) -> object:
     if not (isinstance(value, str) or is_number(value) and value > 0):
         raise refusal("a positive number or the name of a parameter is needed")
+    return value
+
+
+def _not_negative_or_parameter(value: object) -> object:
+    if not (isinstance(value, str) or is_number(value) and value >= 0):
+        raise refusal("a number that is not negative or the name of a parameter is needed")
     return value
 
 
@@ -93,6 +107,12 @@ Integer = Annotated[int, Field(strict=True)]
 NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter)]
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter)]
+#: A number that is not negative, or the name of a parameter.
+NotNegativeOrParameter = Annotated[float | str, BeforeValidator(_not_negative_or_parameter)]
+#: A positive number.
+PositiveNumber = Annotated[Number, Field(gt=0.0)]
+#: A number that is not negative.
+NotNegative = Annotated[Number, Field(ge=0.0)]
 #: Two finite numbers (x, y).
 Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers)]
 #: Two finite numbers (low, high), low < high.

@@ -49,7 +49,14 @@ class PointOnLine(Table):
     )
 
 
-Joint = Annotated[Revolute | PointOnLine, Field(discriminator="type")]
+class Fixed(Table):
+    """Two points share position and rotation: their bodies are welded at the angle that they are placed at."""
+
+    type: Literal["fixed"]
+    connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
+
+
+Joint = Annotated[Revolute | PointOnLine | Fixed, Field(discriminator="type")]
 
 
 class Coordinate(Table):

@@ -161,9 +161,9 @@ def _members(annotation: Any) -> list[Any]:
 
 
 def _tag(model: type[BaseModel]) -> str:
-    """Return the value of `type` or `shape` that selects a model; it is declared first."""
-    first = next(iter(model.model_fields.values()))
-    return get_args(first.annotation)[0]
+    """Return the value of `type` or `shape` that selects a model."""
+    key = next(key for key in ("type", "shape") if key in model.model_fields)
+    return get_args(model.model_fields[key].annotation)[0]
 
 
 def _toml_key(key: str) -> str:

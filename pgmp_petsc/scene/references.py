@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effects import Torque
+from pgmp_petsc.scene.effect_checks import NUMBERS, effect_problems, joint_problems
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
@@ -18,8 +15,6 @@ from pgmp_petsc.scene.outputs import Angle
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
-
-LOST_IMPULSE = 0.01  # share of a torque's impulse that steps may miss
 
 
 def reference_problems(scene: Scene) -> list[str]:
@@ -43,7 +38,7 @@ def _bodies(scene: Scene) -> Iterator[str]:
             yield problem(
                 "bodies.ground", "this name means the points fixed in space; give the body another one"
             )
-        if body.material not in scene.materials:
+        if body.material is not None and body.material not in scene.materials:
             yield _unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
 
 
@@ -79,34 +74,7 @@ def _coordinates(scene: Scene) -> Iterator[str]:
 
 
 def _effects(scene: Scene) -> Iterator[str]:
-    for name, effect in scene.effects.items():
-        if isinstance(effect, Torque):
-            yield from _revolute(scene, f"effects.{name}.joint", effect.joint)
-            yield from _impulse(scene, f"effects.{name}.table", effect)
-
-
-def _impulse(scene: Scene, entry: str, torque: Torque) -> Iterator[str]:
-    """Check that what the integrator sees of a torque, its values at the ends of steps, has the table's impulse."""
-    from scipy.integrate import trapezoid  # late: reading a scene without a torque needs no scipy
-
-    run = scene.simulation
-    if run.tolerance is not None:  # the step is not known yet
-        return
-    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
-    ends = np.linspace(0.0, run.duration, n_steps + 1)
-    times, values = np.array(torque.table, dtype=float).T
-    everywhere = np.union1d(ends, times[(times > 0.0) & (times < run.duration)])
-    exact = trapezoid(np.interp(everywhere, times, values), everywhere)
-    seen = trapezoid(np.interp(ends, times, values), ends)
-    whole = trapezoid(np.abs(np.interp(everywhere, times, values)), everywhere)
-    # a torque that sets in within a step is seen half a step early or late; that is as it should be
-    tolerated = max(LOST_IMPULSE * whole, 0.5 * run.step * np.max(np.abs(np.interp(ends, times, values))))
-    if abs(seen - exact) > tolerated:
-        yield problem(
-            entry,
-            f"has an impulse of {exact:.4g} N m s, but {seen:.4g} with a torque read every {run.step:g} s; take a smaller "
-            "simulation.step, or a pulse that lasts several steps",
-        )
+    return effect_problems(scene, _point)
 
 
 def _outputs(scene: Scene) -> Iterator[str]:
@@ -162,23 +130,14 @@ def numbers_of(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
     for name, body in scene.bodies.items():
         for key, size in body.section:
             if key != "shape":
-                yield f"bodies.{name}.section.{key}", size, True
+                yield f"bodies.{name}.section.{key}", size, key != "rotary_density" or body.flexible
     for name, effect in scene.effects.items():
-        key = "scale" if isinstance(effect, Torque) else "acceleration"
-        yield f"effects.{name}.{key}", getattr(effect, key), False
+        for key, positive in NUMBERS.get(type(effect), {}).items():
+            yield f"effects.{name}.{key}", getattr(effect, key), positive
 
 
 def _revolute(scene: Scene, entry: str, joint: str) -> Iterator[str]:
-    revolute = [name for name, candidate in scene.joints.items() if isinstance(candidate, Revolute)]
-    if joint not in scene.joints:
-        yield _unknown(entry, "revolute joint", joint, revolute)
-    elif joint not in revolute:
-        yield problem(
-            entry,
-            f"a revolute joint is needed, this one is a {scene.joints[joint].type}"
-            f" (allowed: {', '.join(revolute) or 'none is defined'})",
-            joint,
-        )
+    return joint_problems(scene, entry, joint, (Revolute,))
 
 
 def _point(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterator[str]:

@@ -33,7 +33,7 @@ class Scene(Table):
     ground: Ground = Field(Ground(), description="points fixed in space")
     parameters: dict[Name, Parameter] = Field({}, description="uncertain quantities by name")
     materials: dict[Name, Material] = Field(
-        min_length=1, description="a table for each material, [materials.NAME]"
+        {}, description="a table for each material, [materials.NAME]"
     )
     bodies: dict[Name, Body] = Field(min_length=1, description="a table for each body, [bodies.NAME]")
     joints: dict[Name, Joint] = Field(min_length=1, description="a table for each joint, [joints.NAME]")
@@ -94,6 +94,16 @@ class Scene(Table):
     def initial_state(self, coordinate: str) -> InitialState:
         """Return where a coordinate starts: as given, or 0 and at rest."""
         return self.simulation.initial.get(coordinate, InitialState())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _automatic_effects(cls, data: Any) -> Any:
+        """Take ``effects = "auto"`` for a scene without loads whose terms are to be chosen."""
+        if isinstance(data, dict) and data.get("effects") == "auto":
+            reduction = data.get("reduction", {})
+            if isinstance(reduction, dict):
+                return {**data, "effects": {}, "reduction": {**reduction, "effects": "auto"}}
+        return data
 
     def model_post_init(self, context: Any, /) -> None:
         """Take the directory from the context of the validation, where `loading` puts it."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import SecondOrderSystem, State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene

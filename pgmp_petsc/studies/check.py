@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.effects import effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -17,6 +17,15 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 BYTES = 8
+#: What effects add that are neither loads nor local forces.
+ADDS = {
+    "point_mass": lambda effect: f"part of the mass matrix at {effect.point}",
+    "prescribed_motion": lambda effect: f"drives {effect.coordinate}",
+    "structural_damping": lambda effect: f"in {', '.join(effect.bodies) if effect.bodies else 'all flexible bodies'}",
+    "gyroscopic": lambda effect: "kept" if effect.keep else "left out of the reduced model",
+    "geometric_stiffening": lambda effect: "tables of second order in the reduced model",
+    "mode_inertia": lambda effect: "tables of second order in the reduced model",
+}
 
 
 def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
@@ -60,7 +69,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     if len(flexible) > 1 and not left_open:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
-    lines += _effects(scene, loads)
+    lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if not left_open:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
@@ -70,6 +79,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
 def _bodies(mechanism: Mechanism) -> list[str]:
     lines = []
     for body in mechanism.bodies:
+        if not body.flexible:
+            weights = ", ".join(map(str, sorted(body.mass_weights)))
+            lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
+            continue
         stiffness = ", ".join(map(str, body.section.stiffness_terms()))
         lines.append(
             f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
@@ -97,14 +110,20 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     return lines
 
 
-def _effects(scene: Scene, loads) -> list[str]:
+def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
+    """Say of every effect what it adds to the model."""
     if not scene.effects:
         return ["  effects       none"]
-    terms = {name: sum(load.effect == name for load in loads) for name in scene.effects}
-    return [
-        f"  effect        {name}: {effect.type}, {terms[name]} load term{'s' if terms[name] != 1 else ''}"
-        for name, effect in scene.effects.items()
-    ]
+    actions = actions_of(effects)
+    lines = []
+    for name, effect in scene.effects.items():
+        counts = {
+            "load term": sum(load.effect == name for load in loads),
+            "local force": sum(action.effect == name for action in actions),
+        }
+        adds = [f"{n} {what}{'s' if n != 1 else ''}" for what, n in counts.items() if n]
+        lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
+    return lines
 
 
 def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, int]:

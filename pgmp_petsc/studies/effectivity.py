@@ -24,7 +24,8 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator

@@ -8,6 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.reduction.coordinate_limits import check_features
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
@@ -27,12 +28,16 @@ def read_scene(
 
     def read() -> tuple[Scene, dict[str, LineMesh]]:
         scene = load_scene(path, overrides, settings)
-        meshes = {
-            name: read_line_mesh(scene.path_of(body.mesh), f"bodies.{name}.mesh") for name, body in scene.bodies.items()
-        }
-        return scene, meshes
+        return scene, {name: _mesh_of(scene, name) for name in scene.bodies}
 
     return on_root(comm, read)
+
+
+def _mesh_of(scene: Scene, name: str) -> LineMesh:
+    body = scene.bodies[name]
+    if body.line is not None:
+        return straight_beam(body.line.length, body.line.elements, body.line.start)
+    return read_line_mesh(scene.path_of(body.mesh), f"bodies.{name}.mesh")
 
 
 def read_rom(

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies.inputs import read_scene

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, State, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
@@ -18,6 +19,7 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.studies.balance import balance_of
 
 UNKNOWNS_PER_RANK = 3000
 
@@ -62,7 +64,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     timings = Timings()
     simulation, values = model.scene.simulation, model.scene.values
     wanted = frame_steps(simulation)
-    times, histories, frames = [], [], []
+    times, histories, frames, energies = [], [], [], []
     with timings.phase("assembly"):
         system = model.distributed(values, comm)
     with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
@@ -70,6 +72,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         def record(step: int, time: float, state: State) -> None:
             every = model.frames(system, state)
             times.append(time)
+            energies.append(system.energies(time, state))
             histories.append(np.concatenate([every[list(model.outputs.nodes)], _driving(model, every)]))
             if step in wanted:
                 frames.append(every[..., 0])
@@ -86,7 +89,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
     return _trajectory(
         model, np.array(times), history[:n_outputs], measured[:, None], None,
-        stored, np.array(times)[sorted(wanted)], n_ranks, timings,
+        stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
     )
 
 
@@ -119,7 +122,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, estimate
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, None, estimate
     )
 
 
@@ -150,7 +153,7 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 
 
 def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, estimate=None
+    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
 ) -> Trajectory:
     bodies = model.kinematics.mechanism.bodies
     stored = Frames(
@@ -172,6 +175,7 @@ def _trajectory(
         modal=modal,
         frames=stored if len(frame_times) else None,
         errors=None if estimate is None else _errors(estimate, outputs),
+        balance=balance,
     )
 
 

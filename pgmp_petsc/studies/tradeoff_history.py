@@ -10,7 +10,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import State, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.runtime.errors import RunError

@@ -11,7 +11,8 @@ from mechanisms import accurate, assert_close, both, nominal_rom, run_for, start
 from runs import full_model, history, reduced_model, samples
 from scenes import CRANK, RADIUS, ROD, kinematics_of, pendulum
 
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene

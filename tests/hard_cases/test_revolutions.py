@@ -13,7 +13,8 @@ from runs import history, rom_of, samples
 from scenes import slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_terms import coupling_of, rigid_inertia
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant

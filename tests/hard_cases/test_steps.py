@@ -7,7 +7,8 @@ import pytest
 from mechanisms import accurate, nominal_rom, run_for, smooth_torque, start
 from runs import full_model, run_model, samples
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.models import FullModel, Model, ReducedModel

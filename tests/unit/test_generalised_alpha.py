@@ -10,15 +10,9 @@ import scipy.integrate
 import scipy.linalg
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import (
-    CAREFUL_ITERATIONS,
-    MAX_ITERATIONS,
-    Run,
-    Scheme,
-    State,
-    count_steps,
-    integrate,
-)
+from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
+from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene.numerics import Simulation
@@ -43,6 +37,7 @@ class LinearSystem:
     beyond: float = np.inf
     n_corrections: int = 0
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
+    n_events: int = 0
 
     @property
     def n_samples(self) -> int:
@@ -101,7 +96,7 @@ def exact(system: LinearSystem, time: float) -> tuple[np.ndarray, np.ndarray, np
 class Pendulum:
     """A unit mass on a massless rod of 1 m: index 3, one multiplier; it starts with a velocity away from rest."""
 
-    comm, n_samples = MPI.COMM_SELF, 1
+    comm, n_samples, n_events = MPI.COMM_SELF, 1, 0
     ANGLE, SPEED, GRAVITY = 0.8, 2.0, 9.81
 
     def start(self) -> State:

@@ -47,14 +47,13 @@ def test_a_joint_at_a_point_that_the_mesh_does_not_have_is_refused() -> None:
         mechanism_of(scene)
 
 
-def test_constraint_dofs_leave_out_the_ground() -> None:
+def test_a_connection_leaves_out_the_ground() -> None:
     mechanism = mechanism_of(slider_crank())
-    dofs, columns = mechanism.constraint_dofs(mechanism.connection("slider"))
-    np.testing.assert_array_equal(dofs, [33, 34, 35])
-    np.testing.assert_array_equal(columns, [3, 4, 5])
-    dofs, columns = mechanism.constraint_dofs(mechanism.connection("elbow"))
-    np.testing.assert_array_equal(dofs, [15, 16, 17, 18, 19, 20])
-    np.testing.assert_array_equal(columns, range(6))
+    slider, elbow = mechanism.connection("slider"), mechanism.connection("elbow")
+    np.testing.assert_array_equal(slider.dofs, [33, 34, 35])
+    np.testing.assert_array_equal(slider.moving_columns, [3, 4, 5])
+    np.testing.assert_array_equal(elbow.dofs, [15, 16, 17, 18, 19, 20])
+    np.testing.assert_array_equal(elbow.moving_columns, range(6))
 
 
 def test_a_line_turns_with_a_body_and_not_on_the_ground() -> None:

@@ -17,6 +17,10 @@ NUMBER_OR_NAME = "a positive number or the name of a parameter is needed"
 PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
 
 # One override of the shipped scene, and the one line that it is answered with.
+EFFECTS = (
+    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, structural_damping, "
+    "prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
+)
 ENTRIES = [
     # kinds of values
     ('scene.name=""', 'scene.name = "": text that is not empty is needed'),
@@ -103,16 +107,16 @@ ENTRIES = [
     ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": unknown (allowed: x, y)'),
     ("outputs.slider_position.axis=1", "outputs.slider_position.axis = 1: unknown (allowed: x, y)"),
     ("effects.motor=3", "effects.motor = 3: a table is needed"),
-    ("effects.motor={}", "effects.motor.type: missing (allowed: torque, gravity)"),
+    ("effects.motor={}", f"effects.motor.type: missing (allowed: {EFFECTS})"),
     (
         "effects.motor.type='torqe'",
-        "effects.motor.type = \"torqe\": unknown; did you mean 'torque'? (allowed: torque, gravity)",
+        f"effects.motor.type = \"torqe\": unknown; did you mean 'torque'? (allowed: {EFFECTS})",
     ),
     (
         "outputs.a.type='speed'",
         'outputs.a.type = "speed": unknown (allowed: angle, rotation, position, displacement, deformation)',
     ),
-    ("bodies.crank.section.shape=1", "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle)"),
+    ("bodies.crank.section.shape=1", "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients)"),
     ('effects."my motor"={type="gravity"}', f'effects."my motor": {NAME_NEEDED}'),
     ('ground.points."a:b"=[0,1]', f'ground.points."a:b": {NAME_NEEDED}'),
     (
@@ -329,7 +333,6 @@ def test_an_empty_scene_is_told_which_tables_are_needed() -> None:
         scene_from_toml("", ".")
     assert str(caught.value).splitlines() == [
         "scene: missing; needed: table with the scene's name",
-        "materials: missing; needed: a table for each material, [materials.NAME]",
         "bodies: missing; needed: a table for each body, [bodies.NAME]",
         "joints: missing; needed: a table for each joint, [joints.NAME]",
         "coordinates: missing; needed: a table for each rigid coordinate, [coordinates.NAME]",

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pgmp_petsc.dynamics.generalised_alpha import Scheme, count_steps
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.second_order_system import Scheme
 from pgmp_petsc.selection.step import AHEAD, StepSearch, step_of
 
 DURATION, SHARE = 1.0, 2e-3

@@ -7,7 +7,8 @@ import pytest
 from runs import paper_scene, rom_of
 from scenes import RADIUS
 
-from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha, Scheme, State
+from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes, _factors
 from pgmp_petsc.indicator.step_error import StepError
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -23,6 +24,7 @@ class Oscillators:
 
     comm = None
     n_samples = 1
+    n_events = 0
 
     def __init__(self, modes: Modes, force: np.ndarray) -> None:
         self.modes, self.force = modes, force

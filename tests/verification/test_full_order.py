@@ -13,7 +13,8 @@ from runs import full_model, history, paper_scene, quick_return, run_model, samp
 from scenes import CRANK, RADIUS, ROD, pendulum, slider_crank
 from scipy.special import ellipk
 
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene

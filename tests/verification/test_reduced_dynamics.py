@@ -20,7 +20,8 @@ from runs import (
 )
 from scenes import RADIUS, slider_crank
 
-from pgmp_petsc.dynamics.generalised_alpha import State, integrate
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.reduced_energy import reduced_energy
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModeSet

@@ -1,0 +1,61 @@
+"""Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its three rigid motions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.runtime.errors import InputError
+
+N_RIGID = 3
+DENSE = 300  # unknowns up to which a dense solver is faster
+
+
+def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the first elastic modes of a body.
+
+    Parameters
+    ----------
+    body
+        A flexible body.
+    values
+        Parameter values.
+    n_modes
+        Number of modes.
+    entry
+        The scene entry that asks for them, for messages.
+
+    Returns
+    -------
+    omega
+        Angular frequencies, shape (n_modes,), rad/s.
+    phi
+        M-orthonormal modes in the body's frame, shape (n_body_dofs, n_modes).
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer modes.
+    """
+    alone = body.from_node(0)
+    n_dofs = DOFS_PER_NODE * body.n_nodes
+    if n_modes > n_dofs - N_RIGID:
+        raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - N_RIGID}")
+    matrices = assemble([alone], range(n_dofs))
+    mass, stiffness = weighted_sum(matrices.mass, values), weighted_sum(matrices.stiffness, values)
+    wanted = N_RIGID + n_modes
+    if n_dofs <= DENSE or wanted >= n_dofs - 1:
+        squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))
+    else:
+        # a small negative shift keeps the matrix regular in spite of the rigid motions
+        shift = -1e-9 * stiffness.diagonal().sum() / mass.diagonal().sum()
+        start = np.random.default_rng(0).standard_normal(n_dofs)
+        squares, vectors = eigsh(stiffness.tocsc(), wanted, mass.tocsc(), sigma=shift, v0=start)
+        order = np.argsort(squares)
+        squares, vectors = squares[order], vectors[:, order]
+    return np.sqrt(squares[N_RIGID:]), vectors[:, N_RIGID:]

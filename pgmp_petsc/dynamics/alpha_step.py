@@ -1,0 +1,157 @@
+"""One step of the generalised-alpha scheme: prediction, and Newton's iteration of every sample to its own convergence."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
+
+MAX_ITERATIONS = 12
+CAREFUL_ITERATIONS = 40
+LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
+REFRESH_EVERY = 4  # corrections that share one factorisation
+FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
+ROUND_OFF = 1e-15
+NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
+
+
+class AlphaStep:
+    """Steps of any length of a system.
+
+    Parameters
+    ----------
+    system
+        The system; all its samples advance together.
+    spectral_radius
+        Of the scheme at infinite frequency.
+
+    Attributes
+    ----------
+    n_iterations
+        Newton corrections done so far, all samples together.
+    """
+
+    def __init__(self, system: SecondOrderSystem, spectral_radius: float) -> None:
+        self._system = system
+        self._spectral_radius = spectral_radius
+        self.n_iterations = 0
+
+    def advance(
+        self, previous: State, auxiliary: np.ndarray, end: float, step: float, samples: np.ndarray
+    ) -> tuple[State, np.ndarray, np.ndarray]:
+        """Advance some samples.
+
+        Parameters
+        ----------
+        previous, auxiliary
+            State at the beginning of the step, and the auxiliary accelerations A there.
+        end, step
+            End and length of the step, s.
+        samples
+            Mask of the samples to advance, shape (n_samples,).
+
+        Returns
+        -------
+        state, auxiliary
+            At the end.
+        lost
+            Mask of the samples whose iteration failed.
+        """
+        scheme = Scheme.of(self._spectral_radius, step)
+        state = _predict(scheme, step, previous, auxiliary, previous.a)
+        lost = self._iterate(end, state, scheme, samples, REFRESH_EVERY)
+        if lost.any():
+            # A load that sets in at once gives light nodes accelerations that no step can follow; the
+            # displacement, held at constant velocity, is then the better prediction.
+            coasting = _predict(scheme, step, previous, auxiliary, _coasting(scheme, previous, auxiliary))
+            self._system.restore(state, coasting, lost)
+            lost = self._iterate(end, state, scheme, lost, 1)
+            if lost.any():
+                self._system.restore(state, coasting, lost)
+                state, lost = self._iterate_carefully(end, state, scheme, lost)
+        return state, _ahead(scheme, auxiliary, state.a, previous.a), lost
+
+    def _iterate(
+        self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int
+    ) -> np.ndarray:
+        """Run Newton's iteration of every living sample to its own convergence; return those that failed.
+
+        What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner
+        1996, section IV.8). A contraction is not carried over from the step before: it grows with the speed.
+        """
+        lost = np.zeros_like(alive)
+        active = alive.copy()
+        last = np.full(active.shape, np.inf)
+        for iteration in range(MAX_ITERATIONS):
+            fresh = iteration % refresh_every == 0
+            size = self._system.correct(time, state, scheme, active, fresh)
+            self.n_iterations += int(active.sum())
+            lost |= active & ~np.isfinite(size)
+            active &= np.isfinite(size)
+            contraction = np.clip(size / np.maximum(last, 1e-300), 0.0, 0.999) if iteration else FIRST_CONTRACTION
+            remaining = size * contraction / (1.0 - contraction)
+            active &= ~((remaining <= NEWTON_TOLERANCE) | (size <= ROUND_OFF))
+            last = size
+            if not active.any():
+                break
+        return lost | active
+
+    def _iterate_carefully(
+        self, time: float, state: State, scheme: Scheme, alive: np.ndarray
+    ) -> tuple[State, np.ndarray]:
+        """Run Newton's iteration with limited corrections; return the state and the samples that failed.
+
+        A load that sets in at once may throw the first corrections far beyond the range in which the equations look like
+        their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
+        """
+        active, lost = alive.copy(), np.zeros_like(alive)
+        for _ in range(CAREFUL_ITERATIONS):
+            before = state.copy()
+            size = self._system.correct(time, state, scheme, active, True)
+            self.n_iterations += int(active.sum())
+            lost |= active & ~np.isfinite(size)
+            active &= np.isfinite(size)
+            # by halves, together: rarely more than a few samples come here
+            while True:
+                long = active & (size > LONGEST)
+                if not long.any():
+                    break
+                self._system.restore(state, _halfway(before, state), long)
+                size = np.where(long, 0.5 * size, size)
+            active &= size > NEWTON_TOLERANCE
+            if not active.any():
+                break
+        return state, lost | active
+
+
+def _ahead(scheme: Scheme, auxiliary: np.ndarray, a: np.ndarray, previous_a: np.ndarray) -> np.ndarray:
+    """Return A_{n+1} from the accelerations at the end and the beginning of the step."""
+    s = scheme
+    weighted = (1 - s.alpha_f) * a + s.alpha_f * previous_a - s.alpha_m * auxiliary
+    return weighted / (1 - s.alpha_m)
+
+
+def _coasting(scheme: Scheme, previous: State, auxiliary: np.ndarray) -> np.ndarray:
+    """Return the accelerations at the end of the step for which the displacement is ``q + h q'``."""
+    s = scheme
+    ahead = -(0.5 - s.beta) / s.beta * auxiliary
+    weighted = (1 - s.alpha_m) * ahead + s.alpha_m * auxiliary - s.alpha_f * previous.a
+    return weighted / (1 - s.alpha_f)
+
+
+def _predict(scheme: Scheme, step: float, previous: State, auxiliary: np.ndarray, a: np.ndarray) -> State:
+    """Predict the end of the step with given accelerations there."""
+    s, h = scheme, step
+    ahead = _ahead(scheme, auxiliary, a, previous.a)
+    q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * auxiliary + s.beta * ahead)
+    v = previous.v + h * ((1 - s.gamma) * auxiliary + s.gamma * ahead)
+    return State(q, v, a.copy(), previous.multipliers.copy())
+
+
+def _halfway(one: State, other: State) -> State:
+    return State(
+        0.5 * (one.q + other.q),
+        0.5 * (one.v + other.v),
+        0.5 * (one.a + other.a),
+        0.5 * (one.multipliers + other.multipliers),
+    )

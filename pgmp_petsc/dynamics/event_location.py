@@ -1,0 +1,117 @@
+"""Steps that end where a law has an edge, such as the contact with an end stop.
+
+A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back to the
+beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from there; all others keep
+their step, so that the samples of a batch meet again at its end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq
+
+from pgmp_petsc.dynamics.alpha_step import AlphaStep
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+
+MAX_EVENTS = 20  # in one step of one sample; beyond, the step is taken as it is
+TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own error
+SHORTEST = 1e-6  # part of a step that is worth a step of its own
+
+Moment = tuple[State, np.ndarray]
+
+
+class EventLocation:
+    """Location of the edges that the samples of a system cross.
+
+    Parameters
+    ----------
+    system
+        A system with events.
+    stepper
+        Its steps.
+    start
+        State at time 0.
+    """
+
+    def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
+        self._system, self._stepper = system, stepper
+        self._beyond = system.depths(0.0, start) > 0.0
+        self.n_located = 0
+
+    def repeat_steps(
+        self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray
+    ) -> np.ndarray:
+        """Repeat the steps that cross edges, in place of `after`; return the samples whose iteration failed.
+
+        Parameters
+        ----------
+        before, after
+            State and auxiliary accelerations at the beginning and at the end of the step.
+        end, step
+            End and length of the step, s.
+        samples
+            Mask of the samples that took the step, shape (n_samples,).
+        """
+        lost = np.zeros_like(samples)
+        crossed = samples & np.any((self._system.depths(end, after[0]) > 0.0) != self._beyond, axis=0)
+        for sample in np.flatnonzero(crossed):
+            alone = np.arange(samples.size) == sample
+            reached = self._through(before, end, step, alone)
+            if reached is None:
+                lost |= alone
+            else:
+                _put(self._system, after, reached, alone)
+        return lost
+
+    def _through(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> Moment | None:
+        """Take one sample to the end of the step, edge by edge; None where its iteration fails."""
+        left = step
+        for _ in range(MAX_EVENTS):
+            there = self._advance(moment, end, left, alone)
+            if there is None:
+                return None
+            crossed = np.flatnonzero(self._crossed(end, there, alone))
+            if not crossed.size:
+                return there
+            first, edge = min((self._root(moment, end, left, alone, edge), edge) for edge in crossed)
+            self._beyond[edge, alone] = ~self._beyond[edge, alone]
+            self.n_located += 1
+            if first > SHORTEST * step:
+                moment = self._advance(moment, end - left + first, first, alone)
+                left -= first
+            if moment is None:
+                return None
+            if left <= SHORTEST * step:
+                return moment
+        return self._advance(moment, end, left, alone)
+
+    def _root(self, moment: Moment, end: float, left: float, alone: np.ndarray, edge: int) -> float:
+        """Return how long it takes to the edge, s."""
+        start = end - left
+        sign = -1.0 if self._beyond[edge, alone][0] else 1.0
+
+        def depth(duration: float) -> float:
+            there = self._advance(moment, start + duration, duration, alone)
+            return np.nan if there is None else sign * float(self._system.depths(start + duration, there[0])[edge, alone][0])
+
+        earliest = SHORTEST * left
+        if not depth(earliest) < 0.0:
+            return 0.0
+        return float(brentq(depth, earliest, left, xtol=TIME_TOLERANCE * left))
+
+    def _advance(self, moment: Moment, end: float, duration: float, alone: np.ndarray) -> Moment | None:
+        state, auxiliary, lost = self._stepper.advance(*moment, end, duration, alone)
+        return None if lost.any() else (state, auxiliary)
+
+    def _crossed(self, time: float, moment: Moment, alone: np.ndarray) -> np.ndarray:
+        """Return which edges lie between the sample and where it was, shape (n_events,)."""
+        return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self._beyond[:, alone][:, 0]
+
+
+def _put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
+    """Copy state and auxiliary accelerations of some samples; a system alone knows where its samples are in an array."""
+    (to, to_auxiliary), (state, auxiliary) = target, source
+    system.restore(to, state, samples)
+    behind, ahead = to.copy(), state.copy()
+    behind.a, ahead.a = to_auxiliary, auxiliary
+    system.restore(behind, ahead, samples)

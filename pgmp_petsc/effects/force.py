@@ -1,0 +1,67 @@
+"""A force on a point of a body: along a direction of the ground, of the body, or towards another point.
+
+A force with a direction of the ground on a node is a load; one that turns with its body, one that pulls towards a point, and any force on
+a rigid body away from its centre of mass depend on the state, and are actions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.amplitude import amplitude_of
+from pgmp_petsc.effects.effect import ActionEffect, Effect
+from pgmp_petsc.effects.laws import SOURCE
+from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.measures import DISTANCE, FOLLOWING, SLIDE
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.scene import effects as schema
+
+GROUND_ORIGIN = Attachment(-1, -1, np.zeros(2))
+
+
+def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
+    """Return the effect that fits the force's direction; see the module."""
+    point = mechanism.attachment(entry.point, f"effects.{name}.point")
+    if point.at_node and entry.towards is None and not entry.follows:
+        return FixedForce(name, entry, point)
+    scale, amplitude = Quantity.of(entry.scale), amplitude_of(entry)
+    if entry.towards is not None:
+        # it makes the distance shorter
+        target = mechanism.attachment(entry.towards, f"effects.{name}.towards")
+        return ActionEffect(name, [Action(name, DISTANCE, target, point, SOURCE, (-1.0 * scale,), amplitude=amplitude)])
+    kind = FOLLOWING if entry.follows else SLIDE
+    return ActionEffect(name, [Action(name, kind, GROUND_ORIGIN, point, SOURCE, (scale,), entry.direction, amplitude)])
+
+
+class FixedForce(Effect):
+    """A force on a node that keeps its direction in space."""
+
+    def __init__(self, name: str, entry: schema.Force, point: Attachment) -> None:
+        super().__init__(name)
+        self._amplitude = amplitude_of(entry)
+        self._scale = Quantity.of(entry.scale)
+        self._direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
+        self._point = point
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return one term: a unit force at the node."""
+        return [Load(self.name, self._scale.monomial, self._vector(matrices, self._scale.coefficient * self._direction))]
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return unit forces along both axes of the body, in whose frame the direction turns."""
+        return [self._vector(matrices, axis) for axis in np.eye(2)]
+
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
+        """Return the force, N."""
+        return self._amplitude(time)
+
+    def _vector(self, matrices: AffineMatrices, components: np.ndarray) -> np.ndarray:
+        vector = np.zeros(len(matrices.rows))
+        for dof, component in zip(self._point.dofs, components):
+            if dof in matrices.rows:
+                vector[dof - matrices.rows.start] = component
+        return vector

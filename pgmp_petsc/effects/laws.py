@@ -1,0 +1,62 @@
+"""Force laws ``F(t, s, s')`` on a scalar measure s of the motion; compiled.
+
+====================== =============================================== ==============================================
+law                    F                                               parameters
+====================== =============================================== ==============================================
+``SOURCE``             ``amplitude(t) scale``                          scale
+``SPRING_DAMPER``      ``-k (s - rest) - c s'``                        k, c, rest
+``FRICTION``           ``-limit tanh(s' / speed)``                     limit, speed
+``STOP``               ``-side k depth (1 + c depth')``, where         k, c, place, side (1 upper, -1 lower)
+                       ``depth = side (s - place) > 0``, never a pull
+====================== =============================================== ==============================================
+
+The stop's damping is that of Hunt and Crossley (1975): its force begins at zero, so that it is continuous at contact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SOURCE, SPRING_DAMPER, FRICTION, STOP = range(4)
+N_PARAMETERS = 4
+
+
+@njit(cache=True, error_model="numpy")
+def law(kind, p, amplitude, s, rate):
+    """Evaluate a law.
+
+    Parameters
+    ----------
+    kind
+        ``SOURCE``, ``SPRING_DAMPER``, ``FRICTION`` or ``STOP``.
+    p
+        Parameters as in the module's table, shape (N_PARAMETERS,).
+    amplitude
+        Of a source, now.
+    s, rate
+        Measure and its rate.
+
+    Returns
+    -------
+    tuple of float
+        F, ``-dF/ds``, ``-dF/ds'``, and of its elastic part ``F_e = -dV/ds`` the force and the potential energy V (J).
+    """
+    if kind == SOURCE:
+        return amplitude * p[0], 0.0, 0.0, 0.0, 0.0
+    if kind == SPRING_DAMPER:
+        stretch = s - p[2]
+        elastic = -p[0] * stretch
+        return elastic - p[1] * rate, p[0], p[1], elastic, 0.5 * p[0] * stretch * stretch
+    if kind == FRICTION:
+        bent = np.tanh(rate / p[1])
+        return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
+    side = p[3]
+    depth = side * (s - p[2])
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    braking = 1.0 + p[1] * side * rate
+    elastic, stored = -side * p[0] * depth, 0.5 * p[0] * depth * depth
+    if braking <= 0.0:
+        return 0.0, 0.0, 0.0, elastic, stored
+    return elastic * braking, p[0] * braking, p[0] * p[1] * depth, elastic, stored

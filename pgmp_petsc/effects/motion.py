@@ -1,0 +1,83 @@
+"""Prescribed motions of a coordinate: angle, speed and acceleration at any time.
+
+A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986),
+
+    theta = Omega / T (t^2 / 2 + (T / 2 pi)^2 (cos(2 pi t / T) - 1)),   then   theta = Omega (t - T / 2),
+
+whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables become cubic splines at rest at both ends, and stay
+where they end; all others go on for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pgmp_petsc.scene.effects import PrescribedMotion
+from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
+
+Instant = tuple[float, float, float]
+
+
+class Motion:
+    """The motion of a coordinate that an effect prescribes.
+
+    Parameters
+    ----------
+    name
+        Name of the effect.
+    entry
+        What the scene says.
+    """
+
+    def __init__(self, name: str, entry: PrescribedMotion) -> None:
+        self.name = name
+        self.coordinate = entry.coordinate
+        makers = {"table": _table, "harmonic": _harmonic, "spin_up": _spin_up, "constant_speed": _constant_speed}
+        self._at = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
+
+    def at(self, time: float) -> Instant:
+        """Return angle (rad), speed (rad/s) and acceleration (rad/s2) at a time (s)."""
+        return self._at(time)
+
+
+def _table(rows: TimeTable) -> Callable[[float], Instant]:
+    times, angles = np.array(rows, dtype=float).T
+    spline = CubicSpline(times, angles, bc_type="clamped")
+
+    def at(time: float) -> Instant:
+        if time <= times[0] or time >= times[-1]:
+            return float(angles[0] if time <= times[0] else angles[-1]), 0.0, 0.0
+        return float(spline(time)), float(spline(time, 1)), float(spline(time, 2))
+
+    return at
+
+
+def _harmonic(wave: Harmonic) -> Callable[[float], Instant]:
+    rate = 2.0 * np.pi * wave.frequency_hz
+
+    def at(time: float) -> Instant:
+        sin, cos = np.sin(rate * time + wave.phase), np.cos(rate * time + wave.phase)
+        swing = wave.amplitude
+        return wave.mean + swing * sin, swing * rate * cos, -swing * rate**2 * sin
+
+    return at
+
+
+def _spin_up(entry: SpinUp) -> Callable[[float], Instant]:
+    end, rate = entry.time, 2.0 * np.pi / entry.time
+
+    def at(time: float) -> Instant:
+        if time >= end:
+            return entry.start + entry.speed * (time - 0.5 * end), entry.speed, 0.0
+        gain = entry.speed / end
+        angle = gain * (0.5 * time**2 + (np.cos(rate * time) - 1.0) / rate**2)
+        return entry.start + angle, gain * (time - np.sin(rate * time) / rate), gain * (1.0 - np.cos(rate * time))
+
+    return at
+
+
+def _constant_speed(entry: ConstantSpeed) -> Callable[[float], Instant]:
+    return lambda time: (entry.start + entry.speed * time, entry.speed, 0.0)

@@ -1,0 +1,159 @@
+"""From a scene to bodies and connections: numbering, attachments, and where the assembly begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.body import Body, LumpedMass
+from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joints import N_FRAME, Fixed, Joint, PointOnLine, Revolute
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.scene.effects import PointMass
+from pgmp_petsc.scene.schema import Scene
+
+GROUND = "ground"
+
+
+def bodies_of(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Body, ...]:
+    """Return the bodies of a scene with the point masses that they carry, numbered one after the other.
+
+    A point mass away from the centre of a rigid body is a body of its own, welded to it (`connections_of`): the mass
+    matrices then stay constant, and affine in the parameters.
+
+    Raises
+    ------
+    InputError
+        If a point mass is at a point that its body's mesh does not have.
+    """
+    bodies: dict[str, Body] = {}
+    for name, entry in scene.bodies.items():
+        material = None if entry.material is None else scene.materials[entry.material]
+        section = BeamSection.of(entry.section, material)
+        make = Body.beam if entry.flexible else Body.rigid
+        bodies[name] = make(name, meshes[name], section)
+    for name, effect in scene.effects.items():
+        if isinstance(effect, PointMass):
+            owner, _, point = effect.point.partition(":")
+            node = bodies[owner].shape.point(point, f"effects.{name}.point")
+            lumps = _lumps(effect)
+            if bodies[owner].flexible:
+                bodies[owner] = bodies[owner].with_lumps(node, lumps)
+            else:
+                bodies[_welded(name)] = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
+    numbered, first_node = [], 0
+    for body in bodies.values():
+        numbered.append(body.from_node(first_node))
+        first_node += body.n_nodes
+    return tuple(numbered)
+
+
+def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:
+    """Return the attachment at ``"body:point"`` or ``"ground:point"``.
+
+    Raises
+    ------
+    InputError
+        If the body's mesh has no such point; `entry` is the scene entry to blame.
+    """
+    name, _, point = address.partition(":")
+    if name == GROUND:
+        return Attachment(-1, -1, np.asarray(scene.ground.positions[point], dtype=float))
+    index = next(i for i, body in enumerate(bodies) if body.name == name)
+    body = bodies[index]
+    number = body.shape.point(point, entry)
+    place = body.shape.nodes[number]
+    if body.flexible:
+        return Attachment(index, body.first_node + number, place)
+    return Attachment(index, body.first_node, place, place - body.mesh.nodes[0])
+
+
+def connections_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Connection, ...]:
+    """Return the joints of a scene, and the welds of point masses to rigid bodies.
+
+    Raises
+    ------
+    InputError
+        If a joint names a point that its body's mesh does not have.
+    """
+    sides = {
+        name: tuple(attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect)
+        for name, entry in scene.joints.items()
+    }
+    kinds = {name: entry.type for name, entry in scene.joints.items()}
+    for name, effect in scene.effects.items():
+        index = next((i for i, body in enumerate(bodies) if body.name == _welded(name)), None)
+        if isinstance(effect, PointMass) and index is not None:
+            carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
+            particle = Attachment(index, bodies[index].first_node, bodies[index].mesh.nodes[0])
+            sides[_welded(name)], kinds[_welded(name)] = (carrier, particle), "fixed"
+    connections, row = [], 0
+    for name, (a, b) in sides.items():
+        joint: Joint
+        if kinds[name] == "revolute":
+            joint = Revolute()
+        elif kinds[name] == "fixed":
+            welded = name not in scene.joints  # a point mass, which has the direction of its body
+            joint = Fixed(0.0 if welded else _placed_angle(scene, bodies, b) - _placed_angle(scene, bodies, a))
+        else:
+            joint = PointOnLine(scene.joints[name].direction, turning=not a.on_ground)
+        connections.append(Connection(name, joint, a, b, slice(row, row + joint.n_constraints)))
+        row += joint.n_constraints
+    return tuple(connections)
+
+
+def first_guess(scene: Scene, bodies: Sequence[Body], connections: Sequence[Connection]) -> np.ndarray:
+    """Return poses to start the assembly from, shape (n_bodies, 3); they choose the assembly branch.
+
+    A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint
+    point meets the one already placed, with the direction that they have in their mesh.
+    """
+    poses = np.zeros((len(bodies), N_FRAME))
+    placed = np.zeros(len(bodies), dtype=bool)
+    for i, body in enumerate(bodies):
+        placement = scene.bodies[body.name].placement if body.name in scene.bodies else None
+        if placement is not None:
+            poses[i] = (*placement.origin, placement.angle)
+            placed[i] = True
+    waiting = list(connections)
+    while True:
+        ready = [
+            c
+            for c in waiting
+            if isinstance(c.joint, (Revolute, Fixed))
+            and (c.a.on_ground or placed[c.a.body]) != (c.b.on_ground or placed[c.b.body])
+        ]
+        if not ready:
+            return poses
+        connection = ready[0]
+        a, b = connection.a, connection.b
+        anchor, loose = (a, b) if a.on_ground or placed[a.body] else (b, a)
+        if isinstance(connection.joint, Fixed) and bodies[loose.body].name not in scene.bodies:
+            poses[loose.body, 2] = poses[anchor.body, 2]
+        gap = anchor.frame_of_pose(poses)[:2] - loose.frame_of_pose(poses)[:2]
+        poses[loose.body, :2] += gap
+        placed[loose.body] = True
+        waiting.remove(connection)
+
+
+def _placed_angle(scene: Scene, bodies: Sequence[Body], side: Attachment) -> float:
+    """Return the angle that a body is placed at, rad; 0 for the ground."""
+    entry = None if side.on_ground else scene.bodies[bodies[side.body].name]
+    return 0.0 if entry is None or entry.placement is None else entry.placement.angle
+
+
+def _lumps(effect: PointMass) -> dict[Monomial, LumpedMass]:
+    mass = Quantity.of(effect.mass)
+    lumps = {mass.monomial: LumpedMass(mass.coefficient, 0.0)}
+    if effect.inertia:
+        lumps[Monomial()] = lumps.get(Monomial(), LumpedMass(0.0, 0.0)) + LumpedMass(0.0, effect.inertia)
+    return lumps
+
+
+def _welded(effect: str) -> str:
+    """Return the name of the body that a point mass on a rigid body is; no scene's name has a colon."""
+    return f"{effect}:mass"

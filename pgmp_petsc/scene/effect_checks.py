@@ -1,0 +1,188 @@
+"""Checks of effects against the rest of a scene: joints and points of the right kind, and effects that exclude each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.runtime.errors import nearest_name
+import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.scene.joints import PointOnLine, Revolute
+from pgmp_petsc.scene.messages import problem
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
+
+LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
+STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
+#: Joints that an effect may be on; those that rotate are revolute, those that slide have a point on a line.
+ON_JOINTS = {
+    kinds.Torque: (Revolute,),
+    kinds.JointDamping: (Revolute, PointOnLine),
+    kinds.JointFriction: (Revolute, PointOnLine),
+    kinds.SpringDamper: (Revolute, PointOnLine),
+    kinds.EndStop: (Revolute, PointOnLine),
+}
+#: Entries of an effect that may name a parameter, and whether it must be positive.
+NUMBERS = {
+    kinds.Torque: {"scale": False},
+    kinds.Force: {"scale": False},
+    kinds.Gravity: {"acceleration": False},
+    kinds.PointMass: {"mass": True},
+    kinds.JointDamping: {"coefficient": False},
+    kinds.JointFriction: {"limit": False},
+    kinds.SpringDamper: {"stiffness": False, "damping": False},
+    kinds.EndStop: {"stiffness": True},
+}
+#: Effects that a scene may have once.
+SINGLE = (kinds.Gyroscopic, kinds.GeometricStiffening, kinds.ModeInertia)
+
+PointCheck = Callable[["Scene", str, str, bool], Iterator[str]]
+
+
+def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
+    """Yield one line for each entry of an effect that does not fit; `check_point` checks ``"body:point"``."""
+    for name, effect in scene.effects.items():
+        entry = f"effects.{name}"
+        allowed = ON_JOINTS.get(type(effect))
+        if allowed and effect.joint is not None:
+            yield from joint_problems(scene, f"{entry}.joint", effect.joint, allowed)
+        for key, ground_allowed in (("point", False), ("towards", True)):
+            point = getattr(effect, key, None)
+            if point is not None:
+                yield from check_point(scene, f"{entry}.{key}", point, ground_allowed)
+        if isinstance(effect, kinds.SpringDamper):
+            for point in effect.points or ():
+                yield from check_point(scene, f"{entry}.points", point, True)
+        if isinstance(effect, (kinds.Torque, kinds.Force)):
+            yield from _resolved_in_time(scene, entry, effect)
+        if isinstance(effect, kinds.StructuralDamping):
+            yield from _damped_bodies(scene, entry, effect)
+        if isinstance(effect, kinds.PrescribedMotion):
+            yield from _prescribed(scene, name, effect)
+    yield from _alone(scene)
+    yield from _halves(scene)
+
+
+def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ...]) -> Iterator[str]:
+    """Yield a line if there is no such joint, or it is of a kind that is not allowed."""
+    fitting = [name for name, candidate in scene.joints.items() if isinstance(candidate, allowed)]
+    named = " or ".join(kind.model_fields["type"].annotation.__args__[0] for kind in allowed)
+    if joint not in scene.joints:
+        yield problem(entry, f"there is no such {named} joint{nearest_name(joint, fitting)}", joint)
+    elif joint not in fitting:
+        yield problem(
+            entry,
+            f"a {named} joint is needed, this one is a {scene.joints[joint].type}"
+            f" (allowed: {', '.join(fitting) or 'none is defined'})",
+            joint,
+        )
+
+
+def _resolved_in_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[str]:
+    """Check that what the integrator sees, values at the ends of steps, is what the scene says."""
+    run = scene.simulation
+    if run.tolerance is not None:  # the step is not known yet
+        return
+    if effect.table is not None:
+        yield from _impulse(scene, f"{entry}.table", effect)
+    elif run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
+        yield problem(
+            f"{entry}.harmonic.frequency_hz",
+            f"needs a simulation.step of at most {1.0 / (STEPS_A_PERIOD * effect.harmonic.frequency_hz):.3g} s, "
+            f"{STEPS_A_PERIOD} a period; it is {run.step:g} s",
+            effect.harmonic.frequency_hz,
+        )
+
+
+def _impulse(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[str]:
+    from scipy.integrate import trapezoid  # late: reading a scene without a table needs no scipy
+
+    run = scene.simulation
+    n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
+    ends = np.linspace(0.0, run.duration, n_steps + 1)
+    times, values = np.array(effect.table, dtype=float).T
+    everywhere = np.union1d(ends, times[(times > 0.0) & (times < run.duration)])
+    exact = trapezoid(np.interp(everywhere, times, values), everywhere)
+    seen = trapezoid(np.interp(ends, times, values), ends)
+    whole = trapezoid(np.abs(np.interp(everywhere, times, values)), everywhere)
+    # what sets in within a step is seen half a step early or late; that is as it should be
+    tolerated = max(LOST_IMPULSE * whole, 0.5 * run.step * np.max(np.abs(np.interp(ends, times, values))))
+    if abs(seen - exact) > tolerated:
+        unit = "N m s" if isinstance(effect, kinds.Torque) else "N s"
+        yield problem(
+            entry,
+            f"has an impulse of {exact:.4g} {unit}, but {seen:.4g} with a {effect.type} read every {run.step:g} s; take a "
+            "smaller simulation.step, or a pulse that lasts several steps",
+        )
+
+
+def _damped_bodies(scene: Scene, entry: str, effect: kinds.StructuralDamping) -> Iterator[str]:
+    flexible = [name for name, body in scene.bodies.items() if body.flexible]
+    for body in effect.bodies or ():
+        if body not in scene.bodies:
+            yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", list(effect.bodies))
+        elif body not in flexible:
+            yield problem(f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", list(effect.bodies))
+
+
+def _prescribed(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[str]:
+    entry = f"effects.{name}.coordinate"
+    if effect.coordinate not in scene.coordinates:
+        yield problem(
+            entry, f"there is no such coordinate{nearest_name(effect.coordinate, scene.coordinates)}", effect.coordinate
+        )
+        return
+    joint = scene.coordinates[effect.coordinate].joint
+    for other, rival in scene.effects.items():
+        if isinstance(rival, (kinds.Torque, kinds.EndStop)) and rival.joint == joint:
+            yield problem(
+                entry,
+                f"contradicts effects.{other}, a {rival.type} on the same joint {joint}: a prescribed motion takes "
+                "whatever torque it needs; leave one of them out",
+                effect.coordinate,
+            )
+        if other < name and isinstance(rival, kinds.PrescribedMotion) and rival.coordinate == effect.coordinate:
+            yield problem(entry, f"effects.{other} prescribes the same coordinate", effect.coordinate)
+    if effect.coordinate in scene.simulation.initial:
+        yield problem(
+            f"simulation.initial.{effect.coordinate}",
+            f"effects.{name} prescribes this coordinate from the start on; leave one of them out",
+        )
+
+
+def _alone(scene: Scene) -> Iterator[str]:
+    for kind in SINGLE:
+        names = [name for name, effect in scene.effects.items() if isinstance(effect, kind)]
+        for name in names[1:]:
+            yield problem(f"effects.{name}", f"effects.{names[0]} is of the same type; a scene has one at most")
+
+
+def _halves(scene: Scene) -> Iterator[str]:
+    """Refuse half of what is of second order in the deformation: each half alone is wrong where bodies spin.
+
+    Without the stiffness by inertia forces a spinning beam softens and buckles at a speed where it does not (Kane, Ryan and
+    Banerjee 1987); without the inertia of the turning shapes it is stiffer in the plane than it is.
+    """
+    found = {type(effect): name for name, effect in scene.effects.items()}
+    halves = (kinds.GeometricStiffening, kinds.ModeInertia)
+    present = [kind for kind in halves if kind in found]
+    if len(present) == 1:
+        (missing,) = set(halves) - set(present)
+        yield problem(
+            f"effects.{found[present[0]]}",
+            "is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an effect "
+            f'of type "{missing.model_fields["type"].annotation.__args__[0]}" too, or neither',
+        )
+    second_order = scene.reduction.second_order or bool(present)
+    left_out = kinds.Gyroscopic in found and not scene.effects[found[kinds.Gyroscopic]].keep
+    if left_out and second_order:
+        reason = f"effects.{found[present[0]]}" if present else "reduction.second_order"
+        yield problem(
+            f"effects.{found[kinds.Gyroscopic]}.keep",
+            f"leaves out the forces by velocities whose stiffening {reason} asks for; keep them, or leave out both",
+            False,
+        )
