@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.reduction.grid_tables import interpolated_to
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -42,13 +42,12 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
     """
     samples, r = tables.samples, tables.n_coordinates
     places = PLACES if samples.n_coordinates == 1 else MIDDLE
-    between_samples = SampleGrid(tuple(_between(axis, places) for axis in samples))
-    theta = between_samples.theta
+    theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta
     for name, table, weights in (
         ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
         ("stiffness", tables.stiffness, tables.stiffness_weights),
     ):
-        between = interpolated_to(between_samples, samples, table, scheme)
+        between = interpolant(samples, table, scheme)(theta)
         for k in range(n_samples):
             point = {key: float(column[k]) for key, column in values.items()}
             smallest = _smallest_eigenvalues(np.einsum("t,ntij->nij", evaluate_weights(weights, point), between))
