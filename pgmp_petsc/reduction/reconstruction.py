@@ -49,7 +49,7 @@ class Reconstruction:
         if self._curved:
             shapes.append(rom.curvature[:, rows])
         table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
-        self._shapes = interpolant(rom.tables.samples.axes[0], table, scheme)
+        self._shapes = interpolant(rom.tables.samples, table, scheme)
         bodies = kinematics.mechanism.bodies
         self._bodies = np.repeat(np.arange(len(bodies)), [body.n_nodes for body in bodies])[self._nodes]
         self._points = np.concatenate([body.mesh.nodes for body in bodies])[self._nodes]
