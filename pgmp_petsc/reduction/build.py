@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
-from pgmp_petsc.effects import Load, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -140,7 +140,7 @@ class _Setting:
     scene: Scene
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
-    patterns: np.ndarray
+    patterns: Patterns
     points: ParameterPoints
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]

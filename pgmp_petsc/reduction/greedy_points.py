@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.effects import Patterns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.compression import ROUND_OFF
@@ -33,7 +34,7 @@ DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
 def choose_points(
-    scene: Scene, kinematics: RigidKinematics, patterns: np.ndarray, group: RankGroup
+    scene: Scene, kinematics: RigidKinematics, patterns: Patterns, group: RankGroup
 ) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
@@ -76,7 +77,7 @@ class _Shares:
         self,
         scene: Scene,
         kinematics: RigidKinematics,
-        patterns: np.ndarray,
+        patterns: Patterns,
         group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
     ) -> None:

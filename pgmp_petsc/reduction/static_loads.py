@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.effects import Action, Patterns
+from pgmp_petsc.effects.patterns import turning_force
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.scene.numerics import Reduction
@@ -21,41 +23,51 @@ class StaticLoads:
     Attributes
     ----------
     patterns
-        Independent load patterns of the effects, local rows, shape (n_local, n_patterns).
+        Independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
+        n_patterns).
+    actions
+        Local effects whose force turns with the configuration: a further load each.
     accelerations
         Numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
         loads, shape (n_inertia,).
     """
 
     patterns: np.ndarray
+    actions: tuple[Action, ...]
     accelerations: np.ndarray
 
     @classmethod
-    def of(cls, problem: ModalProblem, patterns: np.ndarray, reduction: Reduction) -> StaticLoads:
+    def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
         """Return the loads that a scene asks for, those that depend on others left out.
 
         Parameters
         ----------
         patterns
-            Load patterns of the effects, local rows, shape (n_local, n); used where static modes are wanted.
+            Load patterns of the effects; used where static modes are wanted.
 
         Raises
         ------
         InputError
             If the mesh has too few degrees of freedom for the whole basis.
         """
-        wanted = patterns if reduction.static_modes else patterns[:, :0]
+        wanted = patterns if reduction.static_modes else Patterns(patterns.fixed[:, :0])
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
-        loads = cls(problem.independent(wanted), accelerations)
-        problem.check_basis(loads.patterns.shape[1] + accelerations.size, reduction.parameter_modes)
+        loads = cls(problem.independent(wanted.fixed), wanted.turning, accelerations)
+        n_static = loads.patterns.shape[1] + len(loads.actions) + accelerations.size
+        problem.check_basis(n_static, reduction.parameter_modes)
         return loads
 
     def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:
         """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
-        if not self.accelerations.size:
-            return self.patterns
-        moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
-        return np.hstack([self.patterns, problem.times_mass(moving[:, self.accelerations])])
+        parts = [self.patterns]
+        if self.actions:
+            poses = problem.kinematics.poses(modes.theta)[..., 0]
+            own = slice(problem.rows.start, problem.rows.stop)
+            parts += [turning_force(action, problem.mechanism, poses)[own, None] for action in self.actions]
+        if self.accelerations.size:
+            moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
+            parts.append(problem.times_mass(moving[:, self.accelerations]))
+        return np.hstack(parts)
 
 
 def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarray) -> np.ndarray:

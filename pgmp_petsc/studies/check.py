@@ -43,7 +43,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     outputs = OutputSet.of(scene, kinematics)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
-    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).shape[1]
+    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).n
     coordinates = kinematics.coordinates
     pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
     clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]

@@ -92,7 +92,7 @@ def test_nonlinear_static_answers_lie_on_the_manifold_to_third_order(scene: Call
     case = curved(scene(), theta, 3)
     random = np.random.default_rng(0)
     inertia = case.nonlinear.mass @ case.modes.flexible @ random.normal(size=3)
-    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.shape[1])
+    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.n)
     load *= 1e-6 / np.max(np.abs(case.nonlinear.solve(1e-6 * load)))
     lefts, straight = [], []
     for k in range(HALVINGS):

@@ -139,7 +139,7 @@ def test_static_modes_are_wanted_only_where_asked_for() -> None:
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    assert patterns.shape == (36, 5)  # the torque, and two directions of each body's weight
+    assert patterns.fixed.shape == (36, 5)  # the torque, and two directions of each body's weight
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
         plain, extended = (
             Sampler(problem, loads, StaticLoads.of(problem, patterns, reduction)).sample(0.7, lambda modes: modes)
