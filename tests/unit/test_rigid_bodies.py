@@ -69,8 +69,11 @@ mass = 0.5
     mechanism = mechanism_with_lines(scene)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()
-    # the bar and each of its masses, numbered after it
-    np.testing.assert_allclose(np.diag(mass), [1.0, 1.0, 1 / 12, 3.0, 3.0, 0.3, 0.5, 0.5, 0.0], rtol=1e-14)
+    # the bar and each of its masses, numbered after it; the bar lends them half of the inertia that it has left
+    inertias = [1 / 48, 0.3 + 1 / 24, 1 / 48]
+    np.testing.assert_allclose(
+        np.diag(mass), [1.0, 1.0, inertias[0], 3.0, 3.0, inertias[1], 0.5, 0.5, inertias[2]], rtol=1e-14
+    )
     # along the mechanism's motion about the hinge all of them together
     poses = mechanism.first_guess
     rates = np.zeros((3, 3, 1))
@@ -78,4 +81,4 @@ mass = 0.5
     rates[:, 2, 0] = 1.0
     motion = mechanism.place_rates(poses, rates)[:, 0]
     np.testing.assert_allclose(place[:, 0], [0.5, 1.0, 0.5])
-    assert motion @ mass @ motion == pytest.approx(1 / 3 + 3.0 + 0.3 + 0.5 * 0.25, rel=1e-14)
+    assert motion @ mass @ motion == pytest.approx(1 / 3 + 3.0 + 0.3 + 0.5 * 0.25, rel=1e-14), "nothing is lost"
