@@ -7,7 +7,7 @@ is ``F s'`` in every model alike.
 =============== ================================================================================================
 ``ROTATION``    ``phi_b - phi_a``
 ``SLIDE``       ``d(phi_a).(b - a)``: how far b is along a direction d that turns with a (fixed, where a is on the ground)
-``DISTANCE``    ``|b - a|``
+``DISTANCE``    ``|b - a|``; where the points meet it has no direction, and its gradient is taken as zero
 ``FOLLOWING``   no measure but a direction: ``g = d(phi_b)`` at b, for a force that turns with its body; s is 0
 =============== ================================================================================================
 """
@@ -55,6 +55,8 @@ def measure(kind, direction, z, gradient, hessian):
     x, y = z[3] - z[0], z[4] - z[1]
     if kind == DISTANCE:
         length = np.sqrt(x * x + y * y)
+        if length == 0.0:
+            return length
         ex, ey = x / length, y / length
         gradient[0], gradient[1], gradient[3], gradient[4] = -ex, -ey, ex, ey
         across = (ey * ey / length, -ex * ey / length, ex * ex / length)

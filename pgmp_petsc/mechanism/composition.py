@@ -97,7 +97,8 @@ def connections_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Connection, ..
         if kinds[name] == "revolute":
             joint = Revolute()
         elif kinds[name] == "fixed":
-            joint = Fixed(_placed_angle(scene, bodies, b) - _placed_angle(scene, bodies, a))
+            welded = name not in scene.joints  # a point mass, which has the direction of its body
+            joint = Fixed(0.0 if welded else _placed_angle(scene, bodies, b) - _placed_angle(scene, bodies, a))
         else:
             joint = PointOnLine(scene.joints[name].direction, turning=not a.on_ground)
         connections.append(Connection(name, joint, a, b, slice(row, row + joint.n_constraints)))
@@ -140,8 +141,8 @@ def first_guess(scene: Scene, bodies: Sequence[Body], connections: Sequence[Conn
 
 
 def _placed_angle(scene: Scene, bodies: Sequence[Body], side: Attachment) -> float:
-    """Return the angle that a body is placed at, rad; 0 for the ground and for what is welded to a body."""
-    entry = None if side.on_ground else scene.bodies.get(bodies[side.body].name)
+    """Return the angle that a body is placed at, rad; 0 for the ground."""
+    entry = None if side.on_ground else scene.bodies[bodies[side.body].name]
     return 0.0 if entry is None or entry.placement is None else entry.placement.angle
 
 

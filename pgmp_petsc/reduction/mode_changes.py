@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class ModeChanges:
 
 
 def mode_changes(
-    kinematics: RigidKinematics, samples: Samples, projection: np.ndarray, scheme: str
+    kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str
 ) -> ModeChanges:
     """Return the tables of changing modes, for one rigid coordinate.
 
@@ -49,7 +49,8 @@ def mode_changes(
     mechanism = kinematics.mechanism
     masses = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     rates = kinematics.rates(kinematics.poses(samples.theta))
-    slopes = interpolant(samples, projection, scheme).slope(samples.theta)
+    axis = samples.axes[0]
+    slopes = interpolant(axis, projection, scheme).slope(axis.theta)
     n, n_dofs, m = projection.shape
     gyroscopic = np.empty((n, len(mechanism.mass_weights), m, m))
     spread = np.empty_like(gyroscopic)

@@ -16,6 +16,7 @@ dataset                       shape                content
 ``/mesh/nodes``               (n_nodes, 2)         undeformed nodes in their body's frame, m
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
 ``/mesh/body``                (n_nodes)            body number; attribute ``names`` (JSON, in that order)
+``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
 ``/errors``, ``/validity``    see `errors`         estimated errors; reduced model only, unless turned off
 ============================= ==================== ========================================================
 
@@ -33,6 +34,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import h5py
 
+from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
@@ -95,6 +97,8 @@ class Trajectory:
     frames : Frames, optional
     errors : EstimatedErrors, optional
         Of the reduced model.
+    balance : Balance, optional
+        Balance of energy.
     """
 
     model: str
@@ -107,6 +111,7 @@ class Trajectory:
     modal: np.ndarray | None = None
     frames: Frames | None = None
     errors: EstimatedErrors | None = None
+    balance: Balance | None = None
 
     def __post_init__(self) -> None:
         n_times = len(self.time)
@@ -133,6 +138,8 @@ class Trajectory:
                 _write_frames(file, self.frames)
             if self.errors is not None:
                 self.errors.write(file, self.units)
+            if self.balance is not None:
+                self.balance.write(file)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -151,6 +158,7 @@ class Trajectory:
                 modal=take(file, "state/modal", 2) if "state/modal" in file else None,
                 frames=_read_frames(file) if "frames" in file else None,
                 errors=EstimatedErrors.read(file),
+                balance=Balance.read(file),
             )
 
 

@@ -343,7 +343,7 @@ def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> 
     """b against ``v^T M (dPsi/dtheta + spin x Psi)`` from differences of fine tables."""
     scene = slider_crank("reduction.angles=256", "reduction.modes=3")
     rom = rom_of(scene)
-    samples = rom.tables.samples
+    samples = rom.tables.samples.axes[0]
     n, step = samples.n, 2 * np.pi / samples.n
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     kinematics = RigidKinematics(mechanism)

@@ -1,0 +1,213 @@
+"""Small scenes with bodies by `line`, and their full-order runs, for tests of effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+# a uniform bar of 1 kg and 1 m that turns about its end: J = 1/3 kg m2
+BAR = """
+[scene]
+name = "bar"
+[bodies.bar]
+line = { length = 1.0, elements = 2 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "bar:hinge"]
+[coordinates.theta]
+joint = "hinge"
+range = [0.0, 6.283185307179586]
+periodic = true
+"""
+BAR_INERTIA = 1.0 / 3.0
+
+# a light and stiff crank pushes a block, a rigid bar of 1 kg, along x; both ends of the block are on the line
+BLOCK = """
+[scene]
+name = "block"
+[ground.points]
+rail = [0.0, 0.0]
+[bodies.crank]
+line = { length = 0.5, elements = 1 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 }
+placement = { origin = [0.0, 0.0], angle = 1.5707963267948966 }
+[bodies.rod]
+line = { length = 1.0, elements = 1 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1e-6 }
+placement = { origin = [0.0, 0.5], angle = -0.5235987755982988 }
+[joints.pivot]
+type = "revolute"
+connect = ["ground:origin", "crank:hinge"]
+[joints.pin]
+type = "revolute"
+connect = ["crank:tip", "rod:hinge"]
+[joints.slide]
+type = "point_on_line"
+connect = ["ground:rail", "rod:tip"]
+direction = [1.0, 0.0]
+[coordinates.theta]
+joint = "pivot"
+range = [0.3, 2.8]
+[effects.load]
+type = "point_mass"
+point = "rod:tip"
+mass = 1.0
+[simulation.initial.theta]
+position = 1.5707963267948966
+"""
+
+# a beam of 1 m clamped to a hub that is held: EI = 1, rho A = 1, stiff against shear and extension
+CANTILEVER = """
+[scene]
+name = "cantilever"
+[bodies.beam]
+line = { length = 1.0, elements = 8 }
+element = "beam2d"
+section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 1.0, line_density = 1.0, rotary_density = 1e-5 }
+[joints.hub]
+type = "revolute"
+connect = ["ground:origin", "beam:hinge"]
+[coordinates.theta]
+joint = "hub"
+range = [0.0, 6.283185307179586]
+periodic = true
+[effects.hold]
+type = "prescribed_motion"
+coordinate = "theta"
+constant_speed = { speed = 0.0 }
+"""
+
+
+def scene_of(base: str, text: str = "", *overrides: str) -> Scene:
+    """Return a scene from a base above and further tables."""
+    return scene_from_toml(base + text, ".", overrides)
+
+
+def line_meshes(scene: Scene) -> dict[str, LineMesh]:
+    """Return the meshes of bodies that are lines."""
+    lines = {name: body.line for name, body in scene.bodies.items()}
+    return {name: straight_beam(line.length, line.elements, line.start) for name, line in lines.items()}
+
+
+def mechanism_with_lines(scene: Scene) -> Mechanism:
+    """Return the mechanism of such a scene."""
+    return Mechanism.from_scene(scene, line_meshes(scene))
+
+
+def line_model(scene: Scene) -> FullModel:
+    """Return the full-order model of such a scene."""
+    return FullModel(scene, line_meshes(scene))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A full-order run.
+
+    Attributes
+    ----------
+    time
+        Shape (n_t,), s.
+    frames, rates
+        Of all nodes and their rates, shape (n_t, n_nodes, 3).
+    balance
+        The balance of energy.
+    model
+        The model.
+    status
+        Of the sample.
+    """
+
+    time: np.ndarray
+    frames: np.ndarray
+    rates: np.ndarray
+    balance: Balance
+    model: FullModel
+    status: int
+
+    @property
+    def angle(self) -> np.ndarray:
+        """The first coordinate, shape (n_t,), rad."""
+        connection = self.model.kinematics.mechanism.coordinates[0].connection
+        return self.side(connection.b)[:, 2] - self.side(connection.a)[:, 2]
+
+    def point(self, address: str) -> np.ndarray:
+        """Return the frame of a point, shape (n_t, 3)."""
+        return self.side(self.model.kinematics.mechanism.attachment(address, "test"))
+
+    def side(self, attachment: object) -> np.ndarray:
+        """Return the frame of an attachment, shape (n_t, 3)."""
+        q = self.frames.reshape(len(self.time), -1).T
+        return attachment.frame_of_node(q).T
+
+
+def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
+    """Run the distributed model on one rank; `start` is added to the velocities at the start, shape (n_dofs,)."""
+    model = line_model(scene)
+    times, frames, rates, instants = [], [], [], []
+    with model.distributed(scene.values, MPI.COMM_SELF) as system:
+        _push(system, start)
+
+        def record(step: int, time: float, state: State) -> None:
+            times.append(time)
+            frames.append(system.unpack(state.q)[:, 0].reshape(-1, 3))
+            rates.append(system.unpack(state.v)[:, 0].reshape(-1, 3))
+            instants.append(system.energies(time, state))
+
+        run = integrate(system, scene.simulation, observer=record)
+    time = np.array(times)
+    return Recorded(time, np.array(frames), np.array(rates), Balance.of(time, instants), model, int(run.status[0]))
+
+
+def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> np.ndarray:
+    """Run a batch of equal samples; return the frames of all nodes of the last one, shape (n_t, n_nodes, 3)."""
+    model = line_model(scene)
+    system = model.batch({name: np.full(n, value) for name, value in scene.values.items()}, n)
+    _push(system, start)
+    frames = []
+    integrate(
+        system, scene.simulation,
+        observer=lambda step, time, state: frames.append(system.unpack(state.q)[:, -1].reshape(-1, 3)),
+    )  # fmt: skip
+    return np.array(frames)
+
+
+def recorded(scene: Scene, start: np.ndarray | None = None) -> Recorded:
+    """Run both full-order models, check that they agree, and return the run."""
+    found, batched = run_distributed(scene, start), run_batch(scene, 2, start)
+    assert found.status == 0
+    # Newton's tolerance of 1e-12 a step, over a few hundred steps
+    np.testing.assert_allclose(batched, found.frames, rtol=0, atol=1e-8 * max(1.0, np.abs(found.frames).max()))
+    return found
+
+
+def _push(system: object, start: np.ndarray | None) -> None:
+    """Let a system start with further velocities, which have to obey its constraints."""
+    if start is None:
+        return
+    begin = system.start
+
+    def pushed() -> State:
+        state = begin()
+        added = system.pack(np.repeat(start[:, None], system.n_samples, axis=1)) if hasattr(system, "pack") else start
+        state.v = state.v + added
+        return state
+
+    system.start = pushed
