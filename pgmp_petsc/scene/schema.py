@@ -18,6 +18,8 @@ from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import numbers_of, reference_problems
 
+ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
+
 
 class Header(Table):
     """What the scene is called."""
@@ -97,13 +99,18 @@ class Scene(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _automatic_effects(cls, data: Any) -> Any:
-        """Take ``effects = "auto"`` for a scene without loads whose terms are to be chosen."""
-        if isinstance(data, dict) and data.get("effects") == "auto":
-            reduction = data.get("reduction", {})
-            if isinstance(reduction, dict):
-                return {**data, "effects": {}, "reduction": {**reduction, "effects": "auto"}}
-        return data
+    def _defaults_of_the_reduction(cls, data: Any) -> Any:
+        """Take ``effects = "auto"`` for a choice without loads, and fewer angles along each of several coordinates."""
+        if not isinstance(data, dict) or not isinstance(data.get("reduction", {}), dict):
+            return data
+        reduction = dict(data.get("reduction", {}))
+        automatic = data.get("effects") == "auto"
+        if automatic:
+            reduction["effects"] = "auto"
+        if isinstance(data.get("coordinates"), dict) and len(data["coordinates"]) > 1:
+            reduction.setdefault("angles", ANGLES_OF_SEVERAL)
+        changed = {**data, "reduction": reduction} if reduction else data
+        return {**changed, "effects": {}} if automatic else changed
 
     def model_post_init(self, context: Any, /) -> None:
         """Take the directory from the context of the validation, where `loading` puts it."""
