@@ -71,6 +71,16 @@ class Scene(Table):
         return {name: parameter.nominal for name, parameter in self.parameters.items()}
 
     @property
+    def second_order(self) -> bool:
+        """Whether the reduced model has what is of second order in the deformation: both effects that make it up, or all."""
+        return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
+
+    @property
+    def gyroscopic(self) -> bool:
+        """Whether the reduced model has the inertia forces that are quadratic in velocities."""
+        return all(effect.keep for effect in self.effects.values() if effect.type == "gyroscopic")
+
+    @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
         return frozenset(used for _, used, positive in numbers_of(self) if positive and isinstance(used, str))
