@@ -158,6 +158,14 @@ class Body:
             for monomial, coefficients in self.section.stiffness_terms().items()
         }
 
+    def axial_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
+        """Return the part of `stiffness_entries` that resists extension."""
+        if not self.flexible:
+            return {}
+        lengths, directions, axial = self.mesh.lengths[chosen], self.directions[chosen], self.section.axial
+        entries = beam2d.undeformed_stiffness(lengths, directions, np.array([axial.coefficient, 0.0, 0.0]))
+        return {axial.monomial: entries}
+
     def cubic_entries(self, chosen: np.ndarray, vectors: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return third derivatives of the strain energy at rest, times pairs of vectors, by weight.
 

@@ -11,8 +11,11 @@ static modes the loads that they were made of. chi continues this answer to seco
 
 with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero but
 for joints that turn with a body). So the manifold holds, to second order, the nonlinear static answers to all loads
-that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
-M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+
+Where a vector of Psi stretches the bodies, chi may keep its part (`static_stretching`): bending shortens a beam without
+stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples the
+two, is unbounded at moderate deflections.
 """
 
 from __future__ import annotations
@@ -23,12 +26,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.matrices import axial_stiffness
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.runtime.matrices import times
-
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
@@ -53,11 +56,15 @@ class CurvatureProblem:
     ----------
     problem
         Eigenproblem at the nominal parameters.
+    static_stretching
+        Whether chi keeps its part along vectors that stretch the bodies.
     """
 
-    def __init__(self, problem: ModalProblem) -> None:
+    def __init__(self, problem: ModalProblem, static_stretching: bool = False) -> None:
         self._problem = problem
-        self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
+        bodies = problem.mechanism.bodies
+        self._third = ThirdDerivative(bodies, problem.rows)
+        self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
         """Compute the curvature of the vectors of a basis.
@@ -92,7 +99,25 @@ class CurvatureProblem:
             forces = forces + joints.forces(reactions)[own] + times(problem.stiffness, chi)
         where = problem.kinematics.describe(modes.theta)
         chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
-        return Curvature(chi - problem.onto(np.hstack([modes.rigid[:, modes.free], shape]), chi), third)
+        if self._axial is None:
+            return Curvature(chi - problem.onto(np.hstack([modes.rigid[:, modes.free], shape]), chi), third)
+        chi = chi - problem.onto(modes.rigid[:, modes.free], chi)
+        return Curvature(chi - shape @ self._bent_part(shape, problem.inner(shape, problem.times_mass(chi))), third)
+
+    def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """Return of components along Psi (m, n_pairs) those that bend the bodies; what only stretches them is left to chi.
+
+        The share of stretching is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi`` with eigenvalues from 0 to 1, made steeper
+        by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.
+        """
+        problem, everywhere = self._problem, self._problem.all_rows(shape)
+        stiffness = problem.inner(shape, times(problem.stiffness, shape))
+        share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
+        stretching = share @ share @ (3.0 * np.eye(len(share)) - 2.0 * share)
+        # Psi is M-orthonormal at the nominal parameters but for parameter modes
+        gram = problem.inner(shape, problem.times_mass(shape))
+        bending = np.linalg.solve(gram, part)
+        return bending - stretching @ bending
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).

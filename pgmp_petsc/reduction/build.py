@@ -168,7 +168,9 @@ class _Setting:
         with agreed(world, "second order"):
             if own:
                 with progress(len(own), "second order", world) as bar, self._problem() as problem:
-                    manifold = Manifold(problem, self.loads, self._static_loads(problem))
+                    manifold = Manifold(
+                        problem, self.loads, self._static_loads(problem), self.scene.static_stretching
+                    )
                     for place, sample in own.items():
                         chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
                         found[place] = problem.all_rows(chi), tables

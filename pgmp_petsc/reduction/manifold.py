@@ -25,11 +25,19 @@ class Manifold:
         Load terms of the scene, local rows, inertial frame.
     static_loads
         Loads whose static answers the basis holds.
+    static_stretching
+        As for `CurvatureProblem`.
     """
 
-    def __init__(self, problem: ModalProblem, loads: Sequence[Load], static_loads: StaticLoads) -> None:
+    def __init__(
+        self,
+        problem: ModalProblem,
+        loads: Sequence[Load],
+        static_loads: StaticLoads,
+        static_stretching: bool = False,
+    ) -> None:
         self._problem, self._loads, self._static_loads = problem, loads, static_loads
-        self._curvature = CurvatureProblem(problem)
+        self._curvature = CurvatureProblem(problem, static_stretching)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.

@@ -76,6 +76,11 @@ class Scene(Table):
         return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
 
     @property
+    def static_stretching(self) -> bool:
+        """Whether beams follow their shortening by bending at once, instead of by coordinates that stretch them."""
+        return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
+
+    @property
     def gyroscopic(self) -> bool:
         """Whether the reduced model has the inertia forces that are quadratic in velocities."""
         return all(effect.keep for effect in self.effects.values() if effect.type == "gyroscopic")

@@ -72,7 +72,7 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     patterns = patterns_of(effects_of(scene, mechanism) if scene.reduction.static_modes else (), matrices)
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
-        patterns = problem.independent(patterns)
+        patterns = problem.independent(patterns.fixed)
         static = problem.static_modes(modes, patterns)
         shape, curvature = np.hstack([modes.flexible, static]), CurvatureProblem(problem)
         chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
@@ -92,7 +92,7 @@ def test_nonlinear_static_answers_lie_on_the_manifold_to_third_order(scene: Call
     case = curved(scene(), theta, 3)
     random = np.random.default_rng(0)
     inertia = case.nonlinear.mass @ case.modes.flexible @ random.normal(size=3)
-    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.n)
+    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.shape[1])
     load *= 1e-6 / np.max(np.abs(case.nonlinear.solve(1e-6 * load)))
     lefts, straight = [], []
     for k in range(HALVINGS):
