@@ -182,10 +182,11 @@ def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> np.n
     system = model.batch({name: np.full(n, value) for name, value in scene.values.items()}, n)
     _push(system, start)
     frames = []
-    integrate(
-        system, scene.simulation,
-        observer=lambda step, time, state: frames.append(system.unpack(state.q)[:, -1].reshape(-1, 3)),
-    )  # fmt: skip
+
+    def record(step: int, time: float, state: State) -> None:
+        frames.append(system.unpack(state.q)[:, -1].reshape(-1, 3))
+
+    assert not integrate(system, scene.simulation, observer=record).status.any()
     return np.array(frames)
 
 
@@ -200,14 +201,7 @@ def recorded(scene: Scene, start: np.ndarray | None = None) -> Recorded:
 
 def _push(system: object, start: np.ndarray | None) -> None:
     """Let a system start with further velocities, which have to obey its constraints."""
-    if start is None:
-        return
-    begin = system.start
-
-    def pushed() -> State:
-        state = begin()
-        added = system.pack(np.repeat(start[:, None], system.n_samples, axis=1)) if hasattr(system, "pack") else start
-        state.v = state.v + added
-        return state
-
-    system.start = pushed
+    if start is not None:
+        state = system.start()
+        q, v = (system.unpack(part)[:, 0] for part in (state.q, state.v))
+        system.start = lambda: system.consistent(q, v + start)

@@ -90,7 +90,10 @@ class FullBatch:
         rates = self._kinematics.rates(poses)
         mechanism = self._kinematics.mechanism
         q = mechanism.place(poses)[:, 0]
-        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities
+        return self.consistent(q, mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities)
+
+    def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
+        """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
         shape = (self.n_blocks, self.n_dofs, LANES)
         state = State(
             np.broadcast_to(q[None, :, None], shape).copy(),

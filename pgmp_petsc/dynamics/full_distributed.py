@@ -116,9 +116,12 @@ class FullDistributed:
         poses = self._kinematics.poses(positions)
         rates = self._kinematics.rates(poses)
         mechanism = self._kinematics.mechanism
-        own = slice(self.rows.start, self.rows.stop)
         q = mechanism.place(poses)[:, 0]
-        v = mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities
+        return self.consistent(q, mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities)
+
+    def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
+        """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
+        own = slice(self.rows.start, self.rows.stop)
         state = State(q[own], v[own], np.zeros(len(self.rows)), np.zeros(self._n_multipliers))
         driven = np.array([motion.at(0.0)[2] for motion in self._motions])
         drift = self._constraints.drift(q[:, None], v[:, None], driven)[:, 0]

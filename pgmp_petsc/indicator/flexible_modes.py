@@ -54,8 +54,8 @@ class FlexibleModes:
 
     def __init__(self, tables: ReducedTables, scheme: str) -> None:
         self._tables = tables
-        self._mass = interpolant(tables.samples.axes[0], tables.mass, scheme)
-        self._stiffness = interpolant(tables.samples.axes[0], tables.stiffness, scheme)
+        self._mass = interpolant(tables.samples, tables.mass, scheme)
+        self._stiffness = interpolant(tables.samples, tables.stiffness, scheme)
 
     def weights(self, values: Mapping[str, np.ndarray], n: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the weights of mass and stiffness terms for parameter values (n,), shapes (n, n_terms)."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
@@ -169,7 +170,7 @@ class LoopClosure:
         return poses, residual, gap
 
 
-def _frames(connection, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _frames(connection: Connection, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
 
 

@@ -44,7 +44,9 @@ def bodies_of(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Body, ...]:
             if bodies[owner].flexible:
                 bodies[owner] = bodies[owner].with_lumps(node, lumps)
             else:
-                bodies[_welded(name)] = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
+                bodies[owner], lent = bodies[owner].lend_inertia()
+                particle = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
+                bodies[_welded(name)] = particle.with_lumps(0, lent)
     numbered, first_node = [], 0
     for body in bodies.values():
         numbered.append(body.from_node(first_node))

@@ -15,7 +15,7 @@ from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.attachment import place_points
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
@@ -199,7 +199,8 @@ class RigidKinematics:
         self.n_redundant = n_constraints - rank
 
 
-def _reaches(coordinate, theta: np.ndarray) -> np.ndarray:
+def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
+    """Return where values of one coordinate can be placed."""
     if coordinate.periodic:
         return np.isfinite(theta)
     return (theta >= coordinate.lower - REACH) & (theta <= coordinate.upper + REACH)

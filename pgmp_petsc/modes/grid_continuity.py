@@ -77,49 +77,86 @@ class GridBasis:
     def of(cls, samples: GridNeighbours, start: np.ndarray) -> GridBasis:
         """Carry a basis over the grid from the rotation (m, m) of the first sample.
 
+        Over two coordinates two modes may meet at a single configuration (a conical intersection) that no sample is near enough to
+        tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines turn away from each
+        other, the group is joined with the one that it mixes with most: their common space is continuous.
+
         Raises
         ------
         RunError
-            If neighbouring lines do not stay together.
+            If neighbouring lines do not stay together even so.
         """
-        shape, m, n_axes = samples.shape, start.shape[0], len(samples.shape)
+        n_axes = len(samples.shape)
         met = np.concatenate([samples.along(axis)[samples.meaningful(axis)] for axis in range(n_axes)])
         groups = group_modes(samples.eigenvalues, met)
-        rotations = np.zeros((*shape, m, m))
-        rotations[(0,) * n_axes] = start
-        flipped, beside = np.zeros((n_axes, m), dtype=bool), None
-        for axis in range(n_axes):
-            overlaps, rest, beside = samples.along(axis), (0,) * (n_axes - axis - 1), None
-            for line in np.ndindex(*shape[:axis]):
-                whole = (*line, slice(None), *rest)
-                carried = transport(overlaps[whole][1:], groups, rotations[(*line, 0, *rest)])
-                if samples.periodic[axis]:
-                    beside = close_revolution(carried, overlaps[whole][0], groups, beside)
-                    carried = beside.rotations
-                    flipped[axis, beside.flipped] = True
-                rotations[whole] = carried
-        cosines = np.ones((n_axes, *shape))
+        while True:
+            rotations, flipped = _carry(samples, groups, start)
+            torn = _torn_groups(samples, groups, rotations, flipped)
+            if not torn.size:
+                break
+            groups = _joined(groups, int(torn[0]), met)
+        cosines = np.ones((n_axes, *samples.shape))
         for axis in range(n_axes):
             mask = samples.meaningful(axis)
             cosines[axis][mask] = cosines_of(samples.along(axis)[mask], groups)
-        _check_lines(samples, groups, rotations, flipped)
+        m = start.shape[0]
         return cls(groups, rotations.reshape(-1, m, m), flipped, cosines.min(axis=0).ravel())
 
 
-def _check_lines(
+def _carry(
+    samples: GridNeighbours, groups: Sequence[np.ndarray], start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations (*shape, m, m) and which vectors flip, shape (n_axes, m), for given groups."""
+    shape, m, n_axes = samples.shape, start.shape[0], len(samples.shape)
+    rotations = np.zeros((*shape, m, m))
+    rotations[(0,) * n_axes] = start
+    flipped = np.zeros((n_axes, m), dtype=bool)
+    for axis in range(n_axes):
+        overlaps, rest, beside = samples.along(axis), (0,) * (n_axes - axis - 1), None
+        for line in np.ndindex(*shape[:axis]):
+            whole = (*line, slice(None), *rest)
+            carried = transport(overlaps[whole][1:], groups, rotations[(*line, 0, *rest)])
+            if samples.periodic[axis]:
+                beside = close_revolution(carried, overlaps[whole][0], groups, beside)
+                carried = beside.rotations
+                flipped[axis, beside.flipped] = True
+            rotations[whole] = carried
+    return rotations, flipped
+
+
+def _torn_groups(
     samples: GridNeighbours, groups: Sequence[np.ndarray], rotations: np.ndarray, flipped: np.ndarray
-) -> None:
-    """Check that lines that were carried side by side are neighbours all along."""
+) -> np.ndarray:
+    """Return the numbers of the groups in which lines that were carried side by side are no neighbours all along."""
+    torn = np.zeros(len(groups), dtype=bool)
     for axis in range(len(samples.shape) - 1):
         before = np.roll(rotations, 1, axis=axis)
         first = (slice(None),) * axis + (0,)
         before[first] *= np.where(flipped[axis], -1.0, 1.0)
         turns = np.swapaxes(rotations, -1, -2) @ samples.along(axis) @ before
         for turn in turns[samples.meaningful(axis)]:
-            for group in groups:
-                if np.linalg.norm(procrustes(turn[np.ix_(group, group)])[0] - np.eye(group.size), 2) > LARGEST_TURN:
-                    raise RunError(
-                        "the modes cannot be followed over the configurations: a mode that is kept meets one that is "
-                        "not, or the configurations are too few; take another number of reduction.modes or more "
-                        "reduction.angles"
-                    )
+            for number, group in enumerate(groups):
+                turned = procrustes(turn[np.ix_(group, group)])[0]
+                torn[number] |= np.linalg.norm(turned - np.eye(group.size), 2) > LARGEST_TURN
+    return np.flatnonzero(torn)
+
+
+def _joined(groups: Sequence[np.ndarray], torn: int, met: np.ndarray) -> list[np.ndarray]:
+    """Join a group with the one that it mixes with most among the overlaps (n, m, m) of all neighbours.
+
+    Raises
+    ------
+    RunError
+        If there is no other group.
+    """
+    if len(groups) == 1:
+        raise RunError(
+            "the modes cannot be followed over the configurations: a mode that is kept meets one that is not, or the "
+            "configurations are too few; take another number of reduction.modes or more reduction.angles"
+        )
+    mixing = np.max(np.abs(met), axis=0)
+    mixing = np.maximum(mixing, mixing.T)
+    others = [number for number in range(len(groups)) if number != torn]
+    partner = max(others, key=lambda number: mixing[np.ix_(groups[torn], groups[number])].max())
+    kept = [group for number, group in enumerate(groups) if number not in (torn, partner)]
+    return [*kept, np.union1d(groups[torn], groups[partner])]

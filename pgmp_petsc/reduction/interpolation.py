@@ -91,7 +91,7 @@ class Interpolant:
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out)."""
         result = np.zeros((len(theta), self.shape[1]))
-        table = self.rows.reshape(-1, *self.shape)
+        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         _add_products(self._points(theta), self.axes, table, _contiguous(vectors), result)
         return result
 

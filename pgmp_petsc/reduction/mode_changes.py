@@ -49,8 +49,7 @@ def mode_changes(
     mechanism = kinematics.mechanism
     masses = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     rates = kinematics.rates(kinematics.poses(samples.theta))
-    axis = samples.axes[0]
-    slopes = interpolant(axis, projection, scheme).slope(axis.theta)
+    slopes = interpolant(samples, projection, scheme).slope(samples.theta)
     n, n_dofs, m = projection.shape
     gyroscopic = np.empty((n, len(mechanism.mass_weights), m, m))
     spread = np.empty_like(gyroscopic)

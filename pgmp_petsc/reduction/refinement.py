@@ -52,7 +52,7 @@ def interpolation_errors(
     """
     old = before.tables
     rows = np.searchsorted(now.tables.samples.axes[0].theta, theta)
-    guessed = interpolant(old.samples.axes[0], before.projection, "spline")(theta)
+    guessed = interpolant(old.samples, before.projection, "spline")(theta)
     rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
     fresh = now.tables.at(rows).turned(rotations)
     errors = np.zeros(theta.size)
@@ -61,7 +61,7 @@ def interpolation_errors(
         errors = np.maximum(errors, _difference(name, old, fresh, theta, weights, values) / scale)
     stiffness = _weighted(fresh.stiffness, old.stiffness_weights, values)
     diagonal = np.sqrt(np.einsum("nii->ni", np.abs(stiffness)))
-    guess = _weighted(interpolant(old.samples.axes[0], old.stiffness, "spline")(theta), old.stiffness_weights, values)
+    guess = _weighted(interpolant(old.samples, old.stiffness, "spline")(theta), old.stiffness_weights, values)
     relative = np.abs(stiffness - guess) / (diagonal[:, :, None] * diagonal[:, None, :])
     return np.maximum(errors, relative.max(axis=(1, 2), initial=0.0))
 
@@ -77,7 +77,7 @@ def _align(fresh: np.ndarray, guess: np.ndarray, groups: Sequence[np.ndarray]) -
 def _difference(
     name: str, old: ReducedTables, fresh: ReducedTables, theta: np.ndarray, weights: tuple, values: Mapping[str, float]
 ) -> np.ndarray:
-    guess = interpolant(old.samples.axes[0], getattr(old, name), "spline")(theta)
+    guess = interpolant(old.samples, getattr(old, name), "spline")(theta)
     if name == "mass":
         # the rigid inertia comes from the kinematics and is not interpolated
         guess[:, :, : old.n_coordinates, : old.n_coordinates] = fresh.mass[

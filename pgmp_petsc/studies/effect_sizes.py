@@ -6,7 +6,7 @@ moved around. Of terms that only a flexible reduced model has, sizes follow from
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
 - geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under loads and inertia
   forces, beside its eigenvalue,
-- inertia of changing mode shapes: the square of the fastest body's spin beside the lowest eigenvalue.
+- inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on vibrations.
 
 For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it would matter.
 """
@@ -124,11 +124,10 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
 
 def present_terms(scene: Scene) -> dict[str, bool]:
     """Return which terms of the reduced model a scene has."""
-    named = {effect.type: effect for effect in scene.effects.values()}
     return {
-        "gyroscopic": named["gyroscopic"].keep if "gyroscopic" in named else True,
-        "geometric_stiffening": scene.reduction.second_order or "geometric_stiffening" in named,
-        "mode_inertia": scene.reduction.second_order or "mode_inertia" in named,
+        "gyroscopic": scene.gyroscopic,
+        "geometric_stiffening": scene.second_order,
+        "mode_inertia": scene.second_order,
     }
 
 
@@ -164,7 +163,7 @@ def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, toleranc
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
         "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
-        "mode_inertia": "square of the fastest body's spin, of the lowest eigenvalue",
+        "mode_inertia": "spin of the fastest body, of the lowest frequency",
     }
     # both halves of what is of second order are needed together
     second_order = max(shares["geometric_stiffening"], shares["mode_inertia"]) > tolerance
@@ -211,7 +210,7 @@ def _shares_of_terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
             flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
             spin = np.max(np.abs(rates[flexible, 2, :, 0] @ speed), initial=0.0)
-            spins.append(float(spin) ** 2 / modes.eigenvalues[0])
+            spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
     return {

@@ -13,7 +13,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.coordinate_limits import check_count
-from pgmp_petsc.reduction.grid_tables import interpolated_to
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
@@ -78,7 +78,7 @@ def tabulate_modes(
         if rom is not None:
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
-            reduced = reduced_frequencies(rom.tables, scheme, scene.values, samples, free)
+            reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict()),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
@@ -89,16 +89,16 @@ def tabulate_modes(
 
 
 def reduced_frequencies(
-    tables: ReducedTables, scheme: str, values: Mapping[str, float], wanted: SampleGrid, free: Sequence[int] | None = None
+    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray, free: Sequence[int] | None = None
 ) -> np.ndarray:
-    """Return the frequencies of the reduced model at the configurations of a grid, shape (n, n_modes), Hz.
+    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
 
     `free` are the numbers of the coordinates that are not prescribed; all by default.
     """
     at_theta = replace(
         tables,
-        mass=interpolated_to(wanted, tables.samples, tables.mass, scheme),
-        stiffness=interpolated_to(wanted, tables.samples, tables.stiffness, scheme),
+        mass=interpolant(tables.samples, tables.mass, scheme)(theta),
+        stiffness=interpolant(tables.samples, tables.stiffness, scheme)(theta),
     )
     return at_theta.frequencies_hz(
         evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values), free

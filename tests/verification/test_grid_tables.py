@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -14,10 +13,8 @@ from two_coordinates import double_pendulum, five_bar, over
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.mechanism import mechanism as mechanism_module
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.grid_tables import interpolated_to
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.runtime.errors import InputError
@@ -41,11 +38,10 @@ PART = tuple(
 )
 
 
-def elsewhere(samples: SampleGrid, n: int = 5) -> SampleGrid:
-    """Return n random values of each coordinate."""
+def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
+    """Return n random configurations."""
     random = np.random.default_rng(3)
-    axes = (replace(axis, theta=np.sort(random.uniform(axis.lower, axis.upper, n))) for axis in samples)
-    return SampleGrid(tuple(axes))
+    return np.column_stack([random.uniform(axis.lower, axis.upper, n) for axis in samples])
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +95,7 @@ def test_the_order_of_interpolation_over_both_coordinates() -> None:
             from mpi4py import MPI
 
             with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
-                exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted.theta])
+                exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
         found = reduced_frequencies(rom.tables, "spline", scene.nominal, wanted)
         errors.append(np.abs(found / exact - 1).max())
     # cubic splines: fourth order
@@ -142,15 +138,11 @@ def test_a_file_comes_back(pendulum_rom: ReducedOrderModel, tmp_path: Path) -> N
         np.testing.assert_array_equal(getattr(back.tables, name), getattr(pendulum_rom.tables, name))
 
 
-@pytest.fixture
-def driven(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the first coordinate of every scene be prescribed."""
-    monkeypatch.setattr(mechanism_module, "_is_prescribed", lambda scene, name: name == "theta1")
+DRIVE = 'effects.drive={type="prescribed_motion", coordinate="theta1", constant_speed={speed=1.0}}'
 
 
-@pytest.mark.usefixtures("driven")
 def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
-    scene = over(double_pendulum(*STATIC, GRAVITY, SPLINE), (5, 8))
+    scene = over(double_pendulum(*STATIC, GRAVITY, SPLINE, DRIVE), (5, 8))
     rom = rom_of(scene)
     tables = rom.tables
     # one more static mode than without: the answer to the driven acceleration
@@ -165,13 +157,11 @@ def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
     np.testing.assert_allclose(found[:, :3], rom.frequencies_hz, rtol=1e-6)
 
 
-@pytest.mark.parametrize("prescribed", [False, True])
-def test_full_order_and_reduced_frequencies_side_by_side(prescribed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("drive", [(), (DRIVE,)])
+def test_full_order_and_reduced_frequencies_side_by_side(drive: tuple[str, ...]) -> None:
     from mpi4py import MPI
 
-    if prescribed:
-        monkeypatch.setattr(mechanism_module, "_is_prescribed", lambda scene, name: name == "theta1")
-    scene = double_pendulum(SPLINE, "reduction.angles=12")
+    scene = double_pendulum(SPLINE, "reduction.angles=12", *drive)
     group = RankGroup.split(MPI.COMM_SELF, 1)
     table = tabulate_modes(scene, meshes_of(scene), rom_of(scene), 6, group)
     assert table.theta.shape == (2, 36) and list(table.coordinate_units) == ["theta1", "theta2"]
@@ -180,14 +170,25 @@ def test_full_order_and_reduced_frequencies_side_by_side(prescribed: bool, monke
     np.testing.assert_allclose(table.reduced_hz, table.full_hz, rtol=1e-8)
 
 
-def test_interpolation_from_grid_to_grid() -> None:
-    scene = double_pendulum(SPLINE)
-    samples = rom_of(scene).tables.samples
-    theta = samples.theta
-    wanted = elsewhere(samples)
-    table = np.stack([np.cos(theta[:, 0]), np.sin(theta[:, 0] + theta[:, 1])], axis=1)
-    exact = np.stack([np.cos(wanted.theta[:, 0]), np.sin(wanted.theta.sum(axis=1))], axis=1)
-    np.testing.assert_allclose(interpolated_to(wanted, samples, table, "spectral"), exact, rtol=0, atol=1e-6)
+def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None:
+    uncertain = (
+        'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
+        'bodies.upper.section={shape="circle", radius="r"}',
+        "reduction.modes=5",
+        SPLINE,
+    )
+    errors, values = [], {"r": 5.99e-3}  # near the point that is chosen
+    for more in ((), ("reduction.parameter_modes=1",)):
+        scene = double_pendulum(*uncertain, *more)
+        rom = rom_of(scene)
+        from mpi4py import MPI
+
+        with ModalProblem(kinematics_of(scene), values, 5, MPI.COMM_SELF) as problem:
+            exact = np.array([problem.solve(theta).frequencies_hz for theta in rom.tables.samples.theta[:8]])
+        tables = rom.tables
+        weights = (evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values))
+        errors.append(np.abs(tables.frequencies_hz(*weights)[:8, :5] / exact - 1).max())
+    assert rom.n_parameter == 1 and errors[1] < 0.3 * errors[0]
 
 
 THIRD = (

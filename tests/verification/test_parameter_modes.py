@@ -48,7 +48,7 @@ def kept_vectors(problem: ModalProblem, scene: Scene, theta: float) -> tuple[Sta
     """Return the static loads, the modes at a configuration, and modes and static modes side by side."""
     loads = static_loads(problem, scene)
     modes = problem.solve(theta)
-    static = problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))
+    static = problem.static_modes(modes, loads.at(problem, modes))
     return loads, modes, np.hstack([modes.flexible, static])
 
 
@@ -69,7 +69,7 @@ def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> 
     scene = slider_crank("reduction.inertia_modes=true", "reduction.modes=1", "effects={}")
     with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 1, MPI.COMM_SELF) as problem:
         modes = problem.solve(0.8)
-        loads = static_loads(problem, scene).at(problem, modes.rigid_curvature)
+        loads = static_loads(problem, scene).at(problem, modes)
         assert loads.shape == (36, 1)
         basis = np.hstack([modes.flexible, problem.static_modes(modes, loads)])
         exact = problem.static_answers(modes.rigid, loads)

@@ -1,0 +1,84 @@
+"""Rigid bodies: the mass of lines of any shape, and the masses that they carry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_scenes import BAR, mechanism_with_lines, scene_of
+
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.scene.bodies import Coefficients
+
+LINE, ROTARY = 2.5, 0.07
+SECTION = Coefficients(shape="coefficients", axial=1.0, shear=1.0, bending=1.0, line_density=LINE, rotary_density=ROTARY)
+# a bent line with a branch, cells of different lengths
+BENT = LineMesh(
+    np.array([[0.0, 0.0], [0.5, 0.0], [0.8, 0.6], [0.8, 1.5], [0.9, -0.4]]),
+    np.array([[0, 1], [1, 2], [3, 2], [1, 4]]),
+    {"hinge": 0, "tip": 3, "foot": 4},
+)
+
+
+def mass_matrix(body: Body) -> np.ndarray:
+    """Return the mass matrix of a body alone."""
+    return weighted_sum(assemble([body], range(3 * body.n_nodes)).mass, {}).toarray()
+
+
+def test_the_mass_of_a_bent_line_against_a_quadrature() -> None:
+    body = Body.rigid("bent", BENT, BeamSection.of(SECTION, None))
+    # two Gauss points a cell integrate the square of the distance exactly
+    share = np.array([0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0)])
+    ends = BENT.nodes[BENT.cells]
+    points = (ends[:, None, 0] * (1 - share[:, None]) + ends[:, None, 1] * share[:, None]).reshape(-1, 2)
+    weights = np.repeat(0.5 * LINE * BENT.lengths, 2)
+    centre = weights @ points / weights.sum()
+    inertia = weights @ np.sum((points - centre) ** 2, axis=1) + ROTARY * BENT.lengths.sum()
+    np.testing.assert_allclose(body.mesh.nodes, centre[None], rtol=1e-14)
+    np.testing.assert_allclose(mass_matrix(body), np.diag([weights.sum(), weights.sum(), inertia]), rtol=1e-14)
+    assert not body.flexible and body.n_nodes == 1
+
+
+def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> None:
+    section = BeamSection.of(SECTION, None)
+    flexible, rigid = Body.beam("bent", BENT, section), Body.rigid("bent", BENT, section)
+    arms = BENT.nodes - rigid.mesh.nodes[0]
+    motions = np.zeros((len(arms), 3, 3))
+    motions[:, 0, 0] = motions[:, 1, 1] = motions[:, 2, 2] = 1.0
+    motions[:, 0, 2], motions[:, 1, 2] = -arms[:, 1], arms[:, 0]
+    motions = motions.reshape(-1, 3)
+    np.testing.assert_allclose(motions.T @ mass_matrix(flexible) @ motions, mass_matrix(rigid), atol=1e-14)
+
+
+def test_a_mass_on_a_rigid_body_away_from_its_centre_is_a_particle_with_a_weld() -> None:
+    scene = scene_of(BAR, """
+[parameters.m]
+nominal = 2.0
+[effects.bob]
+type = "point_mass"
+point = "bar:tip"
+mass = "m"
+inertia = 0.3
+[effects.second]
+type = "point_mass"
+point = "bar:middle"
+mass = 0.5
+""")
+    mechanism = mechanism_with_lines(scene)
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()
+    # the bar and each of its masses, numbered after it; the bar lends them half of the inertia that it has left
+    inertias = [1 / 48, 0.3 + 1 / 24, 1 / 48]
+    np.testing.assert_allclose(
+        np.diag(mass), [1.0, 1.0, inertias[0], 3.0, 3.0, inertias[1], 0.5, 0.5, inertias[2]], rtol=1e-14
+    )
+    # along the mechanism's motion about the hinge all of them together
+    poses = mechanism.first_guess
+    rates = np.zeros((3, 3, 1))
+    place = np.array([body.mesh.nodes[0] for body in mechanism.bodies])
+    rates[:, 2, 0] = 1.0
+    motion = mechanism.place_rates(poses, rates)[:, 0]
+    np.testing.assert_allclose(place[:, 0], [0.5, 1.0, 0.5])
+    assert motion @ mass @ motion == pytest.approx(1 / 3 + 3.0 + 0.3 + 0.5 * 0.25, rel=1e-14), "nothing is lost"
