@@ -208,8 +208,10 @@ def _attach(places, action, work):
     for side in range(2):
         first, node = N_FRAME * side, places.sides[action, side]
         if node < 0:
-            work.z[first : first + N_FRAME] = places.ground[action, first : first + N_FRAME]
-            work.jacobian[first : first + N_FRAME] = 0.0
+            for c in range(first, first + N_FRAME):
+                work.z[c] = places.ground[action, c]
+                for i in range(work.projected.size):
+                    work.jacobian[c, i] = 0.0
             continue
         frame, jacobian, arm = work.frames[node], work.jacobians[node], places.arms[action, side]
         cos, sin = np.cos(frame[2]), np.sin(frame[2])
@@ -243,7 +245,9 @@ def add_actions(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tange
     n = q.shape[1]
     place_nodes(places, grids, q, sample, work)
     if with_tangent:
-        work.tangent[:, :, lane] = 0.0
+        for i in range(n):
+            for j in range(n):
+                work.tangent[i, j, lane] = 0.0
     for action in range(places.sides.shape[0]):
         _attach(places, action, work)
         kind, p = actions.measures[action], actions.parameters[action, sample]
@@ -291,15 +295,18 @@ def add_tangents(tangent, r, factor, border):
 
     A force that turns with its body has no symmetric tangent; its mean serves the symmetric flexible block.
     """
-    m = tangent.shape[0] - r
+    m, n_lanes = tangent.shape[0] - r, tangent.shape[2]
     into = 0
     for i in range(m):
         for j in range(i + 1):
-            factor[into] += 0.5 * (tangent[r + i, r + j] + tangent[r + j, r + i])
+            for lane in range(n_lanes):
+                factor[into, lane] += 0.5 * (tangent[r + i, r + j, lane] + tangent[r + j, r + i, lane])
             into += 1
         for k in range(r):
-            border[r * r + k * m + i] += tangent[r + i, k]
-            border[r * r + (r + k) * m + i] += tangent[k, r + i]
+            for lane in range(n_lanes):
+                border[r * r + k * m + i, lane] += tangent[r + i, k, lane]
+                border[r * r + (r + k) * m + i, lane] += tangent[k, r + i, lane]
     for k in range(r):
         for j in range(r):
-            border[k * r + j] += tangent[k, j]
+            for lane in range(n_lanes):
+                border[k * r + j, lane] += tangent[k, j, lane]

@@ -205,7 +205,8 @@ def correct(equations, strengths, state, gains, active, fresh, factors, cache, s
             eliminate_border(factor, border, r, n - r)
         for k in range(r):
             if equations.prescribed[k]:
-                work.balance[k] = 0.0
+                for lane in range(LANES):
+                    work.balance[k, lane] = 0.0
         correction = work.balance
         solve_bordered(factor, border, r, n - r, correction)
         for lane in range(count):
@@ -229,9 +230,11 @@ def _hold_prescribed(equations, border):
     m = equations.layout.n_eta - r
     for k in range(r):
         if equations.prescribed[k]:
-            border[k * r : (k + 1) * r] = 0.0
-            border[k * r + k] = 1.0
-            border[r * r + (r + k) * m : r * r + (r + k + 1) * m] = 0.0
+            for lane in range(border.shape[1]):
+                for j in range(r):
+                    border[k * r + j, lane] = 1.0 if j == k else 0.0
+                for i in range(m):
+                    border[r * r + (r + k) * m + i, lane] = 0.0
 
 
 @njit(cache=True, error_model="numpy")

