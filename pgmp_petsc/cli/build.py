@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.coordinate_limits import check_features
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable
@@ -41,6 +42,7 @@ def build(
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
+    check_features(loaded)
     group = RankGroup.split(comm, ranks_per_angle)
     choice = choose(loaded, meshes, group) if leaves_open(loaded) else None
     rom = build_rom(loaded, meshes, group) if choice is None else choice.rom
@@ -55,7 +57,7 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
     """Say what was built, and warn where neighbouring samples have lost each other."""
     tables = rom.tables
     lines = [
-        f"{path}: {len(rom.frequencies_hz)} angles, "
+        f"{path}: {len(rom.frequencies_hz)} {'angles' if tables.n_coordinates == 1 else 'configurations'}, "
         f"{rom.frequencies_hz.shape[1]} modes from {rom.frequencies_hz[:, 0].min():.4g} to "
         f"{rom.frequencies_hz[:, -1].max():.4g} Hz{beside_modes(rom)}",
         *points_report(rom),

@@ -10,15 +10,26 @@ from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
 
 
 @click.command()
 @click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
+@click.option(
+    "--effects", "sizes", is_flag=True, help="Also estimate the size of every available effect: what to keep, what to leave."
+)
 @scene_options
 @click.pass_context
-def check(context: click.Context, scene: Path, settings: tuple[str, ...], overrides: tuple[str, ...]) -> None:
-    """Validate SCENE and print its bodies, unknowns, active effects and estimated memory; solve nothing."""
+def check(
+    context: click.Context, scene: Path, sizes: bool, settings: tuple[str, ...], overrides: tuple[str, ...]
+) -> None:
+    """Validate SCENE and print its bodies, unknowns, active effects and estimated memory; solve nothing.
+
+    With --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
+    """
     comm = context.obj.comm
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     say(context, on_root(comm, describe_scene, loaded, meshes))
+    if sizes:
+        say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes).lines())))

@@ -98,28 +98,67 @@ def substitute(packed, n, x):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def eliminate_border(factor, border, m):
-    """Factorise S of ``[[s, r^T], [c, S]]`` and turn the border into ``(1 / (s - r^T S^-1 c), S^-1 c, r)``."""
-    n_lanes = border.shape[1]
-    factorise(factor, m)
-    substitute(factor, m, border[1 : 1 + m])
-    for i in range(m):
+def invert(matrix, n):
+    """Invert small matrices (n * n, LANES), row after row, in place by Gauss-Jordan elimination without pivots."""
+    n_lanes = matrix.shape[1]
+    for p in range(n):
         for lane in range(n_lanes):
-            border[0, lane] -= border[1 + m + i, lane] * border[1 + i, lane]
-    for lane in range(n_lanes):
-        border[0, lane] = 1.0 / border[0, lane]
+            pivot = 1.0 / matrix[p * n + p, lane]
+            matrix[p * n + p, lane] = 1.0
+            for j in range(n):
+                matrix[p * n + j, lane] *= pivot
+            for i in range(n):
+                if i != p:
+                    factor = matrix[i * n + p, lane]
+                    matrix[i * n + p, lane] = 0.0
+                    for j in range(n):
+                        matrix[i * n + j, lane] -= factor * matrix[p * n + j, lane]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def solve_bordered(factor, border, m, x):
-    """Solve with the bordered matrix in place, x of shape (1 + m, LANES)."""
+def eliminate_border(factor, border, r, m):
+    """Factorise S of ``[[s, R], [C, S]]`` and turn the border into ``((s - R S^-1 C)^-1, S^-1 C, R)``.
+
+    Parameters
+    ----------
+    factor
+        Packed S, shape (n_packed, LANES).
+    border
+        Corner s row by row, then the r columns of C, then the r rows of R, shape (r * r + 2 * r * m, LANES).
+    r, m
+        Sizes of s and S.
+    """
+    n_lanes = border.shape[1]
+    columns, rows = r * r, r * r + r * m
+    factorise(factor, m)
+    for k in range(r):
+        substitute(factor, m, border[columns + k * m : columns + (k + 1) * m])
+    for k in range(r):
+        for j in range(r):
+            for i in range(m):
+                for lane in range(n_lanes):
+                    border[k * r + j, lane] -= border[rows + k * m + i, lane] * border[columns + j * m + i, lane]
+    invert(border, r)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def solve_bordered(factor, border, r, m, x):
+    """Solve with the bordered matrix in place, x of shape (r + m, LANES)."""
     n_lanes = x.shape[1]
-    substitute(factor, m, x[1:])
-    for i in range(m):
+    columns, rows = r * r, r * r + r * m
+    substitute(factor, m, x[r:])
+    for k in range(r):
+        for i in range(m):
+            for lane in range(n_lanes):
+                x[k, lane] -= border[rows + k * m + i, lane] * x[r + i, lane]
+    right = x[:r].copy()
+    for k in range(r):
         for lane in range(n_lanes):
-            x[0, lane] -= border[1 + m + i, lane] * x[1 + i, lane]
-    for lane in range(n_lanes):
-        x[0, lane] *= border[0, lane]
-    for i in range(m):
-        for lane in range(n_lanes):
-            x[1 + i, lane] -= border[1 + i, lane] * x[0, lane]
+            x[k, lane] = border[k * r, lane] * right[0, lane]
+        for j in range(1, r):
+            for lane in range(n_lanes):
+                x[k, lane] += border[k * r + j, lane] * right[j, lane]
+    for k in range(r):
+        for i in range(m):
+            for lane in range(n_lanes):
+                x[r + i, lane] -= border[columns + k * m + i, lane] * x[k, lane]

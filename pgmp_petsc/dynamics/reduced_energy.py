@@ -11,14 +11,14 @@ from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 
 
 def reduced_energy(
-    terms: ReducedTerms, values: Mapping[str, float], q: np.ndarray, v: np.ndarray
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the energies of one sample in several states.
+    """Return the energies of a sample in several states, or of several samples.
 
     Parameters
     ----------
     values
-        Parameter values of the sample.
+        Parameter values, each a number or of shape (n,).
     q, v
         Reduced coordinates and velocities, shape (n, n_eta).
 
@@ -27,21 +27,56 @@ def reduced_energy(
     kinetic, strain
         Each of shape (n,), J. Terms of second order in the deformation are in them where the model has them.
     """
-    weights, layout = evaluate_weights(terms.weights, values), terms.layout
-    entries = np.einsum("t,nte->ne", weights, terms.terms(q[:, 0]))
-    entries[:, 0] = terms.rigid(q[:, 0])[:, :, 0] @ weights
-    delta, rate, speed = q[:, 1:], v[:, 1:], v[:, 0]
-    mass, coupling, stiffness, cubic, swing, gyroscopic = np.split(
-        entries, [layout.coupling, layout.stiffness, layout.cubic, layout.swing, layout.gyroscopic], axis=1
-    )
-    kinetic = 0.5 * _form(mass, v) + speed**2 * np.sum(coupling * delta, axis=1)
+    layout = terms.layout
+    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
+    r = len(layout.rigid)
+    entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
+    entries[:, : layout.n_rigid] = np.einsum("nt,nte->ne", weights, terms.rigid(q[:, :r]))
+    delta, rate, speed = q[:, r:], v[:, r:], v[:, 0]
+    mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
+    k, j = np.tril_indices(r)
+    turning = v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)
+    coupling = coupling.reshape(len(q), layout.n_rigid, -1)
+    kinetic = 0.5 * _form(mass, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
     strain = 0.5 * _form(stiffness, delta)
     if layout.second_order:
         i, j = np.tril_indices(delta.shape[1], -1)
-        turning = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
-        kinetic += speed * np.sum(gyroscopic * turning, axis=1) - 0.5 * speed**2 * _form(swing, delta)
+        swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
+        kinetic += speed * np.sum(gyroscopic * swept, axis=1) - 0.5 * speed**2 * _form(swing, delta)
         strain += _cubic_form(cubic, delta) / 6.0
     return kinetic, strain
+
+
+def load_powers(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the power of a unit of every effect's amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
+    tables, r, n_eta = terms.tables, terms.tables.n_coordinates, terms.layout.n_eta
+    theta, delta, rate = q[:, :r], q[:, r:], v[:, r:]
+    load, slopes = terms.load(theta), [terms.load.slope(theta, k) for k in range(r)]
+    power = np.einsum("nli,ni->ln", load[:, :, :n_eta], v)
+    for k, slope in enumerate(slopes):
+        power += v[:, k] * np.einsum("nli,ni->ln", slope[:, :, r:n_eta], delta)
+    if terms.layout.second_order:
+        # d/dt of 1/2 delta^T B delta
+        for number in range(len(power)):
+            bent, slope = load[:, number, n_eta:], slopes[0][:, number, n_eta:]
+            crossed = 0.5 * (_form(bent, delta + rate) - _form(bent, delta) - _form(bent, rate))
+            power[number] += crossed + 0.5 * v[:, 0] * _form(slope, delta)
+    weighted = np.broadcast_to(evaluate_weights(tables.load_weights, values).T, power.T.shape).T * power
+    result: dict[str, np.ndarray] = {}
+    for name, part in zip(tables.load_effects, weighted):
+        result[name] = result.get(name, 0.0) + part
+    return result
+
+
+def damping_power(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the power ``-eta'^T D eta'`` of structural damping but for what brakes the momentum, shape (n,), W."""
+    entries = terms.terms(q[:, : terms.tables.n_coordinates])[:, :, terms.layout.damping :]
+    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
+    return -_form(np.einsum("nt,nte->ne", weights, entries), v)
 
 
 def _form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:

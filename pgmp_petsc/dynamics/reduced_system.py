@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
 from pgmp_petsc.dynamics.cells import Cache
+from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
-from pgmp_petsc.dynamics.reduced_kernel import Weights, correct
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
+from pgmp_petsc.dynamics.reduced_kernel import Equations, Strengths, Weights, correct, evaluate_depths, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.effects import Effect
+from pgmp_petsc.effects import Effect, Motion
+from pgmp_petsc.effects.action import amplitudes_of
+from pgmp_petsc.reduction.transition import as_grid
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -30,29 +37,33 @@ class ReducedSystem:
     values
         Parameter values of the samples, each of shape (n_samples,).
     initial
-        Position (rad) and velocity (rad/s) of the rigid coordinate at the start.
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each a number or of shape (n_theta,).
     n_samples
         Number of samples.
+    motions
+        Of the prescribed coordinates, by their numbers.
+    actions
+        Local effects, if there are any.
     """
 
     comm = MPI.COMM_SELF
-    n_events = 0
 
     def __init__(
         self,
         terms: ReducedTerms,
         effects: Sequence[Effect],
         values: Mapping[str, np.ndarray],
-        initial: tuple[float, float],
+        initial: tuple[np.ndarray | float, np.ndarray | float],
         n_samples: int,
+        motions: Mapping[int, Motion] = MappingProxyType({}),
+        actions: ReducedActions | None = None,
     ) -> None:
-        tables = terms.tables
+        tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.n_samples = n_samples
         self._initial = initial
-        self._layout = terms.layout
-        self._grids = terms.grids
-        self._polynomials = terms.polynomials
+        self._terms, self._motions = terms, motions
+        self._values = values
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
@@ -61,14 +72,25 @@ class ReducedSystem:
             for w in (terms.weights, tables.load_weights)
         )
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
-        self._weights = Weights(of_terms, of_loads, effects_of_loads)
-        self._scale = terms.scale
-        n_blocks, n_delta = -(-n_samples // LANES), terms.layout.n_eta - 1
+        r = len(layout.rigid)
+        self._actions = actions or ReducedActions.none(r)
+        alpha = 0.0 if terms.damping is None else terms.damping.mass
+        self._equations = Equations(
+            layout,
+            *terms.grids,
+            terms.polynomials,
+            Weights(of_terms, of_loads, effects_of_loads),
+            np.full(n_samples if alpha else 0, alpha),
+            np.array([k in self._motions for k in layout.rigid]),
+            terms.scale,
+            self._actions.of_samples(values, n_samples),
+        )
+        n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
         self._factors = (
             np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
-            np.empty((n_blocks, 1 + 2 * n_delta, LANES)),
+            np.empty((n_blocks, r * r + 2 * r * n_delta, LANES)),
         )
-        self._cache = Cache.empty(n_blocks, terms.layout.end, len(names) * terms.layout.load_end)
+        self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
         self._size = np.empty(n_samples)
 
     @property
@@ -78,27 +100,26 @@ class ReducedSystem:
 
     def start(self) -> State:
         """Return the undeformed start with the accelerations that the equations of motion give."""
+        r = self.tables.n_coordinates
         q = np.zeros((self.n_samples, self.n_eta))
         v = np.zeros_like(q)
-        q[:, 0], v[:, 0] = self._initial
+        q[:, :r], v[:, :r] = self._initial
         state = State(q, v, np.zeros_like(q), np.zeros(0))
         # with gain_a = 1 and stiffness left out of the balance (delta = 0), a correction solves M a = -r
         trial = state.copy()
         only_mass = Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE)
-        self.correct(0.0, trial, only_mass, np.ones(self.n_samples, dtype=bool), fresh=True)
+        everyone = np.ones(self.n_samples, dtype=bool)
+        self.correct(0.0, trial, only_mass, everyone, fresh=True)
         state.a = trial.a
+        self._prescribe(0.0, state, everyone)
         return state
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        amplitudes = np.array([effect.amplitude(time) for effect in self._load_effects])
+        self._prescribe(time, state, active)
         correct(
-            self._layout,
-            self._grids,
-            self._polynomials,
-            self._weights,
-            amplitudes,
-            self._scale,
+            self._equations,
+            self._strengths(time),
             (state.q, state.v, state.a),
             (scheme.gain_v, scheme.gain_a),
             active,
@@ -109,12 +130,65 @@ class ReducedSystem:
         )
         return self._size.copy()
 
+    def residual(self, time: float, state: State) -> np.ndarray:
+        """Return the residual of the equations of motion, shape (n_samples, n_eta).
+
+        In the rows of prescribed coordinates it is the force (N m) that drives them.
+        """
+        return self._evaluate(time, state)[0]
+
+    @property
+    def n_events(self) -> int:
+        """Number of actions whose law has an edge."""
+        return len(self._actions.edges)
+
+    def depths(self, time: float, state: State) -> np.ndarray:
+        """Return how far each edge is crossed, shape (n_events, n_samples)."""
+        known = self._known()
+        evaluate_depths(self._equations, self._strengths(time), (state.q, state.v, state.a), known)
+        return known[:, DEPTH, self._actions.edges].T
+
+    def energies(self, time: float, state: State) -> Energies:
+        """Return energies and powers at an instant, from the same tables as the equations of motion."""
+        residual, known = self._evaluate(time, state)
+        energies = Energies(*reduced_energy(self._terms, self._values, state.q, state.v))
+        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
+            energies.add_power(action.effect, power)
+            energies.add_potential(action.effect, stored)
+        loads = load_powers(self._terms, self._values, state.q, state.v)
+        for effect in self._load_effects:
+            energies.add_power(effect.name, effect.amplitude(time) * loads[effect.name])
+        if self._terms.damping is not None:
+            power = damping_power(self._terms, self._values, state.q, state.v)
+            energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
+        for k, motion in self._motions.items():
+            energies.add_power(motion.name, residual[:, k] * state.v[:, k])
+        return energies
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
         for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):
             now[samples] = before[samples]
 
     def outside(self, state: State) -> np.ndarray:
-        """Return the samples whose rigid coordinate left the sampled range."""
-        return np.broadcast_to(~self.tables.samples.contains(state.q[:, 0]), (self.n_samples,))
+        """Return the samples whose rigid coordinates left the sampled range."""
+        return ~as_grid(self.tables.samples).contains(state.q[:, : self.tables.n_coordinates])
 
+    def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
+        """Put the prescribed coordinates of some samples (a mask) where they are at a time."""
+        for k, motion in self._motions.items():
+            state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)
+
+    def _evaluate(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual, and what is known of the actions beside their forces."""
+        result, known = np.empty_like(state.q), self._known()
+        state_arrays = (state.q, state.v, state.a)
+        evaluate_residual(self._equations, self._strengths(time), state_arrays, self._cache, result, known)
+        return result, known
+
+    def _known(self) -> np.ndarray:
+        return np.empty((self.n_samples, 3, len(self._actions.actions)))
+
+    def _strengths(self, time: float) -> Strengths:
+        loads = np.array([effect.amplitude(time) for effect in self._load_effects])
+        return Strengths(loads, amplitudes_of(self._actions.actions, time))

@@ -15,19 +15,26 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.dynamics.reduced_kernel import Layout, Tables
+from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
+from pgmp_petsc.dynamics.reduced_equations import Layout
+from pgmp_petsc.dynamics.reduced_kernel import Tables
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.reduction.transition import as_grid
 
 N_RIGID = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
+N_RIGID_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedTerms:
-    """Interpolated terms of a reduced model with one rigid coordinate.
+    """Interpolated terms of a reduced model.
 
     Attributes
     ----------
@@ -36,17 +43,19 @@ class ReducedTerms:
     weights
         Monomials of the terms of mass and stiffness together.
     rigid
-        Rigid inertia of every term, rows of shape (n_terms, 1).
+        Packed rigid inertia of every term, rows of shape (n_terms, n_theta (n_theta + 1) / 2).
     terms
-        Packed mass, ``b_i = (d rho/d theta)^T M_i (d Psi/d theta)`` and packed stiffness of every term side by side,
-        and what there is of second order, rows of shape (n_terms, n_entries); zero where a term has no mass or no
-        stiffness. The first entry, the rigid inertia, is not used.
+        Packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second order,
+        and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The first
+        entries, the rigid inertia, are not used.
     layout
         Where these parts begin.
     load
         Load terms, rows of shape (n_load_terms, layout.load_end).
     scale
         Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
+    damping
+        Structural damping, if there is any.
     """
 
     tables: ReducedTables
@@ -56,10 +65,17 @@ class ReducedTerms:
     layout: Layout
     load: Interpolant
     scale: np.ndarray
+    damping: ReducedDamping | None = None
 
     @classmethod
     def of(
-        cls, tables: ReducedTables, kinematics: RigidKinematics, projection: np.ndarray, scheme: str
+        cls,
+        tables: ReducedTables,
+        kinematics: RigidKinematics,
+        projection: np.ndarray,
+        scheme: str,
+        damping: ReducedDamping | None = None,
+        quadratic: bool = True,
     ) -> ReducedTerms:
         """Prepare the terms.
 
@@ -69,9 +85,14 @@ class ReducedTerms:
             Flexible vectors, shape (n, n_dofs, n_delta); gives the scale of the flexible coordinates.
         scheme
             Interpolation over the samples.
+        damping
+            Structural damping, if there is any.
+        quadratic
+            Whether inertia forces quadratic in the velocities are evaluated.
         """
         samples = tables.samples
-        weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
+        damping_weights = () if damping is None else damping.weights
+        weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights, *damping_weights}))
         parts = [
             _spread(pack(tables.mass), tables.mass_weights, weights),
             _spread(coupling_of(tables, scheme), tables.mass_weights, weights),
@@ -84,24 +105,30 @@ class ReducedTerms:
             parts.append(_spread(pack(bent.curved_inertia - changes.spread), tables.mass_weights, weights))
             parts.append(_spread(pack_skew(changes.gyroscopic), tables.mass_weights, weights))
             load = np.concatenate([load, pack(bent.curved_load)], axis=2)
+        else:
+            parts += [np.zeros((*parts[0].shape[:2], 0))] * 3
+        if damping is not None:
+            parts.append(_spread(pack(damping.table), damping.weights, weights))
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
-        # without terms of second order these parts are empty and stand at the end
-        swing, gyroscopic, end = ends[3:] or [ends[2]] * 3
-        n_eta = tables.n_coordinates + tables.n_modes
+        r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
         return cls(
             tables=tables,
             weights=weights,
             rigid=rigid_inertia(tables, weights, kinematics),
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
-            layout=Layout(n_eta, *ends[:3], swing, gyroscopic, end, load.shape[2]),
+            layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
-            scale=np.concatenate([np.ones(tables.n_coordinates), displacement_scale(projection, kinematics.size)]),
+            scale=np.concatenate([np.ones(r), displacement_scale(projection, kinematics.size)]),
+            damping=damping,
         )
 
     @property
-    def grids(self) -> tuple[Grid, Grid]:
-        """Cells of the rigid inertia, and of all other terms."""
-        return tuple(Grid(part.lower, part.step, part.n_cells, part.periodic) for part in (self.rigid, self.terms))
+    def grids(self) -> tuple[tuple[Grid, ...], tuple[Grid, ...]]:
+        """Cells of every coordinate, of the rigid inertia and of all other terms."""
+        return tuple(
+            tuple(Grid(axis.lower, axis.step, axis.n_cells, axis.periodic) for axis in part.axes)
+            for part in (self.rigid, self.terms)
+        )
 
     @cached_property
     def polynomials(self) -> Tables:
@@ -110,32 +137,49 @@ class ReducedTerms:
         return Tables(*(np.ascontiguousarray(np.swapaxes(part.polynomials(), 1, 2)) for part in parts))
 
 
+def fine_grid(samples: SampleGrid | Samples) -> SampleGrid:
+    """Return the grid on which what the rigid kinematics gives is tabulated, over the range of the samples."""
+    axes = as_grid(samples).axes
+    n = N_RIGID if len(axes) == 1 else N_RIGID_OF_MORE
+    return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in axes))
+
+
 def rigid_inertia(
     tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics
 ) -> Interpolant:
-    """Return ``(d rho/d theta)^T M_i (d rho/d theta)`` of every term, from the kinematics alone."""
-    at = tables.samples
-    fine = Samples.uniform(at.lower, at.upper, N_RIGID, at.periodic)
+    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every term, packed, from the kinematics alone.
+
+    In its own frame a body moves as a combination of three constant vectors, so the mass that belongs to the velocities
+    of all bodies is assembled once.
+    """
+    fine = fine_grid(tables.samples)
     mechanism = kinematics.mechanism
+    n_bodies = len(mechanism.bodies)
+    frames = np.eye(N_FRAME * n_bodies).reshape(n_bodies, N_FRAME, -1)
+    unit = rigid_velocities(mechanism, np.zeros((n_bodies, N_FRAME)), frames)
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
-    poses = kinematics.poses(fine.theta)
-    rates = kinematics.rates(poses)
-    velocities = np.array(
-        [rigid_velocities(mechanism, poses[..., k], rates[..., k])[:, 0] for k in range(fine.n)]
-    ).T
-    values = np.array([np.sum(velocities * (terms[w] @ velocities), axis=0) for w in tables.mass_weights])
-    spread = _spread(np.ascontiguousarray(values.T[:, :, None]), tables.mass_weights, weights)
-    return interpolant(fine, spread, "spline")
+    poses = kinematics.poses(as_coordinates(fine.theta))
+    local = kinematics.rates(poses)
+    cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    local[:, 0], local[:, 1] = cos * local[:, 0] + sin * local[:, 1], cos * local[:, 1] - sin * local[:, 0]
+    local = local.reshape(N_FRAME * n_bodies, -1, fine.n)
+    values = [np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in tables.mass_weights]
+    return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
-    """Return b_i at the samples, shape (n, n_mass_terms, n_delta).
+    """Return b_i at the samples, pairs k >= l one after the other, shape (n, n_mass_terms, n_pairs * n_delta).
 
-    By the product rule it is the derivative of the mass table's coupling block, taken from the interpolant, less the
-    inertia table.
+    By the product rule, ``b_kl`` is the symmetric part of the derivative of the mass table's row of theta_k with theta_l,
+    taken from the interpolant, less the inertia table.
     """
-    block = interpolant(tables.samples, tables.mass[:, :, 0, 1:], scheme)
-    return block.slope(tables.samples.theta) - tables.inertia[:, :, 0, 0]
+    r, at = tables.n_coordinates, tables.samples.theta
+    block = interpolant(tables.samples, np.ascontiguousarray(tables.mass[:, :, :r, r:]), scheme)
+    slopes = [block.slope(at, k) for k in range(r)]
+    pairs = [
+        0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j]) - tables.inertia[:, :, k, j] for k in range(r) for j in range(k + 1)
+    ]
+    return np.concatenate(pairs, axis=2)
 
 
 def _spread(table: np.ndarray, own: tuple[Monomial, ...], weights: tuple[Monomial, ...]) -> np.ndarray:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from pgmp_petsc.dynamics.lanes import LANES, contract, multiply
+from pgmp_petsc.dynamics.lanes import contract, multiply
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -55,18 +55,14 @@ def multiply_skew(packed, first, n, x, skip, result):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, bent, swung, skewed, r):
-    """Add the second-order terms to the residual r (n_eta, LANES).
+def add_second_order(layout, work, loaded):
+    """Add the second-order terms, for one rigid coordinate, to the residual ``work.balance``.
 
-    Parameters
-    ----------
-    layout, q, v, a, terms, slopes, load, load_slope, loaded
-        As for `residual`.
-    bent
-        Result: what they add to the stiffness, packed, shape (n_packed_delta, LANES).
-    swung, skewed
-        Results: ``c delta`` and ``A delta``, shape (n_delta, LANES).
+    ``work.bent`` becomes what they add to the stiffness, packed, shape (n_packed_delta, LANES); ``work.swung`` and
+    ``work.skewed`` become ``c delta`` and ``A delta``, shape (n_delta, LANES).
     """
+    q, v, a, terms, slopes, r = work.q, work.v, work.a, work.terms, work.slopes[0], work.balance
+    load, load_slope, bent, swung, skewed = work.load, work.load_slope[0], work.bent, work.swung, work.skewed
     n_lanes = r.shape[1]
     n, m = layout.n_eta, layout.n_eta - 1
     contract(terms, layout.cubic, m, q, 1, bent)
@@ -120,11 +116,12 @@ def add_second_order(layout, q, v, a, terms, slopes, load, load_slope, loaded, b
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def add_second_order_tangent(layout, q, v, a, bent, swung, skewed, gain_v, gain_a, factor, border):
+def add_second_order_tangent(layout, work, gain_v, gain_a, factor, border):
     """Add the tangents of what `add_second_order` gave to the iteration matrix; see `iteration_matrix`.
 
     The flexible block stays symmetric: its gyroscopic part, of size ``theta' A`` beside ``gain_v M``, is left out.
     """
+    q, v, a, bent, swung, skewed = work.q, work.v, work.a, work.bent, work.swung, work.skewed
     n_lanes = border.shape[1]
     m = layout.n_eta - 1
     for entry in range(m * (m + 1) // 2):
@@ -133,7 +130,7 @@ def add_second_order_tangent(layout, q, v, a, bent, swung, skewed, gain_v, gain_
     for i in range(m):
         for lane in range(n_lanes):
             speed, swing = v[0, lane], swung[i, lane]
-            border[1 + i, lane] += 2.0 * gain_v * speed * swing - gain_a * skewed[i, lane]
-            border[1 + m + i, lane] -= gain_a * skewed[i, lane]
+            border[1 + i, lane] += 2.0 * gain_v * speed * swing - gain_a[lane] * skewed[i, lane]
+            border[1 + m + i, lane] -= gain_a[lane] * skewed[i, lane]
             border[1 + m + i, lane] -= 2.0 * (gain_v * speed + a[0, lane]) * swing
-            border[0, lane] -= (gain_a * q[1 + i, lane] + 2.0 * gain_v * v[1 + i, lane]) * swing
+            border[0, lane] -= (gain_a[lane] * q[1 + i, lane] + 2.0 * gain_v * v[1 + i, lane]) * swing

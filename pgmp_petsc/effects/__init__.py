@@ -16,6 +16,7 @@ from pgmp_petsc.effects.joint_damping import joint_damping
 from pgmp_petsc.effects.joint_friction import joint_friction
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.patterns import FIXED, Patterns
 from pgmp_petsc.effects.spring_damper import spring_damper
 from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.effects.torque import Torque
@@ -65,10 +66,22 @@ def actions_of(effects: Sequence[Effect]) -> tuple[Action, ...]:
     return tuple(action for effect in effects for action in effect.actions())
 
 
-def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> np.ndarray:
-    """Return the load patterns of all effects in body frames, shape (n_rows, n_patterns)."""
+def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns:
+    """Return the forces that all effects are made of, for static answers to them."""
     vectors = [vector for effect in effects for vector in effect.patterns(matrices)]
-    return np.array(vectors).reshape(len(vectors), len(matrices.rows)).T
+    turning = tuple(action for action in actions_of(effects) if action.measure not in FIXED)
+    return Patterns(np.array(vectors).reshape(len(vectors), len(matrices.rows)).T, turning)
 
 
-__all__ = ["Action", "Effect", "Load", "Motion", "actions_of", "effects_of", "loads_of", "motions_of", "patterns_of"]
+__all__ = [
+    "Action",
+    "Effect",
+    "Load",
+    "Motion",
+    "Patterns",
+    "actions_of",
+    "effects_of",
+    "loads_of",
+    "motions_of",
+    "patterns_of",
+]

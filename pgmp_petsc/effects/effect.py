@@ -18,9 +18,7 @@ import numpy as np
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.measures import ROTATION
-from pgmp_petsc.mechanism.mechanism import Mechanism
-
+from pgmp_petsc.effects.patterns import FIXED, fixed_pattern
 
 class Effect:
     """An effect of a scene without any contribution; kinds of effects override what they contribute.
@@ -74,24 +72,6 @@ class ActionEffect(Effect):
         return self._actions
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return unit forces on the frames' unknowns, couples of two bodies together."""
-        unknowns = {}
-        for action in self._actions:
-            unknowns.update(local_patterns(action, matrices))
-        return list(unknowns.values())
+        """Return the unit forces of the actions whose direction is constant in body frames."""
+        return [fixed_pattern(action, matrices) for action in self._actions if action.measure in FIXED]
 
-
-def local_patterns(action: Action, matrices: AffineMatrices) -> dict[tuple[int, ...], np.ndarray]:
-    """Return the nodal vectors, in body frames, that the forces of an action are made of, by the unknowns they act on."""
-    sides = action.sides
-    dofs = [int(sides[column // 3].dofs[column % 3]) for column in action.columns]
-    groups = [tuple(dofs)] if action.measure == ROTATION else [(dof,) for dof in dofs]
-    found = {}
-    for group in groups:
-        vector = np.zeros(len(matrices.rows))
-        # the couples of a rotation are equal and opposite, where both bodies move
-        for sign, dof in zip((1.0, -1.0), group):
-            if dof in matrices.rows:
-                vector[dof - matrices.rows.start] = sign
-        found[group] = vector
-    return found

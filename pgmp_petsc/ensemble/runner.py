@@ -19,6 +19,7 @@ from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, physical
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
@@ -101,7 +102,7 @@ def run_batch(
 
 def _indicator(model: Model) -> ErrorIndicator | None:
     """Return the indicator of a reduced model whose scene wants one."""
-    wanted = model.scene.simulation.error_indicator and model.scene.ensemble.checked_share > 0.0
+    wanted = is_indicated(model.scene) and model.scene.ensemble.checked_share > 0.0
     return ErrorIndicator(model) if wanted and isinstance(model, ReducedModel) else None
 
 

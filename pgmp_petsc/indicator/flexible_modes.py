@@ -67,7 +67,7 @@ class FlexibleModes:
 
         Beyond the ends of a limited range the modes are those at the end; of a sample that ran away, those at the start.
         """
-        samples = self._tables.samples
+        samples = self._tables.samples.axes[0]
         theta = np.where(np.abs(theta) < FARTHEST, theta, samples.lower)
         if not samples.periodic:
             theta = np.clip(theta, samples.lower, samples.upper)

@@ -6,6 +6,7 @@ constraint Jacobian alone does, through the directions in which the bodies meet.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,20 +15,24 @@ from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.body_frames import rotation
 from pgmp_petsc.mechanism.joints import N_FRAME
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 
 
-def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray) -> sp.csr_matrix:
+def constraint_jacobian(
+    mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()
+) -> sp.csr_matrix:
     """Return C in body frames at one configuration of the rigid mechanism.
 
     Parameters
     ----------
     poses
         Shape (n_bodies, 3).
+    clamped
+        Coordinates that are held: the relative rotation of each is one more constraint, in rows after all others.
 
     Returns
     -------
-    csr_matrix, shape (n_constraints, n_dofs)
+    csr_matrix, shape (n_constraints + n_clamped, n_dofs)
     """
     rows, columns, values = [], [], []
     q = mechanism.place(poses)
@@ -45,7 +50,13 @@ def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray) -> sp.csr_matri
             rows.append(row[chosen])
             columns.append(column[chosen])
             values.append(block[chosen])
-    shape = (mechanism.n_constraints, mechanism.n_dofs)
+    for row, coordinate in enumerate(clamped, mechanism.n_constraints):
+        for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
+            if not side.on_ground:
+                rows.append([row])
+                columns.append([side.dofs[2]])
+                values.append([sign])
+    shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
     return sp.coo_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
     ).tocsr()

@@ -121,7 +121,7 @@ class PointOnLine:
         """Unit direction of the line in the frame of a."""
         return float(self._direction[0]), float(self._direction[1])
 
-    def _line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the line's unit direction and normal, each of shape (2, ...)."""
         angle = np.zeros_like(a[2]) if self.linear else a[2]
         cos, sin = np.cos(angle), np.sin(angle)
@@ -131,12 +131,12 @@ class PointOnLine:
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the distance of b from the line, m."""
-        _, normal = self._line(a)
+        _, normal = self.line(a)
         return np.sum(normal * (b[:2] - a[:2]), axis=0)[None]
 
     def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return dc/d(a, b); ``dn/dphi = -direction``."""
-        direction, normal = self._line(a)
+        direction, normal = self.line(a)
         jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
         jacobian[0, 0:2] = -normal
         jacobian[0, 3:5] = normal
@@ -148,7 +148,7 @@ class PointOnLine:
         """Return the second derivatives, zero where the line is fixed."""
         hessian = np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
         if not self.linear:
-            direction, normal = self._line(a)
+            direction, normal = self.line(a)
             hessian[0, 0:2, 2] = hessian[0, 2, 0:2] = direction
             hessian[0, 3:5, 2] = hessian[0, 2, 3:5] = -direction
             hessian[0, 2, 2] = -np.sum(normal * (b[:2] - a[:2]), axis=0)

@@ -24,7 +24,10 @@ from pgmp_petsc.scene.schema import Scene
 
 @dataclass(frozen=True)
 class Coordinate:
-    """An independent rigid coordinate: the relative rotation of a revolute joint over a range (rad)."""
+    """An independent rigid coordinate: the relative rotation of a revolute joint over a range (rad).
+
+    A prescribed one follows a given motion: the flexible vectors of the reduced basis do not turn its joint.
+    """
 
     name: str
     connection: Connection

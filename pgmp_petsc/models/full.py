@@ -32,9 +32,9 @@ class FullModel:
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)
         self.kinematics = RigidKinematics(mechanism)
-        self.outputs = OutputSet.of(scene, self.kinematics)
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics.mechanism)
+        self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""

@@ -8,22 +8,26 @@ from typing import Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.effects import effects_of
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.effects import actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.transition import as_grid
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
 class ReducedModel:
-    """Rigid coordinate and flexible modes over interpolated tables; see `Model`.
+    """Rigid coordinates and flexible modes over interpolated tables; see `Model`.
 
     Parameters
     ----------
@@ -45,19 +49,25 @@ class ReducedModel:
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
         mechanism = self.kinematics.mechanism
-        self.outputs = OutputSet.of(scene, self.kinematics)
-        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scene.reduction.interpolation)
-        self._effects = effects_of(scene, mechanism)
-        self._start = start_of(scene, self.kinematics.mechanism)
-        samples, scheme = rom.tables.samples, scene.reduction.interpolation
-        if not samples.contains(self._start[0]):
-            name = self.kinematics.coordinate.name
-            raise InputError(
-                f"simulation.initial.{name}.position = {self._start[0]:g}: outside the sampled range "
-                f"[{samples.lower:g}, {samples.upper:g}] rad"
-            )
+        scheme = scene.reduction.interpolation
+        self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
+        self._start = start_of(scene, mechanism)
+        self._check_start(as_grid(rom.tables.samples))
+        self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
+        damping = ReducedDamping.of(self._effects, self.kinematics, rom)
+        quadratic = all(entry.keep for entry in scene.effects.values() if entry.type == "gyroscopic")
+        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, quadratic)
+        self._actions = ReducedActions.of(actions_of(self._effects), self.kinematics, rom, scheme)
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
+
+    def _check_start(self, grid: SampleGrid) -> None:
+        for axis, position, coordinate in zip(grid.axes, self._start[0], self.kinematics.mechanism.coordinates):
+            if not axis.contains(position):
+                raise InputError(
+                    f"simulation.initial.{coordinate.name}.position = {position:g}: outside the sampled range "
+                    f"[{axis.lower:g}, {axis.upper:g}] rad"
+                )
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
@@ -67,7 +77,7 @@ class ReducedModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        return ReducedSystem(self.terms, self._effects, values, self._start, n_samples)
+        return ReducedSystem(self.terms, self._effects, values, self._start, n_samples, self._motions, self._actions)
 
     def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""

@@ -15,6 +15,9 @@ the neighbour's sign.
 After a whole revolution a group returns turned by an orthogonal matrix H (its holonomy); the turn is taken back evenly
 over the revolution. Should H contain a reflection, no continuous basis exists over one revolution, but one exists over
 two, in which a coordinate has the opposite sign on the second turn.
+
+Over several coordinates H of one of them changes continuously with the others. Every further revolution is then closed
+like the one beside it: with the same coordinate reflected, and the turn taken back the same way round.
 """
 
 from __future__ import annotations
@@ -25,6 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag, schur
 from scipy.sparse.csgraph import connected_components
+
+from pgmp_petsc.runtime.errors import RunError
 
 EQUAL_TOLERANCE = 1e-6  # relative gap below which eigenvalues are one and the same to the solver
 CLOSE_TOLERANCE = 1e-2  # relative gap of neighbouring eigenvalues that makes one group of them
@@ -102,9 +107,7 @@ def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarra
     return [np.flatnonzero(label == group) for group in range(n_groups)]
 
 
-def transport(
-    overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndarray) -> np.ndarray:
     """Carry a basis from each sample to the next.
 
     Parameters
@@ -118,17 +121,18 @@ def transport(
 
     Returns
     -------
-    rotations
-        Q of every sample, shape (n, m, m).
-    cosines
-        Cosine of the largest angle of any group to the sample before, shape (n,); the first is 1.
+    ndarray, shape (n, m, m)
+        Q of every sample.
     """
-    rotations, cosines = [start], [1.0]
+    rotations = [start]
     for overlap in overlaps:
-        rotation, cosine = _by_groups(overlap @ rotations[-1], groups)
-        rotations.append(rotation)
-        cosines.append(cosine)
-    return np.array(rotations), np.array(cosines)
+        rotations.append(_by_groups(overlap @ rotations[-1], groups)[0])
+    return np.array(rotations)
+
+
+def cosines_of(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the cosine of the largest angle of any group for overlaps (n, m, m), shape (n,)."""
+    return np.array([_by_groups(overlap, groups)[1] for overlap in overlaps])
 
 
 def _by_groups(overlap: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
@@ -140,9 +144,32 @@ def _by_groups(overlap: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.nd
     return rotation, smallest
 
 
+@dataclass(frozen=True, eq=False)
+class Revolution:
+    """A closed revolution.
+
+    Attributes
+    ----------
+    rotations
+        Such that the basis is continuous from the last sample to the first, but for the flipped coordinates, shape
+        (n, m, m).
+    closures
+        How each group was closed.
+    flipped
+        Coordinates with the opposite sign after a revolution, shape (n_flipped,).
+    """
+
+    rotations: np.ndarray
+    closures: list[Closure]
+    flipped: np.ndarray
+
+
 def close_revolution(
-    rotations: np.ndarray, last_overlap: np.ndarray, groups: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, float]:
+    rotations: np.ndarray,
+    last_overlap: np.ndarray,
+    groups: Sequence[np.ndarray],
+    beside: Revolution | None = None,
+) -> Revolution:
     """Take the holonomy back over the revolution.
 
     Parameters
@@ -153,28 +180,23 @@ def close_revolution(
         ``V_0^T M V_{n-1}``, shape (m, m).
     groups
         As from `group_modes`.
-
-    Returns
-    -------
-    rotations
-        Such that the basis is continuous from the last sample to the first, but for the flipped coordinates.
-    flipped
-        Coordinates with the opposite sign after a revolution, shape (n_flipped,).
-    cosine
-        Cosine of the largest angle of any group between the last and the first sample.
+    beside
+        The closed revolution at a neighbouring value of another coordinate, if this one must go with it.
     """
-    back, cosine = _by_groups(last_overlap @ rotations[-1], groups)
+    back, _ = _by_groups(last_overlap @ rotations[-1], groups)
     holonomy = rotations[0].T @ back
-    closed, flipped = rotations.copy(), []
-    for group in groups:
+    closed, closures, flipped = rotations.copy(), [], []
+    for number, group in enumerate(groups):
         block = np.ix_(group, group)
-        closure = Closure.of(holonomy[block])
+        own = holonomy[block]
+        closure = Closure.of(own) if beside is None else Closure.beside(own, beside.closures[number])
         for k in range(len(rotations)):
             turn = closure.rotation(k / len(rotations))
             closed[k][:, group] = rotations[k][:, group] @ turn
         if closure.flipped >= 0:
             flipped.append(group[closure.flipped])
-    return closed, np.array(flipped, dtype=int), cosine
+        closures.append(closure)
+    return Revolution(closed, closures, np.array(flipped, dtype=int))
 
 
 @dataclass(frozen=True)
@@ -183,16 +205,20 @@ class Closure:
 
     Attributes
     ----------
+    start
+        What the basis is multiplied with where the revolution begins, shape (m, m): the identity, or with a reflection a
+        frame in which the reflected direction is a coordinate.
     frame
-        Orthogonal matrix whose columns span the planes that turn, shape (m, m).
+        Orthogonal matrix whose columns span the planes that turn, in the basis after `start`, shape (m, m).
     planes
         Pairs of columns, shape (n_planes, 2).
     angles
         Angle that each plane has turned over the revolution, shape (n_planes,), rad.
     flipped
-        Column that comes back reflected, or -1.
+        Coordinate that comes back reflected, or -1.
     """
 
+    start: np.ndarray
     frame: np.ndarray
     planes: np.ndarray
     angles: np.ndarray
@@ -201,33 +227,66 @@ class Closure:
     @classmethod
     def of(cls, holonomy: np.ndarray) -> Closure:
         """Split an orthogonal holonomy into plane rotations and at most one reflection."""
-        form, frame = schur(holonomy, output="real")
-        planes, angles, reflected = [], [], []
-        column, size = 0, len(form)
-        while column < size:
-            if column + 1 < size and abs(form[column + 1, column]) > 1e-12:
-                planes.append((column, column + 1))
-                angles.append(np.arctan2(form[column + 1, column], form[column, column]))
-                column += 2
-            else:
-                if form[column, column] < 0:
-                    reflected.append(column)
-                column += 1
-        # two reflections are one half turn
-        while len(reflected) > 1:
-            planes.append((reflected.pop(), reflected.pop()))
-            angles.append(np.pi)
-        flipped = reflected[0] if reflected else -1
-        return cls(frame, np.array(planes, dtype=int).reshape(-1, 2), np.array(angles), flipped)
+        frame, planes, angles, flipped = _planes(holonomy)
+        eye = np.eye(len(frame))
+        return cls(eye, frame, planes, angles, -1) if flipped < 0 else cls(frame, eye, planes, angles, flipped)
+
+    @classmethod
+    def beside(cls, holonomy: np.ndarray, other: Closure) -> Closure:
+        """Split a holonomy close to that of another closure, so that both take their turn back alike.
+
+        Raises
+        ------
+        RunError
+            If one of them contains a reflection and the other does not.
+        """
+        signs = np.ones(len(holonomy))
+        signs[other.flipped if other.flipped >= 0 else slice(0)] = -1.0
+        frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
+        if flipped >= 0:
+            raise RunError(
+                "the modes' signs cannot be followed over the configurations: a mode that is kept meets one that is not, or "
+                "the configurations are too few; take another number of reduction.modes or more reduction.angles"
+            )
+        # half a turn forwards or back: the way that the other one goes
+        expected = np.array([frame[:, i] @ other.generator @ frame[:, j] for i, j in planes]).reshape(angles.shape)
+        return cls(other.start, frame, planes, angles + 2 * np.pi * np.rint((expected - angles) / (2 * np.pi)), other.flipped)
+
+    @property
+    def generator(self) -> np.ndarray:
+        """Skew matrix whose exponential turns the planes by their angles, shape (m, m)."""
+        result = np.zeros_like(self.frame)
+        for (i, j), angle in zip(self.planes, self.angles):
+            plane = np.outer(self.frame[:, i], self.frame[:, j])
+            result += angle * (plane - plane.T)
+        return result
 
     def rotation(self, fraction: float) -> np.ndarray:
-        """Return the matrix that the transported basis is multiplied with, a fraction of the way round.
-
-        With a reflection the basis is expressed in `frame`, so that the reflected direction is a coordinate.
-        """
+        """Return the matrix that the transported basis is multiplied with, a fraction of the way round."""
         turn = np.eye(len(self.frame))
         for (i, j), angle in zip(self.planes, self.angles):
             cos, sin = np.cos(fraction * angle), np.sin(fraction * angle)
             turn[[i, i, j, j], [i, j, i, j]] = cos, sin, -sin, cos
-        rotated = self.frame @ turn
-        return rotated if self.flipped >= 0 else rotated @ self.frame.T
+        return self.start @ (self.frame @ turn @ self.frame.T)
+
+
+def _planes(holonomy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Split an orthogonal matrix: frame, planes and angles as in `Closure`, and a reflected column of the frame or -1."""
+    form, frame = schur(holonomy, output="real")
+    planes, angles, reflected = [], [], []
+    column, size = 0, len(form)
+    while column < size:
+        if column + 1 < size and abs(form[column + 1, column]) > 1e-12:
+            planes.append((column, column + 1))
+            angles.append(np.arctan2(form[column + 1, column], form[column, column]))
+            column += 2
+        else:
+            if form[column, column] < 0:
+                reflected.append(column)
+            column += 1
+    # two reflections are one half turn
+    while len(reflected) > 1:
+        planes.append((reflected.pop(), reflected.pop()))
+        angles.append(np.pi)
+    flipped = reflected[0] if reflected else -1
+    return frame, np.array(planes, dtype=int).reshape(-1, 2), np.array(angles), flipped

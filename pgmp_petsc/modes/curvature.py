@@ -24,7 +24,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians, constraint_jacobian
+from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.runtime.matrices import times
@@ -82,18 +82,17 @@ class CurvatureProblem:
         third = self._third.times(everywhere)
         forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
         chi = np.zeros_like(forces)
-        poses = problem.kinematics.poses(np.array([modes.theta]))[..., 0]
+        poses = problem.kinematics.poses(modes.theta)[..., 0]
         hessians = constraint_hessians(problem.mechanism, poses)
         if hessians:
             reactions = problem.all_rows(answered - times(problem.stiffness, shape))
-            joints = _TurningJoints(constraint_jacobian(problem.mechanism, poses), hessians, everywhere)
+            joints = _TurningJoints(problem.constraints_at(poses), hessians, everywhere)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + joints.forces(reactions)[own] + times(problem.stiffness, chi)
-        kept = np.hstack([modes.rigid, modes.flexible])
-        where = f"{problem.kinematics.coordinate.name} = {modes.theta:.6g} rad"
-        chi = chi + problem.static_answers(kept, -forces, f"static modal derivatives at {where}")
-        return Curvature(chi - problem.onto(np.hstack([modes.rigid, shape]), chi), third)
+        where = problem.kinematics.describe(modes.theta)
+        chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
+        return Curvature(chi - problem.onto(np.hstack([modes.rigid[:, modes.free], shape]), chi), third)
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).
@@ -112,7 +111,7 @@ class CurvatureProblem:
         inertia = modes.eigenvalues * problem.times_mass(modes.flexible)
         if not static.shape[1]:
             return inertia
-        kept = np.hstack([modes.rigid, modes.flexible])
+        kept = modes.eigenvectors
         m_kept = problem.times_mass(kept)
         balanced = loads - m_kept @ np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
         # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R

@@ -2,17 +2,20 @@
 
     (N^T K N - Lambda N^T M N) psi = 0,    Psi = N psi,
 
-in body frames, where K and M are constant and theta enters through N alone. The n_theta zero eigenvalues belong to
-the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in the basis.
+in body frames, where K and M are constant and theta enters through N alone. The zero eigenvalues, one for each free
+coordinate, belong to the rigid motion ``d rho / d theta``, known exactly from the kinematics; it takes their place in
+the basis. Prescribed coordinates are clamped: the relative rotation of their joint's nodes is one more constraint, so
+that no flexible vector turns a driven joint. Their columns of ``d rho / d theta`` do, and are in the basis too, but the
+flexible vectors are not orthogonal to them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
@@ -20,6 +23,7 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
 
@@ -32,36 +36,6 @@ REFINEMENT_FLOOR = 1e-6
 ROUND_OFF = 1e-15
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
-
-
-@dataclass(frozen=True)
-class ModeSet:
-    """Rigid and flexible modes at one configuration, local rows, in body frames.
-
-    Attributes
-    ----------
-    theta
-        The configuration, rad.
-    eigenvalues
-        Of the flexible modes, ascending, shape (n_modes,), (rad/s)^2.
-    rigid
-        ``d rho / d theta``, shape (n_local, n_theta).
-    rigid_curvature
-        ``d2 rho / d theta2``, shape (n_local, n_theta, n_theta).
-    flexible
-        M-orthonormal at the parameters of the problem and M-orthogonal to `rigid`, shape (n_local, n_modes).
-    """
-
-    theta: float
-    eigenvalues: np.ndarray
-    rigid: np.ndarray
-    rigid_curvature: np.ndarray
-    flexible: np.ndarray
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """Eigenfrequencies, shape (n_modes,)."""
-        return np.sqrt(np.maximum(self.eigenvalues, 0.0)) / (2 * np.pi)
 
 
 class ModalProblem:
@@ -89,6 +63,8 @@ class ModalProblem:
     ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
+        self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
+        self._clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
@@ -117,64 +93,73 @@ class ModalProblem:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def solve(self, theta: float) -> ModeSet:
-        """Compute the modes at one configuration.
+    def solve(self, theta: np.ndarray | float) -> ModeSet:
+        """Compute the modes at one configuration (n_theta,).
 
         Raises
         ------
         RunError
             If the eigensolver fails, or the zero eigenvalues are not the mechanism's rigid motion.
         """
-        n_theta = self.kinematics.n_coordinates
+        theta, n_free = np.atleast_1d(theta), self.free.size
         rigid, curvature = self._move_to(theta)
-        where = f"{self.kinematics.coordinate.name} = {theta:.6g} rad"
-        pairs = self._solver.solve(*self._reduced, n_theta, self.n_modes, where)
+        where = self.kinematics.describe(theta)
+        pairs = self._solver.solve(*self._reduced, n_free, self.n_modes, where)
         vectors = self._expand(pairs.vectors)
-        self._check_rigid(pairs.values, vectors[:, :n_theta], rigid, where)
-        flexible = self._deflate(vectors[:, n_theta:], rigid)
-        return ModeSet(theta, pairs.values[n_theta:], rigid, curvature, flexible)
+        self._check_rigid(pairs.values, vectors[:, :n_free], rigid[:, self.free], where)
+        flexible = self._deflate(vectors[:, n_free:], rigid[:, self.free])
+        return ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
 
-    def resume(self, theta: float, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
+    def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
         """Return to a configuration whose modes are known: `static_answers` holds there again.
 
         Parameters
         ----------
         theta
-            The configuration, rad.
+            The configuration, shape (n_theta,), rad.
         eigenvalues, flexible
             As they were found there.
         """
         rigid, curvature = self._move_to(theta)
         self._solver.factor(*self._reduced)
-        return ModeSet(theta, eigenvalues, rigid, curvature, flexible)
+        return ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free)
 
-    def _move_to(self, theta: float) -> tuple[np.ndarray, np.ndarray]:
+    def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
+        """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
+        return constraint_jacobian(self.mechanism, poses, self._clamped)
+
+    def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
-        poses = self.kinematics.poses(np.array([theta]))
+        self._project(self.kinematics.poses(theta)[..., 0])
+        return self.rigid_motion(theta)
+
+    def rigid_motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``d rho / d theta`` and ``d2 rho / d theta2`` at a configuration, local rows, as in `ModeSet`."""
+        poses = self.kinematics.poses(theta)
         rates = self.kinematics.rates(poses)
         curvatures = self.kinematics.curvatures(poses, rates)
         own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
-        self._project(pose)
         rigid = rigid_velocities(self.mechanism, pose, rate)[own]
         return rigid, rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
-        """Leave out the loads that are combinations of those before them.
+        """Leave out the loads that are combinations of those before them, or that clamped joints take up.
 
         Parameters
         ----------
         loads
             In body frames, local rows, shape (n_local, n_loads).
         """
+        clamps = self.constraints_at(self.mechanism.first_guess)[self.mechanism.n_constraints :].toarray().T
         chosen = np.empty((len(loads), 0))
-        for load in loads.T[..., None]:
+        for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
             rest = load / np.sqrt(self.inner(load, load)[0, 0])
             for _ in range(2):
                 rest = rest - chosen @ self.inner(chosen, rest)
             size = np.sqrt(self.inner(rest, rest)[0, 0])
             if size > DEPENDENT_TOLERANCE:
                 chosen = np.hstack([chosen, rest / size])
-        return chosen
+        return chosen[:, clamps.shape[1] :]
 
     def static_modes(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
         """Return the static answers to loads that the modes miss.
@@ -200,7 +185,7 @@ class ModalProblem:
         RunError
             If an answer vanishes beside the others: the basis would not be continuous there.
         """
-        kept = np.hstack([modes.rigid, modes.flexible])
+        kept = modes.eigenvectors
         answers = kept
         for load in loads.T:
             answer = self.static_answers(kept, load[:, None])
@@ -210,7 +195,7 @@ class ModalProblem:
             after = self._norms(answer)[0]
             if not after > DEPENDENT_TOLERANCE * before:
                 raise RunError(
-                    f"reduction.static_modes at {self.kinematics.coordinate.name} = {modes.theta:.6g} rad: a load's static "
+                    f"reduction.static_modes at {self.kinematics.describe(modes.theta)}: a load's static "
                     "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
                 )
             answers = np.hstack([answers, answer / after])
@@ -222,7 +207,7 @@ class ModalProblem:
         Parameters
         ----------
         kept
-            Rigid motion and modes at the configuration that the problem is at, local rows, shape (n_local, n_kept).
+            Eigenvectors at the configuration that the problem is at, local rows, shape (n_local, n_kept).
         loads
             In body frames, local rows, shape (n_local, n_loads).
         what
@@ -312,9 +297,8 @@ class ModalProblem:
             )
 
     def _check_size(self) -> None:
-        start = self.kinematics.poses(np.array([self.kinematics.coordinate.lower]))[..., 0]
-        null = null_space(constraint_jacobian(self.mechanism, start))
-        self._available = null.independent.size - self.kinematics.n_coordinates
+        null = null_space(self.constraints_at(self.kinematics.poses(self._lowest())[..., 0]))
+        self._available = null.independent.size - self.free.size
         if self.n_modes > self._available:
             raise InputError(
                 f"reduction.modes = {self.n_modes}: the mesh has only {self._available} flexible modes; "
@@ -328,18 +312,21 @@ class ModalProblem:
         The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
         eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
         """
-        n_theta = self.kinematics.n_coordinates
-        lower = self.kinematics.coordinate.lower
-        self._project(self.kinematics.poses(np.array([lower]))[..., 0])
+        n_free, lowest = self.free.size, self._lowest()
+        self._project(self.kinematics.poses(lowest)[..., 0])
         guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
         trial = ShiftInvertSolver(self.mass.getComm(), -guess)
-        pairs = trial.solve(*self._reduced, n_theta, 1, f"{self.kinematics.coordinate.name} = {lower:.6g} rad")
+        pairs = trial.solve(*self._reduced, n_free, 1, self.kinematics.describe(lowest))
         trial.close()
-        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_theta])
+        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free])
+
+    def _lowest(self) -> np.ndarray:
+        """Return the configuration at the lower end of every coordinate, shape (n_theta,)."""
+        return np.array([coordinate.lower for coordinate in self.kinematics.coordinates])
 
     def _project(self, poses: np.ndarray) -> None:
         """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
-        null = null_space(constraint_jacobian(self.mechanism, poses))
+        null = null_space(self.constraints_at(poses))
         lo, hi = np.searchsorted(null.independent, (self.rows.start, self.rows.stop))
         local = null.matrix[self.rows.start : self.rows.stop].tocsr()
         signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()
@@ -370,21 +357,25 @@ class ModalProblem:
         return times(self._null, vectors)
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-        """Make vectors M-orthogonal to the rigid motion to the last digits."""
+        """Make vectors M-orthogonal to the free rigid motion to the last digits."""
+        if not rigid.shape[1]:
+            return vectors
         return vectors - self.onto(rigid, vectors)
 
     def _check_rigid(self, values: np.ndarray, zeros: np.ndarray, rigid: np.ndarray, where: str) -> None:
-        n_theta = zeros.shape[1]
-        largest = np.max(np.abs(values[:n_theta])) / values[n_theta] if values.size > n_theta else 0.0
+        n_free = zeros.shape[1]
+        if not n_free:
+            return
+        largest = np.max(np.abs(values[:n_free])) / values[n_free] if values.size > n_free else 0.0
         if not largest < RIGID_TOLERANCE:
             raise RunError(
-                f"eigenproblem at {where}: {n_theta} eigenvalues should vanish, but the largest is {largest:.2g} of "
+                f"eigenproblem at {where}: {n_free} eigenvalues should vanish, but the largest is {largest:.2g} of "
                 "the first flexible one"
             )
         m_rigid = self.times_mass(rigid)
         norm = self.inner(rigid, m_rigid)
         part = self.inner(m_rigid, zeros)
-        captured = np.trace(np.linalg.solve(norm, part @ part.T)) / n_theta
+        captured = np.trace(np.linalg.solve(norm, part @ part.T)) / n_free
         if not abs(captured - 1.0) < RIGID_TOLERANCE:
             raise RunError(
                 f"eigenproblem at {where}: the modes of frequency zero are not the mechanism's rigid motion "

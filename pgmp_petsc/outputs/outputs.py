@@ -1,8 +1,8 @@
 """Outputs: what a user sees of a motion.
 
 All outputs are functions of the frames ``(x, y, phi)`` of some nodes, whichever model moved them. A deformation is the
-position less that of the rigid mechanism at the same measured coordinate, e.g. the same rotation of the hinge node,
-which in a free-free basis is not theta itself. It is not a number (NaN) where the measured coordinate is far outside a
+position less that of the rigid mechanism at the same measured coordinates, e.g. the same rotation of the hinge node,
+which in a free-free basis is not theta itself. It is not a number (NaN) where a measured coordinate is far outside a
 limited range, because the rigid mechanism may not exist there.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Attachment
+from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.scene import Scene
 
 AXES = {"x": 0, "y": 1}
@@ -45,8 +46,13 @@ class OutputSet:
         return {name: function(by_node) for name, function in self.functions.items()}
 
     @classmethod
-    def of(cls, scene: Scene, kinematics: RigidKinematics) -> OutputSet:
+    def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
         """Prepare the outputs of a scene.
+
+        Parameters
+        ----------
+        start
+            Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not prescribed.
 
         Raises
         ------
@@ -60,10 +66,12 @@ class OutputSet:
             "displacement": _displacement,
             "deformation": _deformation,
         }
+        if start is None:
+            start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
         nodes: set[int] = set()
         functions, units = {}, {}
         for name, entry in scene.outputs.items():
-            function, needed, unit = makers[entry.type](f"outputs.{name}", entry, scene, kinematics)
+            function, needed, unit = makers[entry.type](f"outputs.{name}", entry, start, kinematics)
             functions[name], units[name] = function, unit
             nodes |= needed
         return cls(tuple(sorted(nodes)), units, functions)
@@ -84,36 +92,36 @@ def _joint_angle(connection) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
     return angle, nodes
 
 
-def _angle(name: str, entry, scene: Scene, kinematics: RigidKinematics):
+def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     return *_joint_angle(kinematics.mechanism.connection(entry.joint)), "rad"
 
 
-def _rotation(name: str, entry, scene: Scene, kinematics: RigidKinematics):
-    node = kinematics.mechanism.node(entry.point, f"{name}.point")
-    return lambda frames: frames[node][2], {node}, "rad"
+def _rotation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    point = kinematics.mechanism.attachment(entry.point, f"{name}.point")
+    return lambda frames: frames[point.node][2], {point.node}, "rad"
 
 
-def _position(name: str, entry, scene: Scene, kinematics: RigidKinematics):
-    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
-    return lambda frames: frames[node][axis], {node}, "m"
+def _position(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
+    return lambda frames: point.frame_of(frames[point.node])[axis], {point.node}, "m"
 
 
-def _displacement(name: str, entry, scene: Scene, kinematics: RigidKinematics):
-    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
-    start = scene.initial_state(kinematics.coordinate.name).position
-    origin = kinematics.positions(node, np.array([start]))[axis, 0]
-    return lambda frames: frames[node][axis] - origin, {node}, "m"
+def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
+    origin = point.frame_of_pose(kinematics.poses(as_coordinates(start[None])))[axis, 0]
+    return lambda frames: point.frame_of(frames[point.node])[axis] - origin, {point.node}, "m"
 
 
-def _deformation(name: str, entry, scene: Scene, kinematics: RigidKinematics):
-    node, axis = kinematics.mechanism.node(entry.point, f"{name}.point"), AXES[entry.axis]
-    angle, needed = _joint_angle(kinematics.coordinate.connection)
+def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
+    measures = [_joint_angle(coordinate.connection) for coordinate in kinematics.mechanism.coordinates]
 
     def deformation(frames: Frames) -> np.ndarray:
-        measured = angle(frames)
-        values = np.full(measured.shape, np.nan)
+        measured = as_coordinates(np.stack([angle(frames) for angle, _ in measures], axis=1))
+        values = np.full(len(measured), np.nan)
         inside = kinematics.within_reach(measured)
-        values[inside] = frames[node][axis, inside] - kinematics.positions(node, measured[inside])[axis]
+        rigid = point.frame_of_pose(kinematics.poses(measured[inside]))
+        values[inside] = point.frame_of(frames[point.node])[axis, inside] - rigid[axis]
         return values
 
-    return deformation, {node} | needed, "m"
+    return deformation, {point.node}.union(*(needed for _, needed in measures)), "m"

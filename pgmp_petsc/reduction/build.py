@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
-from pgmp_petsc.effects import Load, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
+from pgmp_petsc.reduction.coordinate_limits import check_count, check_features
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
@@ -30,7 +31,7 @@ from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sampler
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
@@ -77,6 +78,8 @@ def build_rom(
     timings = Timings()
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
+        check_features(scene)
+        check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
@@ -91,7 +94,9 @@ def build_rom(
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
             n_redundant = max(n_redundant, setting.compute(store))
         with timings.phase("continuity"):
-            joined, previous = store.join(), basis
+            previous = basis
+            with agreed(group.world, "continuity"):
+                joined = store.join()
             with agreed(group.world, "compression"):
                 if joined is not None:
                     # later rounds take the first one's: other vectors would have other tables to compare
@@ -135,7 +140,7 @@ class _Setting:
     scene: Scene
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
-    patterns: np.ndarray
+    patterns: Patterns
     points: ParameterPoints
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]
@@ -190,11 +195,11 @@ def _wanted(
     """Return the configurations of the next round (first rank); none where the tolerance holds or none is given."""
     tolerance = scene.reduction.sampling_tolerance
     if current is None or tolerance is None:
-        return np.empty(0)
-    samples = store.samples
+        return np.empty((0, store.samples.n_coordinates))
+    samples = store.samples.axes[0]
     if previous is None:
-        return midpoints(samples)
-    new = np.setdiff1d(samples.theta, previous.tables.samples.theta)
+        return midpoints(samples)[:, None]
+    new = np.setdiff1d(samples.theta, previous.tables.samples.axes[0].theta)
     errors = interpolation_errors(previous, current, new, scene.nominal)
     poor = new[errors > tolerance]
     if samples.n > scene.reduction.max_angles and poor.size:
@@ -208,11 +213,12 @@ def _wanted(
     left = np.searchsorted(theta, poor)
     chosen = np.zeros(theta.size - 1, dtype=bool)
     chosen[left - 1] = chosen[left] = True
-    return midpoints(samples, chosen)
+    return midpoints(samples, chosen)[:, None]
 
 
-def _samples(scene: Scene, kinematics: RigidKinematics) -> Samples:
-    coordinate, reduction = kinematics.coordinate, scene.reduction
-    return samples_for(
-        reduction.interpolation, coordinate.lower, coordinate.upper, reduction.angles, coordinate.periodic
+def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
+    reduction, coordinates = scene.reduction, kinematics.coordinates
+    angles = np.broadcast_to(reduction.angles, len(coordinates))
+    return SampleGrid(
+        tuple(samples_for(reduction.interpolation, c.lower, c.upper, int(n), c.periodic) for c, n in zip(coordinates, angles))
     )

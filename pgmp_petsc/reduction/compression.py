@@ -30,7 +30,7 @@ class Compression:
     matrix
         C, shape (n_snapshots, n_parameter).
     flips
-        Whether a vector changes its sign after a revolution, shape (n_parameter,).
+        Whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, n_parameter).
     """
 
     matrix: np.ndarray
@@ -45,8 +45,8 @@ class Compression:
         grams
             Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots).
         flipped
-            Whether a snapshot changes its sign after a revolution, shape (n_snapshots,): over two of them, those
-            that do are orthogonal to those that do not.
+            Whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta, n_snapshots): over
+            two of them, those that do are orthogonal to those that do not.
         n_parameter
             Number of vectors wanted.
 
@@ -55,7 +55,7 @@ class Compression:
         InputError
             If they are not independent at every configuration: where one vanishes, the reduced mass would be singular.
         """
-        mean = np.where(flipped[:, None] == flipped[None, :], grams.mean(axis=0), 0.0)
+        mean = np.where((flipped[:, :, None] == flipped[:, None, :]).all(axis=0), grams.mean(axis=0), 0.0)
         squares, vectors = np.linalg.eigh(mean)
         squares, vectors = squares[::-1], vectors[:, ::-1]
         rank = _independent(grams, squares, vectors)
@@ -67,7 +67,7 @@ class Compression:
         vectors = vectors[:, :n_parameter]
         largest = np.argmax(np.abs(vectors), axis=0)
         signs = np.sign(vectors[largest, range(n_parameter)])
-        return cls(signs * vectors / np.sqrt(squares[:n_parameter]), flipped[largest])
+        return cls(signs * vectors / np.sqrt(squares[:n_parameter]), flipped[:, largest])
 
     def beside(self, n_kept: int) -> np.ndarray:
         """Return the matrix that leaves kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""

@@ -12,14 +12,14 @@ from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.joining import JoinedSamples
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables, pair_rotations
 from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
 
 
 @dataclass(frozen=True, eq=False)
 class ContinuousBasis:
-    """Tables and vectors over all samples; over two turns where a coordinate changes its sign after one.
+    """Tables and vectors over all samples; over two turns of a rigid coordinate where a vector changes its sign after one.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class ContinuousBasis:
     combinations
         The basis in terms of each sample's own vectors, one turn, shape (n_sampled, n_vectors, n_delta).
     flipped
-        Coordinates that change their sign after a turn.
+        Whether a vector changes its sign after a turn of each rigid coordinate, shape (n_theta, n_delta).
     curvature
         Second derivatives of the displacement, pairs packed, shape (n, n_dofs, n_pairs); None where not wanted.
     """
@@ -48,13 +48,13 @@ class ContinuousBasis:
     def of(
         cls,
         mechanism: Mechanism,
-        samples: Samples,
+        samples: SampleGrid,
         loads: Sequence[Load],
         joined: JoinedSamples,
         compression: Compression,
     ) -> ContinuousBasis:
         """Express the samples' tables and vectors in the continuous basis."""
-        n_kept, n_parameter = joined.n_kept, compression.flips.size
+        n_kept, n_parameter = joined.n_kept, compression.matrix.shape[1]
         combinations = joined.rotations @ compression.beside(n_kept)
         tables = ReducedTables(
             samples=samples,
@@ -65,15 +65,16 @@ class ContinuousBasis:
             **{name: joined.tables[name] for name in ("mass", "inertia", "stiffness", "load")},
         ).turned(combinations)
         projection = joined.shapes @ combinations
-        flipped = np.flatnonzero(np.concatenate([joined.flipped[:n_kept], compression.flips]))
+        flipped = np.hstack([joined.flipped[:, :n_kept], compression.flips])
         groups = [*joined.groups, *np.arange(n_kept, n_kept + n_parameter)[:, None]]
-        if flipped.size:
-            tables = tables.over_two_turns(flipped)
-            projection = np.concatenate([projection, projection * flipping_signs(tables.n_modes, flipped)])
+        for axis in np.flatnonzero(flipped.any(axis=1)):
+            signs = flipping_signs(tables.n_modes, flipped[axis])
+            projection = tables.samples.twice(axis, projection, projection * signs)
+            tables = tables.over_two_turns(flipped[axis], axis)
         return cls(tables, projection, groups, combinations, flipped)
 
     def curved(self, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
-        """Add what is of second order at the samples of one turn.
+        """Add what is of second order at the samples of one turn of one rigid coordinate.
 
         Parameters
         ----------
@@ -82,8 +83,8 @@ class ContinuousBasis:
         tables
             At n_sampled samples.
         """
-        if self.flipped.size:
-            signs = flipping_signs(self.tables.n_modes, self.flipped)
+        if self.flipped.any():
+            signs = flipping_signs(self.tables.n_modes, self.flipped[0])
             tables = tables.over_two_turns(signs)
             curvature = np.concatenate([curvature, curvature @ pair_rotations(np.diag(signs)[None])])
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
@@ -99,8 +100,8 @@ def compression_of(mechanism: Mechanism, nominal: dict[str, float], joined: Join
     """
     n_snapshots = joined.shapes.shape[2] - joined.n_kept
     if not n_parameter:
-        return Compression(np.empty((n_snapshots, 0)), np.empty(0, dtype=bool))
+        return Compression(np.empty((n_snapshots, 0)), np.empty((len(joined.flipped), 0), dtype=bool))
     mass = np.einsum("t,ntij->nij", evaluate_weights(mechanism.mass_weights, nominal), joined.tables["mass"])
     turned = joined.rotations[:, joined.n_kept :, joined.n_kept :]
     own = mass[:, -n_snapshots:, -n_snapshots:]
-    return Compression.of(np.swapaxes(turned, 1, 2) @ own @ turned, joined.flipped[joined.n_kept :], n_parameter)
+    return Compression.of(np.swapaxes(turned, 1, 2) @ own @ turned, joined.flipped[:, joined.n_kept :], n_parameter)

@@ -7,15 +7,19 @@ of definite matrices for that; here a basis that is smooth enough is asked for i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 
 PLACES = (0.25, 0.5, 0.75)  # of every interval between samples
+MIDDLE = (0.5,)  # the same over several coordinates, whose cells are many
 SMALLEST = 1e-6  # eigenvalue of a matrix with unit diagonal
 
 
@@ -36,11 +40,9 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
     str
         Which matrix, where, with which parameters, and what helps.
     """
-    samples = tables.samples
-    ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
-    starts = samples.theta[: ends.size]
-    theta = np.concatenate([starts + place * (ends - starts) for place in PLACES])
-    r = tables.n_coordinates
+    samples, r = tables.samples, tables.n_coordinates
+    places = PLACES if samples.n_coordinates == 1 else MIDDLE
+    theta = SampleGrid(tuple(_between(axis, places) for axis in samples)).theta
     for name, table, weights in (
         ("mass", tables.mass[:, :, r:, r:], tables.mass_weights),
         ("stiffness", tables.stiffness, tables.stiffness_weights),
@@ -53,11 +55,19 @@ def indefinite_between(tables: ReducedTables, scheme: str, values: Mapping[str, 
             if smallest[worst] < SMALLEST:
                 where = "".join(f", {key} = {value:.4g}" for key, value in point.items())
                 return (
-                    f"with {samples.n} angles the interpolated {name} matrix is not positive definite at "
-                    f"{theta[worst]:.4g} rad{where} (smallest eigenvalue {smallest[worst]:.2g}, diagonal 1): the model runs away "
-                    'with small steps; take more reduction.angles, fewer modes, or interpolation = "spline"'
+                    f"with {' x '.join(map(str, samples.shape))} angles the interpolated {name} matrix is not positive "
+                    f"definite at {', '.join(f'{value:.4g}' for value in theta[worst])} rad{where} (smallest eigenvalue "
+                    f"{smallest[worst]:.2g}, diagonal 1): the model runs away with small steps; take more "
+                    'reduction.angles, fewer modes, or interpolation = "spline"'
                 )
     return ""
+
+
+def _between(samples: Samples, places: Sequence[float]) -> Samples:
+    """Return places, as shares of every interval, between the samples of one coordinate."""
+    ends = np.append(samples.theta[1:], samples.upper) if samples.periodic else samples.theta[1:]
+    starts = samples.theta[: ends.size]
+    return replace(samples, theta=np.concatenate([starts + place * (ends - starts) for place in places]))
 
 
 def _smallest_eigenvalues(matrices: np.ndarray) -> np.ndarray:

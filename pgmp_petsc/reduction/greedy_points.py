@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.effects import Patterns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.compression import ROUND_OFF
@@ -26,14 +27,14 @@ from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import spanning_values
 
-N_ANGLES = 8
+N_CONFIGURATIONS = 8  # at least, over the middles of a grid
 MOST_POINTS = 4
 GAIN = 0.9  # a further point leaves less than this of the largest share, or is not worth its eigenproblems
 DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
 def choose_points(
-    scene: Scene, kinematics: RigidKinematics, patterns: np.ndarray, group: RankGroup
+    scene: Scene, kinematics: RigidKinematics, patterns: Patterns, group: RankGroup
 ) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
@@ -76,16 +77,15 @@ class _Shares:
         self,
         scene: Scene,
         kinematics: RigidKinematics,
-        patterns: np.ndarray,
+        patterns: Patterns,
         group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
     ) -> None:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []
-        coordinate = kinematics.coordinate
-        middles = coordinate.lower + (coordinate.upper - coordinate.lower) * (np.arange(N_ANGLES) + 0.5) / N_ANGLES
-        own = middles[list(group.arc(N_ANGLES))]
+        middles = _middles(kinematics)
+        own = middles[list(group.arc(len(middles)))]
         if not own.size:
             return
         with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm) as problem:
@@ -130,14 +130,14 @@ class _Configuration:
 
     @classmethod
     def of(
-        cls, problem: ModalProblem, snapshots: ParameterSnapshots, loads: StaticLoads, theta: float
+        cls, problem: ModalProblem, snapshots: ParameterSnapshots, loads: StaticLoads, theta: np.ndarray
     ) -> _Configuration:
         """Compute the products."""
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, loads.at(problem, modes))
         flexible = np.hstack([modes.flexible, static])
         found = snapshots.at(theta, flexible)
-        rest = snapshots.missed(found, np.hstack([modes.rigid, flexible]))
+        rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))
         everything = np.hstack([flexible, rest])
         stiffness = [problem.inner(everything, times(other.stiffness, everything)) for other in snapshots.problems]
         n, q = len(found), found[0].shape[1]
@@ -171,6 +171,13 @@ class _Configuration:
             rest = snapshot - basis @ (scale[:, None] * projected)
             worst[candidate] = np.sqrt(np.max(_energies(rest, stiffness) / _energies(snapshot, stiffness)))
         return worst
+
+
+def _middles(kinematics: RigidKinematics) -> np.ndarray:
+    """Return configurations spread over the range, shape (n, n_theta)."""
+    n = int(np.ceil(N_CONFIGURATIONS ** (1.0 / kinematics.n_coordinates)))
+    axes = [c.lower + (c.upper - c.lower) * (np.arange(n) + 0.5) / n for c in kinematics.coordinates]
+    return np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
 def _energies(vectors: np.ndarray, stiffness: np.ndarray) -> np.ndarray:

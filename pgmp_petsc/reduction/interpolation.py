@@ -1,4 +1,4 @@
-"""Interpolation of tables over the samples of a coordinate.
+"""Interpolation of tables over the samples of the rigid coordinates.
 
 ============== =================================================================== ====================== =======
 scheme         what it is                                                          samples                order
@@ -10,7 +10,8 @@ scheme         what it is                                                       
 
 Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpolant`), so that the integrator's kernel
 knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
-evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count.
+evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several coordinates
+it is the tensor product: one scheme along each axis.
 
 The paper prints (20) with a denominator that would make the tangents scale with the step; the tangent with respect to
 s is ``(A_{i+1} - A_{i-1}) / 2``.
@@ -26,111 +27,154 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.signal import resample
 
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, cell_stencil, stencil
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil, count_rows, stencil
+from pgmp_petsc.reduction.transition import as_grid
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
+FINE_OF_MORE = 96  # the same along each axis of several: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative
 
 
 @dataclass(frozen=True, eq=False)
 class Interpolant:
-    """A piecewise cubic on a uniform grid.
+    """A piecewise polynomial on a uniform tensor grid, cubic along each axis.
 
     Attributes
     ----------
-    lower, step, n, periodic, basis
-        As for `stencil`.
+    axes
+        Grid of every coordinate.
     rows
-        Samples or spline coefficients, shape (n_rows, ...).
+        Samples or spline coefficients, shape (n_rows_1, ..., n_rows_n_theta, ...).
     """
 
-    lower: float
-    step: float
-    n: int
-    periodic: bool
-    basis: int
+    axes: tuple[Axis, ...]
     rows: np.ndarray
 
     @property
-    def grid(self) -> tuple[float, float, int, bool, int]:
-        """The grid as the kernels take it."""
-        return self.lower, self.step, self.n, self.periodic, self.basis
+    def n_theta(self) -> int:
+        """Number of coordinates."""
+        return len(self.axes)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a value."""
+        return self.rows.shape[self.n_theta :]
 
     @property
     def n_cells(self) -> int:
         """Number of cells of the grid."""
-        return self.n if self.periodic else self.n - 1
+        return int(np.prod([axis.n_cells for axis in self.axes]))
 
     def polynomials(self) -> np.ndarray:
-        """Return the coefficients of ``s^0`` to ``s^3`` in every cell, s from 0 to 1, shape (n_cells, 4, ...)."""
-        rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
-        result = np.empty((self.n_cells, 4, *self.rows.shape[1:]))
-        for cell in range(self.n_cells):
-            for end in (0, 1):
-                value, slope = matrix[2 * end], matrix[2 * end + 1]
-                cell_stencil(cell, float(end), self.step, self.n, self.periodic, self.basis, rows, value, slope)
-                slope *= self.step
-            result[cell] = np.tensordot(_HERMITE @ matrix, self.rows[rows], axes=1)
-        return result
+        """Return the coefficients of ``s_1^i s_2^j ...`` in every cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
+
+        Of cells and of powers, those of the last coordinate run fastest.
+        """
+        result = self.rows
+        for k, axis in enumerate(self.axes):
+            # (cells and coefficients of the axes before, rows of this one, ...): two axes take the place of one
+            result = np.moveaxis(_cell_polynomials(axis, np.moveaxis(result, 2 * k, 0)), (0, 1), (2 * k, 2 * k + 1))
+        order = [*range(0, 2 * self.n_theta, 2), *range(1, 2 * self.n_theta, 2)]
+        result = np.moveaxis(result, order, range(2 * self.n_theta))
+        return np.ascontiguousarray(result).reshape(self.n_cells, N_ROWS**self.n_theta, *self.shape)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
-        """Return the values at theta of shape (k,), shape (k, ...)."""
-        return self._sum(theta, slope=False)
+        """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""
+        return self._sum(theta, -1)
 
-    def slope(self, theta: np.ndarray) -> np.ndarray:
-        """Return the derivative with theta, shape (k, ...)."""
-        return self._sum(theta, slope=True)
+    def slope(self, theta: np.ndarray, coordinate: int = 0) -> np.ndarray:
+        """Return the derivative with one of the coordinates, shape (k, ...)."""
+        return self._sum(theta, coordinate)
 
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        """Return vectors (k, n_in) times the values at theta (k,), matrices of shape (n_in, n_out); shape (k, n_out)."""
-        result = np.zeros((len(theta), self.rows.shape[2]))
-        _add_products(_contiguous(theta), self.grid, self.rows, _contiguous(vectors), result)
+        """Return vectors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out)."""
+        result = np.zeros((len(theta), self.shape[1]))
+        table = self.rows.reshape(-1, *self.shape)
+        _add_products(self._points(theta), self.axes, table, _contiguous(vectors), result)
         return result
 
-    def _sum(self, theta: np.ndarray, slope: bool) -> np.ndarray:
-        result = np.zeros((len(theta), *self.rows.shape[1:]))
-        _add_rows(
-            _contiguous(theta), self.grid, slope, self.rows.reshape(len(self.rows), -1), result.reshape(len(theta), -1)
-        )
-        return result
+    def _sum(self, theta: np.ndarray, derivative: int) -> np.ndarray:
+        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), -1)
+        result = np.zeros((len(theta), table.shape[1]))
+        _add_rows(self._points(theta), self.axes, derivative, table, result)
+        return result.reshape(len(theta), *self.shape)
+
+    def _points(self, theta: np.ndarray) -> np.ndarray:
+        return _contiguous(theta).reshape(len(theta), self.n_theta)
 
 
 def _contiguous(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array, dtype=float)
 
 
+def _cell_polynomials(axis: Axis, table: np.ndarray) -> np.ndarray:
+    """Return the coefficients of ``s^0`` to ``s^3`` in every cell of an axis, shape (n_cells, 4, ...), from its rows."""
+    rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
+    result = np.empty((axis.n_cells, N_ROWS, *table.shape[1:]))
+    for cell in range(axis.n_cells):
+        for end in (0, 1):
+            value, slope = matrix[2 * end], matrix[2 * end + 1]
+            cell_stencil(cell, float(end), axis, rows, value, slope)
+            slope *= axis.step
+        result[cell] = np.tensordot(_HERMITE @ matrix, table[rows], axes=1)
+    return result
+
+
 @njit(cache=True, error_model="numpy")
-def _add_rows(theta, grid, slope, table, result):
-    """Add the interpolated rows of a table (n_rows, size), or their derivatives, to result (k, size)."""
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-    for k in range(theta.size):
-        stencil(theta[k], *grid, rows, weights, slopes)
-        chosen = slopes if slope else weights
-        for r in range(N_ROWS):
+def _tensor_stencil(theta, axes, derivative, rows, weights):
+    """Fill the rows (4**n_theta,) of a flattened table and their weights for one theta of shape (n_theta,).
+
+    The weights are those of the value, or of the derivative with the coordinate of that number.
+    """
+    along, chosen = np.empty(N_ROWS, dtype=np.int64), np.empty((2, N_ROWS))
+    rows[0], weights[0] = 0, 1.0
+    n_filled = 1
+    for k in range(len(axes)):
+        stencil(theta[k], axes[k], along, chosen[0], chosen[1])
+        which = 1 if k == derivative else 0
+        # from the last on, in place: each row makes four
+        for i in range(n_filled - 1, -1, -1):
+            row, weight = rows[i] * count_rows(axes[k]), weights[i]
+            for j in range(N_ROWS):
+                rows[N_ROWS * i + j] = row + along[j]
+                weights[N_ROWS * i + j] = weight * chosen[which, j]
+        n_filled *= N_ROWS
+
+
+@njit(cache=True, error_model="numpy")
+def _add_rows(theta, axes, derivative, table, result):
+    """Add the interpolated rows of a table (n_rows, size), or a derivative of them, to result (k, size)."""
+    n_rows = N_ROWS ** len(axes)
+    rows, weights = np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
+    for k in range(theta.shape[0]):
+        _tensor_stencil(theta[k], axes, derivative, rows, weights)
+        for r in range(n_rows):
             for e in range(table.shape[1]):
-                result[k, e] += chosen[r] * table[rows[r], e]
+                result[k, e] += weights[r] * table[rows[r], e]
 
 
 @njit(cache=True, error_model="numpy")
-def _add_products(theta, grid, table, vectors, result):
+def _add_products(theta, axes, table, vectors, result):
     """Add vectors (k, n_in) times the interpolated matrices of a table (n_rows, n_in, n_out) to result (k, n_out)."""
-    rows = np.empty(N_ROWS, dtype=np.int64)
-    weights, slopes = np.empty(N_ROWS), np.empty(N_ROWS)
-    for k in range(theta.size):
-        stencil(theta[k], *grid, rows, weights, slopes)
-        w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-        for i in range(table.shape[1]):
-            x = vectors[k, i]
-            row_0, row_1, row_2, row_3 = table[rows[0], i], table[rows[1], i], table[rows[2], i], table[rows[3], i]
-            # along the contiguous entries, where it vectorises; the four rows in one pass
-            for j in range(table.shape[2]):
-                result[k, j] += x * (w0 * row_0[j] + w1 * row_1[j] + w2 * row_2[j] + w3 * row_3[j])
+    n_rows = N_ROWS ** len(axes)
+    rows, weights = np.empty(n_rows, dtype=np.int64), np.empty(n_rows)
+    for k in range(theta.shape[0]):
+        _tensor_stencil(theta[k], axes, -1, rows, weights)
+        for r in range(0, n_rows, N_ROWS):
+            w0, w1, w2, w3 = weights[r], weights[r + 1], weights[r + 2], weights[r + 3]
+            for i in range(table.shape[1]):
+                x = vectors[k, i]
+                row_0, row_1 = table[rows[r], i], table[rows[r + 1], i]
+                row_2, row_3 = table[rows[r + 2], i], table[rows[r + 3], i]
+                # along the contiguous entries, where it vectorises; the four rows in one pass
+                for j in range(table.shape[2]):
+                    result[k, j] += x * (w0 * row_0[j] + w1 * row_1[j] + w2 * row_2[j] + w3 * row_3[j])
 
 
-def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant:
+def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:
     """Interpolate a table of shape (n, ...) given at the samples.
 
     Raises
@@ -138,16 +182,33 @@ def interpolant(samples: Samples, table: np.ndarray, scheme: str) -> Interpolant
     ValueError
         If the scheme does not take such samples.
     """
+    grid = as_grid(samples)
+    rows = table.reshape(*grid.shape, *table.shape[1:])
+    fine = FINE if grid.n_coordinates == 1 else FINE_OF_MORE
+    axes = []
+    for k, along in enumerate(grid.axes):
+        axis, fitted = _fit(along, np.moveaxis(rows, k, 0), scheme, fine)
+        axes.append(axis)
+        rows = np.moveaxis(fitted, 0, k)
+    return Interpolant(tuple(axes), _contiguous(rows))
+
+
+def _fit(samples: Samples, table: np.ndarray, scheme: str, fine: int) -> tuple[Axis, np.ndarray]:
+    """Return grid and rows of the interpolant along one axis, the first of the table."""
     if scheme == "overhauser":
         if not samples.is_uniform:
             raise ValueError("Overhauser interpolation needs uniform samples")
-        step = (samples.upper - samples.lower) / (samples.n if samples.periodic else samples.n - 1)
-        return Interpolant(samples.lower, step, samples.n, samples.periodic, OVERHAUSER, _contiguous(table))
+        return _axis(samples, samples.n, OVERHAUSER), table
     if scheme == "spline":
-        return _as_splines(samples, table if samples.is_uniform else _spline_on_fine_grid(samples, table))
+        return _as_splines(samples, table if samples.is_uniform else _spline_on_fine_grid(samples, table, fine))
     if scheme == "spectral":
-        return _as_splines(samples, _spectral_on_fine_grid(samples, table))
+        return _as_splines(samples, _spectral_on_fine_grid(samples, table, fine))
     raise ValueError(f"interpolation '{scheme}'; known: overhauser, spline, spectral")
+
+
+def _axis(samples: Samples, n: int, basis: int) -> Axis:
+    step = (samples.upper - samples.lower) / (n if samples.periodic else n - 1)
+    return Axis(samples.lower, step, n, samples.periodic, basis)
 
 
 def samples_for(scheme: str, lower: float, upper: float, n: int, periodic: bool) -> Samples:
@@ -157,12 +218,10 @@ def samples_for(scheme: str, lower: float, upper: float, n: int, periodic: bool)
     return Samples.uniform(lower, upper, n, periodic)
 
 
-def _as_splines(samples: Samples, uniform: np.ndarray) -> Interpolant:
-    """Return the cubic spline through values at uniform points over the samples' range."""
-    n = len(uniform)
-    step = (samples.upper - samples.lower) / (n if samples.periodic else n - 1)
+def _as_splines(samples: Samples, uniform: np.ndarray) -> tuple[Axis, np.ndarray]:
+    """Return grid and coefficients of the cubic spline through values at uniform points over the samples' range."""
     coefficients = _periodic_coefficients(uniform) if samples.periodic else _coefficients(uniform)
-    return Interpolant(samples.lower, step, n, samples.periodic, B_SPLINE, _contiguous(coefficients))
+    return _axis(samples, len(uniform), B_SPLINE), coefficients
 
 
 def _periodic_coefficients(values: np.ndarray) -> np.ndarray:
@@ -189,27 +248,28 @@ def _coefficients(values: np.ndarray) -> np.ndarray:
     return solve_banded((4, 4), bands, right).reshape(n + 2, *values.shape[1:])
 
 
-def _fine_count(samples: Samples) -> int:
+def _fine_count(samples: Samples, fine: int) -> int:
+    """Return the first multiple of the samples' cells that is no less than `fine`."""
     cells = samples.n if samples.periodic else samples.n - 1
-    return cells * -(-FINE // cells)
+    return cells * -(-fine // cells)
 
 
-def _spline_on_fine_grid(samples: Samples, table: np.ndarray) -> np.ndarray:
-    fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples), samples.periodic)
+def _spline_on_fine_grid(samples: Samples, table: np.ndarray, count: int) -> np.ndarray:
+    fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples, count), samples.periodic)
     if not samples.periodic:
         return CubicSpline(samples.theta, table)(fine.theta)
     theta = np.append(samples.theta, samples.theta[0] + samples.upper - samples.lower)
     return CubicSpline(theta, np.concatenate([table, table[:1]]), bc_type="periodic")(fine.theta)
 
 
-def _spectral_on_fine_grid(samples: Samples, table: np.ndarray) -> np.ndarray:
-    count = _fine_count(samples)
+def _spectral_on_fine_grid(samples: Samples, table: np.ndarray, fine: int) -> np.ndarray:
+    count = _fine_count(samples, fine)
     if samples.periodic:
         if not samples.is_uniform:
             raise ValueError("trigonometric interpolation needs uniform samples")
         return resample(table, count, axis=0)
-    fine = Samples.uniform(samples.lower, samples.upper, count, False)
-    return _barycentric(samples.theta, table, fine.theta)
+    points = Samples.uniform(samples.lower, samples.upper, count, False)
+    return _barycentric(samples.theta, table, points.theta)
 
 
 def _barycentric(points: np.ndarray, table: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.modes.continuity import close_revolution, group_modes, transport
+from pgmp_petsc.modes.grid_continuity import GridBasis, GridNeighbours
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.sampler import TABLES, Sample
 from pgmp_petsc.runtime.groups import RankGroup
 
@@ -29,9 +30,9 @@ class JoinedSamples:
     rotations
         ``V_continuous = V Q``, shape (n, w, w).
     cosines
-        Cosine of the largest angle of a group of modes to the sample before, shape (n,).
+        Cosine of the largest angle of a group of modes to a sample before, shape (n,).
     flipped
-        Whether a vector changes its sign after a revolution, shape (w,).
+        Whether a vector changes its sign after a revolution of each coordinate, shape (n_theta, w).
     groups
         Numbers of the kept vectors of each group.
     """
@@ -50,7 +51,7 @@ class JoinedSamples:
 
 
 def join_samples(
-    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], periodic: bool
+    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
 ) -> JoinedSamples | None:
     """Join the samples. Collective on ``group.world``.
 
@@ -60,15 +61,20 @@ def join_samples(
         Number of the group that holds each sample, shape (n,).
     own
         This group's samples by their number.
-    periodic
-        Whether the first sample follows the last.
+    samples
+        All configurations.
 
     Returns
     -------
     JoinedSamples or None
         On the first rank, None elsewhere.
+
+    Raises
+    ------
+    RunError
+        If the modes cannot be made continuous (first rank).
     """
-    overlaps = _overlaps(group, owners, own)
+    overlaps = _overlaps(group, owners, own, samples)
     rows = {k: group.comm.gather(own[k].shape) for k in sorted(own)}
     if group.roots is None:
         return None
@@ -81,19 +87,19 @@ def join_samples(
         return None
     ordered = [item for _, item in sorted((k, item) for part in everything for k, item in part.items())]
     tables = {name: np.array([table[name] for table, _, _ in ordered]) for name in TABLES}
-    overlaps = np.array([overlap for _, _, overlap in ordered])
+    overlaps = np.array([overlap for _, _, overlap in ordered]).swapaxes(0, 1)
     shapes = np.array([shape for _, shape, _ in ordered])
-    rotations, cosines, turned, groups = _continuous(tables, overlaps, periodic)
-    n_kept = overlaps.shape[-1]
+    neighbours = GridNeighbours(samples.shape, samples.periodic, tables["eigenvalues"], overlaps)
+    basis = GridBasis.of(neighbours, tables["canonical"][0])
     # the snapshots of every parameter point turn as the kept vectors do
-    times = shapes.shape[2] // n_kept
+    times = shapes.shape[2] // overlaps.shape[-1]
     return JoinedSamples(
         tables=tables,
         shapes=shapes,
-        rotations=_block_diagonal(rotations, times),
-        cosines=cosines,
-        flipped=np.tile(np.isin(np.arange(n_kept), turned), times),
-        groups=groups,
+        rotations=_block_diagonal(basis.rotations, times),
+        cosines=basis.cosines,
+        flipped=np.tile(basis.flipped, times),
+        groups=basis.groups,
     )
 
 
@@ -106,43 +112,34 @@ def _block_diagonal(blocks: np.ndarray, times: int) -> np.ndarray:
     return result
 
 
-def _continuous(
-    tables: dict[str, np.ndarray], overlaps: np.ndarray, periodic: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Work out rotations, cosines, flipped vectors and groups of kept ones; ``overlaps[0]`` closes the revolution."""
-    groups = group_modes(tables["eigenvalues"], overlaps if periodic else overlaps[1:])
-    rotations, cosines = transport(overlaps[1:], groups, tables["canonical"][0])
-    flipped = np.zeros(0, dtype=int)
-    if periodic:
-        rotations, flipped, cosines[0] = close_revolution(rotations, overlaps[0], groups)
-    return rotations, cosines, flipped, groups
+def _overlaps(
+    group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample], samples: SampleGrid
+) -> dict[int, np.ndarray]:
+    """Return ``V_k^T M V_before`` of the kept vectors of this group's samples k, shape (n_theta, n_kept, n_kept).
 
-
-def _overlaps(group: RankGroup, owners: np.ndarray, own: Mapping[int, Sample]) -> dict[int, np.ndarray]:
-    """Return ``V_k^T M V_{k-1}`` of the kept vectors of this group's samples k, cyclically.
-
-    Neighbours are passed on in the order of the samples on all groups, so that nobody waits in a circle.
+    The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
+    all groups, so that nobody waits in a circle.
     """
     from mpi4py import MPI
 
-    n = len(owners)
-    overlaps = {}
-    for k in range(n):
-        before, here = owners[k - 1], owners[k]
-        if group.index not in (before, here):
-            continue
-        whole = None
-        if group.index == before:
-            parts = group.comm.gather(own[(k - 1) % n].kept)
-            whole = np.concatenate(parts) if parts is not None else None
-        if before != here and group.comm.rank == 0:
-            if group.index == before:
-                group.roots.send(whole, dest=int(here), tag=k)
-            else:
-                whole = group.roots.recv(source=int(before), tag=k)
-        if group.index == here:
-            product = own[k].mass_kept.T @ _own_rows(group, own[k], group.comm.bcast(whole))
-            overlaps[k] = group.comm.allreduce(product, op=MPI.SUM)
+    overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
+    for axis in range(samples.n_coordinates):
+        for here, before in enumerate(samples.before(axis)):
+            giver, taker = owners[before], owners[here]
+            if before < 0 or group.index not in (giver, taker):
+                continue
+            whole = None
+            if group.index == giver:
+                parts = group.comm.gather(own[before].kept)
+                whole = np.concatenate(parts) if parts is not None else None
+            if giver != taker and group.comm.rank == 0:
+                if group.index == giver:
+                    group.roots.send(whole, dest=int(taker), tag=here)
+                else:
+                    whole = group.roots.recv(source=int(giver), tag=here)
+            if group.index == taker:
+                product = own[here].mass_kept.T @ _own_rows(group, own[here], group.comm.bcast(whole))
+                overlaps[here][axis] = group.comm.allreduce(product, op=MPI.SUM)
     return overlaps
 
 

@@ -31,13 +31,13 @@ class Manifold:
         self._problem, self._loads, self._static_loads = problem, loads, static_loads
         self._curvature = CurvatureProblem(problem)
 
-    def at(self, theta: float, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
+    def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
         """Return chi in body frames, pairs packed, local rows, shape (n_local, n_pairs), and the tables of one sample.
 
         Parameters
         ----------
         theta
-            The configuration, rad.
+            The configuration, shape (1,), rad.
         sample
             What was found there.
         combination
@@ -52,7 +52,7 @@ class Manifold:
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
         static = sample.kept[:, sample.n_modes :]
         answered = self._curvature.answered_loads(
-            modes, static, self._static_loads.at(problem, modes.rigid_curvature)
+            modes, static, self._static_loads.at(problem, modes)
         )
         shape = sample.shape @ combination
         curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept])

@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import interpolant
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class ModeChanges:
 
 
 def mode_changes(
-    kinematics: RigidKinematics, samples: Samples, projection: np.ndarray, scheme: str
+    kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str
 ) -> ModeChanges:
     """Return the tables of changing modes, for one rigid coordinate.
 

@@ -15,6 +15,7 @@ from numba import njit
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
@@ -56,11 +57,11 @@ class Reconstruction:
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta)."""
         n_theta = self._kinematics.n_coordinates
-        theta, delta = eta[:, 0], eta[:, n_theta:]
+        theta, delta = eta[:, :n_theta], eta[:, n_theta:]
         factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
         local = self._shapes.product(theta, factors)
-        frames = np.empty((self._nodes.size, DOFS_PER_NODE, theta.size))
-        poses = self._kinematics.poses(theta)
+        frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
+        poses = self._kinematics.poses(as_coordinates(theta))
         _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
         return frames
 

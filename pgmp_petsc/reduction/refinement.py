@@ -1,4 +1,4 @@
-"""Adaptive sampling: more configurations where the interpolated tables differ from a fresh solve.
+"""Adaptive sampling over one coordinate: more configurations where the interpolated tables differ from a fresh solve.
 
 After each round the tables that were interpolated before are compared with the samples that came since. Where they
 differ by more than the tolerance, both halves of the interval are sampled in the next round. Differences are relative
@@ -22,7 +22,7 @@ from pgmp_petsc.reduction.tables import ReducedTables
 
 
 def midpoints(samples: Samples, chosen: np.ndarray | None = None) -> np.ndarray:
-    """Return the middles of the intervals between samples; of all, or of those chosen by a mask."""
+    """Return the middles of the intervals between samples, shape (n,); of all, or of those chosen by a mask."""
     ends = samples.theta[1:]
     if samples.periodic:
         ends = np.append(ends, samples.upper)
@@ -51,7 +51,7 @@ def interpolation_errors(
         Largest relative difference at every new sample.
     """
     old = before.tables
-    rows = np.searchsorted(now.tables.samples.theta, theta)
+    rows = np.searchsorted(now.tables.samples.axes[0].theta, theta)
     guessed = interpolant(old.samples, before.projection, "spline")(theta)
     rotations = np.array([_align(now.projection[row], guess, before.groups) for row, guess in zip(rows, guessed)])
     fresh = now.tables.at(rows).turned(rotations)

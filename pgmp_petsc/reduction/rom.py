@@ -13,6 +13,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.tables import ReducedTables
@@ -73,13 +74,17 @@ class ReducedOrderModel:
         return self.points.n_vectors
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
-        """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there."""
+        """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there.
+
+        ``/theta`` holds the sampled configurations, the attributes of its coordinates `lower`, `upper` and `periodic`. For
+        one coordinate it has the shape (n,). For several it has the shape (n, n_theta) and the last coordinate runs
+        fastest; the attributes then have an entry for each coordinate, and there is one more, `shape`, the number of samples
+        along each. All tables have the n configurations along their first axis.
+        """
         tables = self.tables
         with write_file(path, "rom", {"n_redundant": self.n_redundant, "indefinite": self.indefinite}) as file:
             self.record.write(file)
-            at = tables.samples
-            theta = put(file, "theta", at.theta, "rad", "sampled configurations")
-            theta.attrs.update(lower=at.lower, upper=at.upper, periodic=at.periodic)
+            _put_samples(file, tables.samples)
             group = file.create_group("tables")
             _put_terms(group, "mass", tables.mass, tables.mass_weights, "Psi^T M_i Psi, eq. (13)")
             _put_terms(group, "inertia", tables.inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i Psi")
@@ -129,10 +134,7 @@ class ReducedOrderModel:
 
     @classmethod
     def _read(cls, file, with_projection: bool) -> ReducedOrderModel:
-        about = file["theta"].attrs
-        samples = Samples(
-            take(file, "theta", 1), float(about["lower"]), float(about["upper"]), bool(about["periodic"])
-        )
+        samples = _samples(file)
         group = file["tables"]
         tables = ReducedTables(
             samples=samples,
@@ -175,6 +177,33 @@ class ReducedOrderModel:
             points=_points(file),
             indefinite=str(file.attrs.get("indefinite", "")),
         )
+
+
+def _put_samples(file, samples: SampleGrid) -> None:
+    about = "sampled configurations"
+    if samples.n_coordinates == 1:
+        (axis,) = samples
+        theta = put(file, "theta", axis.theta, "rad", about)
+        theta.attrs.update(lower=axis.lower, upper=axis.upper, periodic=axis.periodic)
+        return
+    theta = put(file, "theta", samples.theta, "rad", f"{about}, (configuration, coordinate), last coordinate fastest")
+    theta.attrs.update(
+        lower=[axis.lower for axis in samples],
+        upper=[axis.upper for axis in samples],
+        periodic=samples.periodic,
+        shape=samples.shape,
+    )
+
+
+def _samples(file) -> SampleGrid:
+    about, several = file["theta"].attrs, file["theta"].ndim == 2
+    theta = take(file, "theta", 2 if several else 1)
+    shape = tuple(about["shape"]) if several else theta.shape
+    places = theta.reshape(*shape, len(shape))
+    lines = [np.take(places, k, -1)[(0,) * k + (slice(None),) + (0,) * (len(shape) - k - 1)] for k in range(len(shape))]
+    ranges = (np.atleast_1d(about[name]) for name in ("lower", "upper", "periodic"))
+    axes = (Samples(line, float(low), float(high), bool(turns)) for line, low, high, turns in zip(lines, *ranges))
+    return SampleGrid(tuple(axes))
 
 
 def _points(file) -> ParameterPoints:

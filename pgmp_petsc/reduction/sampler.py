@@ -95,8 +95,8 @@ class Sampler:
         self._static_loads = static_loads
         self._snapshots = snapshots
 
-    def sample(self, theta: float, scramble: Scramble) -> Sample:
-        """Sample one configuration (rad).
+    def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
+        """Sample one configuration (n_theta,), rad.
 
         Raises
         ------
@@ -106,10 +106,10 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = turned_loads(problem, self._loads, theta)
-        static = problem.static_modes(modes, self._static_loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, self._static_loads.at(problem, modes))
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
-            missed = self._snapshots.missed(self._snapshots.at(theta, kept), np.hstack([modes.rigid, kept]))
+            missed = self._snapshots.missed(self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept]))
             shape = np.hstack([kept, missed])
         basis = np.hstack([modes.rigid, shape])
         return Sample(
@@ -147,11 +147,11 @@ class Sampler:
         return np.array(products).reshape(len(self._mass), n_theta, n_theta, -1)
 
 
-def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: float) -> np.ndarray:
-    """Return load vectors in body frames at a configuration, local rows, shape (n_local, n_loads)."""
+def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray) -> np.ndarray:
+    """Return load vectors in body frames at a configuration (n_theta,), local rows, shape (n_local, n_loads)."""
     if not loads:
         return np.zeros((len(problem.rows), 0))
-    poses = problem.kinematics.poses(np.array([theta]))[..., 0]
+    poses = problem.kinematics.poses(theta)[..., 0]
     vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
     return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
 

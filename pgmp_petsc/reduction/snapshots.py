@@ -37,7 +37,7 @@ class ParameterSnapshots:
         for problem in self.problems:
             problem.close()
 
-    def at(self, theta: float, kept: np.ndarray) -> list[np.ndarray]:
+    def at(self, theta: np.ndarray, kept: np.ndarray) -> list[np.ndarray]:
         """Return the snapshots of every point at a configuration.
 
         They are the projections, in the point's own mass norm, of the nominal vectors onto the space of the point's
@@ -47,7 +47,7 @@ class ParameterSnapshots:
         Parameters
         ----------
         theta
-            The configuration, rad.
+            The configuration, shape (n_theta,), rad.
         kept
             Nominal modes and static modes there, local rows, shape (n_local, n_kept).
 
@@ -58,9 +58,9 @@ class ParameterSnapshots:
         """
         return [self._of_point(problem, theta, kept) for problem in self.problems]
 
-    def _of_point(self, problem: ModalProblem, theta: float, kept: np.ndarray) -> np.ndarray:
+    def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, self._loads.at(problem, modes.rigid_curvature))
+        static = problem.static_modes(modes, self._loads.at(problem, modes))
         own = np.hstack([modes.flexible, static])
         return own @ problem.inner(own, problem.times_mass(kept))
 
@@ -72,7 +72,7 @@ class ParameterSnapshots:
         snapshots
             As from `at`.
         kept
-            Rigid and flexible vectors that the basis has, shape (n_local, n_kept).
+            Free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
         """
         rest = np.hstack([np.empty((len(kept), 0)), *snapshots])
         for _ in range(2):

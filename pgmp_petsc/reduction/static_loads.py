@@ -6,8 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.effects import Action, Patterns
+from pgmp_petsc.effects.patterns import turning_force
+from pgmp_petsc.modes.mode_set import ModeSet
+from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.scene.numerics import Reduction
+
+# shares of the ranges at which accelerations are compared, far from every symmetry
+PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,45 +23,78 @@ class StaticLoads:
     Attributes
     ----------
     patterns
-        Independent load patterns of the effects, local rows, shape (n_local, n_patterns).
-    inertia
-        Whether ``M d2 rho/d theta2`` is one more, the forces that bend the bodies of a mechanism that moves at constant
-        speed. (Those of its acceleration, ``M d rho/d theta``, balance the applied loads and are in their answers.)
+        Independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
+        n_patterns).
+    actions
+        Local effects whose force turns with the configuration: a further load each.
+    accelerations
+        Numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
+        loads, shape (n_inertia,).
     """
 
     patterns: np.ndarray
-    inertia: bool
+    actions: tuple[Action, ...]
+    accelerations: np.ndarray
 
     @classmethod
-    def of(cls, problem: ModalProblem, patterns: np.ndarray, reduction: Reduction) -> StaticLoads:
+    def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
         """Return the loads that a scene asks for, those that depend on others left out.
 
         Parameters
         ----------
         patterns
-            Load patterns of the effects, local rows, shape (n_local, n); used where static modes are wanted.
+            Load patterns of the effects; used where static modes are wanted.
 
         Raises
         ------
         InputError
             If the mesh has too few degrees of freedom for the whole basis.
         """
-        wanted = patterns if reduction.static_modes else patterns[:, :0]
-        loads = cls(problem.independent(wanted), reduction.inertia_modes)
-        n_coordinates = problem.kinematics.n_coordinates
-        n_inertia = n_coordinates * (n_coordinates + 1) // 2 if reduction.inertia_modes else 0
-        problem.check_basis(loads.patterns.shape[1] + n_inertia, reduction.parameter_modes)
+        wanted = patterns if reduction.static_modes else Patterns(patterns.fixed[:, :0])
+        accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
+        loads = cls(problem.independent(wanted.fixed), wanted.turning, accelerations)
+        n_static = loads.patterns.shape[1] + len(loads.actions) + accelerations.size
+        problem.check_basis(n_static, reduction.parameter_modes)
         return loads
 
-    def at(self, problem: ModalProblem, rigid_curvature: np.ndarray) -> np.ndarray:
-        """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads).
+    def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:
+        """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
+        parts = [self.patterns]
+        if self.actions:
+            poses = problem.kinematics.poses(modes.theta)[..., 0]
+            own = slice(problem.rows.start, problem.rows.stop)
+            parts += [turning_force(action, problem.mechanism, poses)[own, None] for action in self.actions]
+        if self.accelerations.size:
+            moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
+            parts.append(problem.times_mass(moving[:, self.accelerations]))
+        return np.hstack(parts)
 
-        Parameters
-        ----------
-        rigid_curvature
-            ``d2 rho/d theta2`` at the configuration, shape (n_local, n_theta, n_theta).
-        """
-        if not self.inertia:
-            return self.patterns
-        once = np.tril_indices(rigid_curvature.shape[1])
-        return np.hstack([self.patterns, problem.times_mass(rigid_curvature[:, once[0], once[1]])])
+
+def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    """Return the accelerations of the rigid motion whose inertia forces the flexible vectors have to answer.
+
+    ``d2 rho/d theta2``, each pair of coordinates once, those of a mechanism that moves at constant speed; and ``d rho/d
+    theta`` of the prescribed coordinates. (That of a free coordinate balances the applied loads and is in their
+    answers.) Shape (n_local, n_accelerations).
+    """
+    once = np.tril_indices(curvature.shape[1])
+    driven = np.setdiff1d(np.arange(rigid.shape[1]), problem.free)
+    return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
+
+
+def _independent(problem: ModalProblem) -> np.ndarray:
+    """Return the numbers of the accelerations that are no combination, the same everywhere, of those before them."""
+    coordinates = problem.kinematics.coordinates
+    lower, upper = (np.array([getattr(c, end) for c in coordinates]) for end in ("lower", "upper"))
+    gram = 0.0
+    for place in PLACES[:, : len(coordinates)]:
+        moving = _accelerations(problem, *problem.rigid_motion(lower + place * (upper - lower)))
+        gram = gram + problem.inner(moving, problem.times_mass(moving))
+    scale = 1.0 / np.sqrt(np.diag(gram))
+    gram, chosen = gram * scale * scale[:, None], []
+    for k in range(len(gram)):
+        before = np.linalg.lstsq(gram[np.ix_(chosen, chosen)], gram[chosen, k], rcond=None)[0]
+        # a square: round-off leaves 1e-16 of what is dependent
+        if gram[k, k] - gram[k, chosen] @ before > DEPENDENT_TOLERANCE:
+            chosen.append(k)
+    return np.array(chosen, dtype=int)

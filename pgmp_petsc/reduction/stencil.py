@@ -7,6 +7,8 @@ B-splines. Everything that interpolates uses `stencil`, in Python and in the int
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -14,31 +16,63 @@ N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1
 
 
+class Axis(NamedTuple):
+    """Uniform grid of one coordinate, as the kernels take it.
+
+    Attributes
+    ----------
+    lower, step
+        The first point, and the distance of points, rad.
+    n
+        Number of points.
+    periodic
+        Whether the last cell ends at the first point.
+    basis
+        ``OVERHAUSER`` (the table has n rows) or ``B_SPLINE`` (n rows if periodic, else n + 2).
+    """
+
+    lower: float
+    step: float
+    n: int
+    periodic: bool
+    basis: int
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells of the grid."""
+        return self.n if self.periodic else self.n - 1
+
+
 @njit(cache=True, error_model="numpy")
-def stencil(theta, lower, step, n, periodic, basis, rows, weights, slopes):
+def count_rows(axis):
+    """Return the number of rows of a table along an axis."""
+    return axis.n + 2 if axis.basis == B_SPLINE and not axis.periodic else axis.n
+
+
+@njit(cache=True, error_model="numpy")
+def stencil(theta, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for one theta.
 
     Parameters
     ----------
     theta
         Coordinate, rad; inside the range if the grid is not periodic.
-    lower, step, n, periodic
-        The grid: n points, the first at `lower`.
-    basis
-        ``OVERHAUSER`` (the table has n rows) or ``B_SPLINE`` (n rows if periodic, else n + 2).
+    axis
+        The grid.
     rows, weights, slopes
         Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
     """
-    position = (theta - lower) / step
+    position = (theta - axis.lower) / axis.step
     cell = int(np.floor(position))
-    if not periodic:
-        cell = min(max(cell, 0), n - 2)
-    cell_stencil(cell, position - cell, step, n, periodic, basis, rows, weights, slopes)
+    if not axis.periodic:
+        cell = min(max(cell, 0), axis.n - 2)
+    cell_stencil(cell, position - cell, axis, rows, weights, slopes)
 
 
 @njit(cache=True, error_model="numpy")
-def cell_stencil(cell, s, step, n, periodic, basis, rows, weights, slopes):
+def cell_stencil(cell, s, axis, rows, weights, slopes):
     """Fill the rows, weights and derivative weights for a place s, from 0 to 1, in a cell; see `stencil`."""
+    step, n, periodic, basis = axis.step, axis.n, axis.periodic, axis.basis
     if basis == B_SPLINE:
         _b_spline(s, step, weights, slopes)
         first = cell - 1 if periodic else cell

@@ -12,13 +12,14 @@ the inertia forces that bend the bodies; eq. (12), in which only M^r appears, ha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.reduction.mode_changes import ModeChanges
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables, congruent
 
 
@@ -29,7 +30,7 @@ class ReducedTables:
     Attributes
     ----------
     samples
-        Sampled configurations, n of them.
+        Sampled configurations, n of them; the last coordinate runs fastest.
     mass_weights, stiffness_weights, load_weights
         Monomials of the affine terms.
     load_effects
@@ -49,7 +50,7 @@ class ReducedTables:
         continuous; what makes other tables of these leaves it out.
     """
 
-    samples: Samples
+    samples: SampleGrid
     mass_weights: tuple[Monomial, ...]
     stiffness_weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
@@ -72,10 +73,10 @@ class ReducedTables:
         return self.mass.shape[-1] - self.n_modes
 
     def at(self, rows: np.ndarray) -> ReducedTables:
-        """Return the tables at some of the samples, given by their numbers."""
+        """Return the tables at some of the samples of one coordinate, given by their increasing numbers."""
         return replace(
             self,
-            samples=replace(self.samples, theta=self.samples.theta[rows]),
+            samples=self.samples.tabulated(self.samples.theta[rows]),
             mass=self.mass[rows],
             inertia=self.inertia[rows],
             stiffness=self.stiffness[rows],
@@ -106,29 +107,32 @@ class ReducedTables:
             changes=None,
         )
 
-    def over_two_turns(self, flipped: np.ndarray) -> ReducedTables:
-        """Append a second revolution in which some flexible coordinates have the opposite sign."""
+    def over_two_turns(self, flipped: np.ndarray, axis: int = 0) -> ReducedTables:
+        """Append a second revolution along an axis, in which some flexible coordinates have the opposite sign."""
         signs = flipping_signs(self.n_modes, flipped)
         everywhere = np.broadcast_to(np.diag(signs), (self.samples.n, signs.size, signs.size))
         second, curved = replace(self, second_order=None).turned(everywhere), self.second_order
+        names = ("mass", "inertia", "stiffness", "load")
+        both = {name: self.samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names}
         return replace(
             self,
-            samples=self.samples.over_two_turns(),
-            mass=np.concatenate([self.mass, second.mass]),
-            inertia=np.concatenate([self.inertia, second.inertia]),
-            stiffness=np.concatenate([self.stiffness, second.stiffness]),
-            load=np.concatenate([self.load, second.load]),
+            samples=self.samples.over_two_turns(axis),
+            **both,
             second_order=None if curved is None else curved.over_two_turns(signs),
             changes=None,
         )
 
-    def frequencies_hz(self, mass_weights: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:
+    def frequencies_hz(
+        self, mass_weights: np.ndarray, stiffness_weights: np.ndarray, free: Sequence[int] | None = None
+    ) -> np.ndarray:
         """Return the eigenfrequencies of the reduced model at every sample, rigid motion left out.
 
         Parameters
         ----------
         mass_weights, stiffness_weights
             Values of the weights, shapes (n_mass_terms,) and (n_stiffness_terms,).
+        free
+            Numbers of the coordinates that are not prescribed, which are held; all by default.
 
         Returns
         -------
@@ -137,9 +141,11 @@ class ReducedTables:
         r = self.n_coordinates
         mass = np.einsum("t,ntij->nij", mass_weights, self.mass)
         stiffness = np.einsum("t,ntij->nij", stiffness_weights, self.stiffness)
-        # free-free modes: the rigid coordinate is condensed out of the kinetic energy
-        coupling = np.linalg.solve(mass[:, :r, :r], mass[:, :r, r:])
-        flexible = mass[:, r:, r:] - np.einsum("nri,nrj->nij", mass[:, :r, r:], coupling)
+        # free-free modes: the free rigid coordinates are condensed out of the kinetic energy
+        free = np.arange(r) if free is None else np.asarray(free, dtype=int)
+        coupled = mass[:, free, r:]
+        follow = np.linalg.solve(mass[:, free[:, None], free], coupled)
+        flexible = mass[:, r:, r:] - np.einsum("nri,nrj->nij", coupled, follow)
         lower = np.linalg.inv(np.linalg.cholesky(flexible))
         values = np.linalg.eigvalsh(lower @ stiffness @ np.swapaxes(lower, 1, 2))
         return np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)

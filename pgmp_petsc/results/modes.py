@@ -6,7 +6,8 @@ Layout of the file (kind ``modes``); rigid motion is left out and frequencies ri
 dataset                         shape                  content
 =============================== ====================== =======================================================
 ``/theta``                      (n_theta)              configurations; attribute ``names`` (JSON). With more
-                                                       than one coordinate (n_coordinates, n_theta)
+                                                       than one coordinate (n_coordinates, n_theta): a
+                                                       grid over all of them, the last running fastest
 ``/full/frequencies_hz``        (n_theta, n_modes)     full-order model
 ``/reduced/frequencies_hz``     (n_theta, n_modes)     reduced model, where given; its n_modes may differ
 =============================== ====================== =======================================================

@@ -44,6 +44,10 @@ class Reduction(Table):
         description="add what is of second order in the deformation: the curvature of the mode shapes (static modal "
         "derivatives) and the cubic strain energy",
     )
+    effects: Literal["named", "auto"] = Field(
+        "named",
+        description='"auto" lets pgmp build leave out effects too small to matter, and add terms of the reduced model that do',
+    )
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
         description="interpolation between samples: cubic Hermite with central-difference tangents (the paper's), "

@@ -47,6 +47,9 @@ class Deformation(Table):
     type: Literal["deformation"]
     point: Point = Field(description='point of a body, "body:point"')
     axis: Axis = Field(description="x or y")
+    frame: Literal["ground", "body"] = Field(
+        "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
+    )
 
 
 Output = Annotated[Angle | Rotation | Position | Displacement | Deformation, Field(discriminator="type")]

@@ -95,6 +95,16 @@ class Scene(Table):
         """Return where a coordinate starts: as given, or 0 and at rest."""
         return self.simulation.initial.get(coordinate, InitialState())
 
+    @model_validator(mode="before")
+    @classmethod
+    def _automatic_effects(cls, data: Any) -> Any:
+        """Take ``effects = "auto"`` for a scene without loads whose terms are to be chosen."""
+        if isinstance(data, dict) and data.get("effects") == "auto":
+            reduction = data.get("reduction", {})
+            if isinstance(reduction, dict):
+                return {**data, "effects": {}, "reduction": {**reduction, "effects": "auto"}}
+        return data
+
     def model_post_init(self, context: Any, /) -> None:
         """Take the directory from the context of the validation, where `loading` puts it."""
         if context:

@@ -55,7 +55,7 @@ class Limits:
         pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
         n_free = null_space(constraint_jacobian(mechanism, pose)).independent.size
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-        n_static = patterns_of(effects_of(scene, mechanism), matrices).shape[1]
+        n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
         return cls(n_free - kinematics.n_coordinates, n_static, n_terms, bool(uncertain_names(scene)))
 

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.effects import effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.reduction.coordinate_limits import check_count, check_features
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 BYTES = 8
+#: What effects add that are neither loads nor local forces.
+ADDS = {
+    "point_mass": lambda effect: f"part of the mass matrix at {effect.point}",
+    "prescribed_motion": lambda effect: f"drives {effect.coordinate}",
+    "structural_damping": lambda effect: f"in {', '.join(effect.bodies) if effect.bodies else 'all flexible bodies'}",
+    "gyroscopic": lambda effect: "kept" if effect.keep else "left out of the reduced model",
+    "geometric_stiffening": lambda effect: "tables of second order in the reduced model",
+    "mode_inertia": lambda effect: "tables of second order in the reduced model",
+}
 
 
 def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
@@ -27,14 +37,18 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
         If the mechanism cannot be closed or controlled, or points are missing.
     """
     mechanism = Mechanism.from_scene(scene, meshes)
+    check_features(scene)
+    check_count(scene, mechanism)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
-    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).shape[1]
-    pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
-    null = null_space(constraint_jacobian(mechanism, pose))
-    n_flexible = null.independent.size - kinematics.n_coordinates
+    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).n
+    coordinates = kinematics.coordinates
+    pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
+    clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
+    null = null_space(constraint_jacobian(mechanism, pose, clamped))
+    n_flexible = null.independent.size - (len(coordinates) - len(clamped))
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
     if scene.reduction.modes > n_flexible and not left_open:
         raise InputError(
@@ -42,11 +56,11 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
             "take fewer modes or a finer mesh"
         )
     lines = [f"scene {scene.name}", *_bodies(mechanism), *_joints(mechanism, null.n_redundant)]
-    lower, upper = kinematics.coordinate.lower, kinematics.coordinate.upper
-    kind = "periodic" if kinematics.coordinate.periodic else "limited"
-    lines.append(f"  coordinate    {kinematics.coordinate.name}: {lower:.6g} to {upper:.6g} rad, {kind}")
-    flexible = _flexible(scene, n_patterns)
-    reduced = f"1 rigid + {sum(flexible.values())} flexible reduced"
+    for coordinate in coordinates:
+        kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
+        lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
+    flexible = _flexible(scene, mechanism, n_patterns)
+    reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
     lines.append(
@@ -55,7 +69,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     if len(flexible) > 1 and not left_open:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
-    lines += _effects(scene, loads)
+    lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
     if not left_open:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
@@ -65,6 +79,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
 def _bodies(mechanism: Mechanism) -> list[str]:
     lines = []
     for body in mechanism.bodies:
+        if not body.flexible:
+            weights = ", ".join(map(str, sorted(body.mass_weights)))
+            lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
+            continue
         stiffness = ", ".join(map(str, body.section.stiffness_terms()))
         lines.append(
             f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
@@ -92,23 +110,30 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
     return lines
 
 
-def _effects(scene: Scene, loads) -> list[str]:
+def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:
+    """Say of every effect what it adds to the model."""
     if not scene.effects:
         return ["  effects       none"]
-    terms = {name: sum(load.effect == name for load in loads) for name in scene.effects}
-    return [
-        f"  effect        {name}: {effect.type}, {terms[name]} load term{'s' if terms[name] != 1 else ''}"
-        for name, effect in scene.effects.items()
-    ]
+    actions = actions_of(effects)
+    lines = []
+    for name, effect in scene.effects.items():
+        counts = {
+            "load term": sum(load.effect == name for load in loads),
+            "local force": sum(action.effect == name for action in actions),
+        }
+        adds = [f"{n} {what}{'s' if n != 1 else ''}" for what, n in counts.items() if n]
+        lines.append(f"  effect        {name}: {effect.type}, {', '.join(adds) or ADDS[effect.type](effect)}")
+    return lines
 
 
-def _flexible(scene: Scene, n_patterns: int) -> dict[str, int]:
-    """Return the vectors of the basis by their kind; static modes of loads that depend on others are not told apart."""
-    reduction = scene.reduction
+def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, int]:
+    """Return the vectors of the basis by their kind; loads that depend on others are not told apart."""
+    reduction, n_theta = scene.reduction, len(mechanism.coordinates)
+    n_accelerations = n_theta * (n_theta + 1) // 2 + sum(coordinate.prescribed for coordinate in mechanism.coordinates)
     counts = {
         "modes": reduction.modes,
         "static": n_patterns if reduction.static_modes else 0,
-        "inertia": int(reduction.inertia_modes),
+        "inertia": n_accelerations if reduction.inertia_modes else 0,
         "of other parameter values": reduction.parameter_modes,
     }
     return {kind: count for kind, count in counts.items() if count}
@@ -116,19 +141,20 @@ def _flexible(scene: Scene, n_patterns: int) -> dict[str, int]:
 
 def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexible: int) -> list[str]:
     """Estimate what a build holds and writes."""
-    n_modes, n_angles = n_flexible, scene.reduction.angles
-    n_eta = n_modes + 1
+    n_theta = len(mechanism.coordinates)
+    n_modes, n_angles = n_flexible, scene.reduction.angles**n_theta
+    n_eta = n_modes + n_theta
     terms = [*matrices.mass.values(), *matrices.stiffness.values()]
     sparse = sum(term.data.nbytes + term.indices.nbytes + term.indptr.nbytes for term in terms)
     n_mass, n_stiffness = len(mechanism.mass_weights), len(mechanism.stiffness_weights)
-    tables = n_angles * (n_mass * (n_eta**2 + n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
+    tables = n_angles * (n_mass * (n_eta**2 + n_theta**2 * n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
     projection = n_angles * mechanism.n_dofs * n_modes * BYTES
     if scene.reduction.second_order:
         tables += n_angles * (n_stiffness * n_modes**3 + (3 * n_mass + n_loads) * n_modes**2) * BYTES
         projection += n_angles * mechanism.n_dofs * n_modes * (n_modes + 1) // 2 * BYTES
     return [
         f"  memory        sparse matrices {_size(sparse)}, reduced tables {_size(tables)}, "
-        f"modes at {n_angles} angles {_size(projection)}"
+        f"modes at {n_angles} {'angles' if n_theta == 1 else 'configurations'} {_size(projection)}"
     ]
 
 

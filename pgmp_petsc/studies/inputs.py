@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.reduction.coordinate_limits import check_features
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -55,6 +56,7 @@ def read_rom(
         built = scene_from_toml(rom.record.scene_toml, path.parent)
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
+        check_features(scene)
         return _step_left_open(built, scene), rom
 
     return on_root(comm, read)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +12,10 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.coordinate_limits import check_count
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.results.modes import ModesTable
@@ -38,7 +40,7 @@ def tabulate_modes(
     rom
         A reduced model of the same mechanism, or None for the full-order frequencies alone.
     n_angles
-        Number of configurations over the coordinate's range.
+        Number of configurations over the range of each coordinate.
 
     Returns
     -------
@@ -48,13 +50,16 @@ def tabulate_modes(
     timings = Timings()
     own = np.empty((0, scene.reduction.modes))
     with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
-        n_angles, "eigenproblems", group.world
+        n_angles ** len(scene.coordinates), "eigenproblems", group.world
     ) as bar:
         _check_same_mechanism(scene, rom)
-        kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
-        coordinate = kinematics.coordinate
-        theta = Samples.uniform(coordinate.lower, coordinate.upper, n_angles, coordinate.periodic).theta
-        arc = group.arc(n_angles)
+        mechanism = Mechanism.from_scene(scene, meshes)
+        check_count(scene, mechanism)
+        kinematics = RigidKinematics(mechanism)
+        coordinates = kinematics.coordinates
+        samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))
+        theta = samples.theta
+        arc = group.arc(samples.n)
         if arc:
             with ModalProblem(kinematics, scene.values, scene.reduction.modes, group.comm) as problem:
                 rows = []
@@ -72,27 +77,31 @@ def tabulate_modes(
         reduced = None
         if rom is not None:
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
-            reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta)
+            free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
+            reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict()),
-        theta=theta,
+        theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=np.concatenate(arcs),
         reduced_hz=reduced,
-        coordinate_units={coordinate.name: "rad"},
+        coordinate_units={coordinate.name: "rad" for coordinate in coordinates},
     )
 
 
 def reduced_frequencies(
-    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray
+    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray, free: Sequence[int] | None = None
 ) -> np.ndarray:
-    """Return the frequencies of the reduced model, shape (n_theta, n_modes), Hz, at any configurations."""
+    """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
+
+    `free` are the numbers of the coordinates that are not prescribed; all by default.
+    """
     at_theta = replace(
         tables,
         mass=interpolant(tables.samples, tables.mass, scheme)(theta),
         stiffness=interpolant(tables.samples, tables.stiffness, scheme)(theta),
     )
     return at_theta.frequencies_hz(
-        evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values)
+        evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values), free
     )
 
 

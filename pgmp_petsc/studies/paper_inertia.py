@@ -41,5 +41,6 @@ def uncoupled(tables: ReducedTables, scheme: str) -> ReducedTables:
     That term is the derivative of the mass table's coupling block less the inertia table, so the latter is set to that
     derivative.
     """
-    slope = interpolant(tables.samples, tables.mass[:, :, 0, 1:], scheme).slope(tables.samples.theta)
+    samples = tables.samples.axes[0]
+    slope = interpolant(samples, tables.mass[:, :, 0, 1:], scheme).slope(samples.theta)
     return replace(tables, inertia=slope[:, :, None, None, :])

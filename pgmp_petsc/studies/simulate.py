@@ -8,10 +8,10 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -20,6 +20,7 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.studies.balance import balance_of
 
 UNKNOWNS_PER_RANK = 3000
 
@@ -85,11 +86,12 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         return None
     history = np.concatenate(histories, axis=-1)
     n_outputs = len(model.outputs.nodes)
-    measured = history[n_outputs + 1, 2] - history[n_outputs, 2]
+    driving = history[n_outputs:, 2]
+    measured = (driving[1::2] - driving[::2]).T
     stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
     return _trajectory(
-        model, np.array(times), history[:n_outputs], measured[:, None], None,
-        stored, np.array(times)[sorted(wanted)], n_ranks, timings, Balance.of(np.array(times), energies),
+        model, np.array(times), history[:n_outputs], measured, None,
+        stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
     )
 
 
@@ -99,7 +101,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     times, etas = [], []
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
-    watched = ErrorIndicator(model).watch(values, np.array([0])) if simulation.error_indicator else None
+    watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
     with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
@@ -137,9 +139,8 @@ def _span(simulation) -> tuple[float, float]:
 
 
 def _driving(model: FullModel, every: np.ndarray) -> np.ndarray:
-    """Return the two frames of the coordinate's joint, shape (2, 3, n)."""
-    connection = model.kinematics.coordinate.connection
-    sides = (connection.a, connection.b)
+    """Return the two frames of every coordinate's joint, shape (2 n_theta, 3, n)."""
+    sides = [side for coordinate in model.kinematics.coordinates for side in coordinate.connection.sides]
     return np.array([np.zeros(every.shape[1:]) if side.on_ground else every[side.node] for side in sides])
 
 
@@ -171,7 +172,7 @@ def _trajectory(
         outputs=outputs,
         units=model.outputs.units,
         coordinates=coordinates,
-        coordinate_units={model.kinematics.coordinate.name: "rad"},
+        coordinate_units={coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
         modal=modal,
         frames=stored if len(frame_times) else None,
         errors=None if estimate is None else _errors(estimate, outputs),

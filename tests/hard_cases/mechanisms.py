@@ -135,7 +135,7 @@ def interpolated_eigenvalues(rom: ReducedOrderModel, scene: Scene, theta: float)
 
     def at(weights: tuple, table: np.ndarray) -> np.ndarray:
         total = np.einsum("t,nt...->n...", evaluate_weights(weights, scene.nominal), table)
-        return interpolant(tables.samples, total, scheme)(np.array([theta]))[0]
+        return interpolant(tables.samples.axes[0], total, scheme)(np.array([theta]))[0]
 
     mass = at(tables.mass_weights, tables.mass)[tables.n_coordinates :, tables.n_coordinates :]
     return scipy.linalg.eigvalsh(at(tables.stiffness_weights, tables.stiffness), mass)

@@ -60,7 +60,7 @@ def clusters(eigenvalues: np.ndarray) -> list[np.ndarray]:
 
 def turned(seed: int, modes: ModeSet) -> ModeSet:
     """Return the modes with random rotations and reflections inside the clusters."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta)])
+    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
     turns = [np.linalg.qr(random.normal(size=(c.size, c.size)))[0] for c in clusters(modes.eigenvalues)]
     return replace(modes, flexible=modes.flexible @ scipy.linalg.block_diag(*turns))
 
@@ -169,7 +169,7 @@ def test_the_reduced_model_where_modes_meet_is_as_good_as_elsewhere(r1: float) -
     rom, kinematics = built_at(r1), kinematics_of(scene)
     assert rom.cosines.min() > 0.9
     # half-way between samples: cubic splines leave 1.7e-4, 1.7e-4 and 1.2e-4, and a 16th of it at 192 angles
-    for theta in (MEETING_THETA, *(rom.tables.samples.theta[:48:3] + np.pi / 96)):
+    for theta in (MEETING_THETA, *(rom.tables.samples.axes[0].theta[:48:3] + np.pi / 96)):
         exact = dense_eigenvalues(kinematics, theta, scene.nominal, 4)
         np.testing.assert_allclose(interpolated_eigenvalues(rom, scene, theta)[:4], exact, rtol=3e-4)
     full, reduced = both(scene, rom=rom)
@@ -187,7 +187,7 @@ def test_half_as_many_angles_are_enough_for_the_lowest_mode() -> None:
     """It changes slowly with the angle; at the nominal radius 48 angles leave 6e-4."""
     scene, kinematics = accurate(f"parameters.r1.nominal={MEETING_R1}"), kinematics_of(slider_crank())
     rom = built_at(MEETING_R1, 48)
-    for theta in rom.tables.samples.theta[:24:3] + np.pi / 48:
+    for theta in rom.tables.samples.axes[0].theta[:24:3] + np.pi / 48:
         exact = dense_eigenvalues(kinematics, theta, scene.nominal, 1)
         np.testing.assert_allclose(interpolated_eigenvalues(rom, scene, theta)[:1], exact, rtol=1e-2)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import petsc4py
 from scenes import four_bar, meshes_of, slider_crank, trammel
+from two_coordinates import double_pendulum, five_bar, over
 
 petsc4py.init([])
 
@@ -40,6 +41,9 @@ PART = (
     "coordinates.theta.periodic=false",
     "simulation.initial.theta.position=0.2",
 )
+LIMITED = (
+    "coordinates.theta1.range=[0.2,1.4]", "coordinates.theta1.periodic=false", "simulation.initial.theta1.position=0.2",
+)
 CASES = {
     "plain": lambda: slider_crank(),
     "weight": lambda: slider_crank(GRAVITY, "reduction.angles=8", "reduction.modes=3"),
@@ -60,6 +64,9 @@ CASES = {
         UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", "reduction.angles=12"
     ),
     "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, "reduction.angles=48"),
+    "two": lambda: over(double_pendulum(GRAVITY), (7, 8)),
+    "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (5, 7)),
+    "two_crossing": lambda: five_bar("reduction.modes=2", "reduction.angles=14"),
     "part": lambda: trammel(*PART),
     "fails": lambda: slider_crank("reduction.angles=8", "reduction.modes=3"),
     "refused": lambda: slider_crank("reduction.modes=31"),
@@ -68,7 +75,7 @@ CASES = {
 
 def scrambled(seed: int, modes: ModeSet) -> ModeSet:
     """Return the modes in random order with random signs, the same on all ranks of a group."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta)])
+    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
     order = random.permutation(modes.eigenvalues.size)
     signs = random.choice([-1.0, 1.0], order.size)
     return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
@@ -76,8 +83,8 @@ def scrambled(seed: int, modes: ModeSet) -> ModeSet:
 
 def fail_in_the_middle(modes: ModeSet) -> ModeSet:
     """Fail at one configuration, which belongs to one group only."""
-    if modes.theta > 4.5:
-        raise RunError(f"eigenproblem at theta = {modes.theta:.6g} rad: spoilt by the test")
+    if modes.theta[0] > 4.5:
+        raise RunError(f"eigenproblem at theta = {modes.theta[0]:.6g} rad: spoilt by the test")
     return modes
 
 

@@ -16,6 +16,7 @@ from pgmp_petsc.modes.continuity import (
     Closure,
     canonical_rotation,
     close_revolution,
+    cosines_of,
     group_modes,
     procrustes,
     transport,
@@ -150,16 +151,17 @@ class Family:
     def carried(self) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """Return the groups, the transported basis and its cosines, over a range that is not periodic."""
         groups = group_modes(self.values, self.overlaps[1:])
-        rotations, cosines = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
-        return groups, self.vectors @ rotations, cosines
+        rotations = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
+        return groups, self.vectors @ rotations, cosines_of(self.overlaps[1:], groups)
 
     def closed(self) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
         """Return the groups, the basis over a revolution, and the flipped coordinates."""
         groups = group_modes(self.values, self.overlaps)
-        rotations, _ = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
-        rotations, flipped, cosine = close_revolution(rotations, self.overlaps[0], groups)
-        assert 0.0 < cosine <= 1.0 + 1e-14
-        return groups, self.vectors @ rotations, flipped
+        rotations = transport(self.overlaps[1:], groups, np.eye(self.values.shape[1]))
+        closed = close_revolution(rotations, self.overlaps[0], groups)
+        cosines = cosines_of(self.overlaps, groups)
+        assert np.all((cosines > 0.0) & (cosines <= 1.0 + 1e-14))
+        return groups, self.vectors @ closed.rotations, closed.flipped
 
 
 def numbers(groups: list[np.ndarray]) -> list[list[int]]:
@@ -246,10 +248,10 @@ def test_groups_are_linked_by_values_and_by_overlaps() -> None:
 
 def test_a_group_of_one_mode_is_only_given_a_sign() -> None:
     overlaps = np.array([[[-0.9]], [[0.8]], [[-1.0]]])
-    rotations, cosines = transport(overlaps, [np.array([0])], -np.eye(1))
+    rotations = transport(overlaps, [np.array([0])], -np.eye(1))
     # the sign that makes each vector's product with the one before positive
     np.testing.assert_array_equal(rotations[:, 0, 0], [-1.0, 1.0, 1.0, -1.0])
-    np.testing.assert_allclose(cosines, [1.0, 0.9, 0.8, 1.0], rtol=1e-15)
+    np.testing.assert_allclose(cosines_of(overlaps, [np.array([0])]), [0.9, 0.8, 1.0], rtol=1e-15)
 
 
 def moebius(value: float, *lowest: float) -> np.ndarray:
@@ -310,8 +312,9 @@ def test_the_neighbours_of_a_closed_basis_are_evenly_turned(reflected: bool) -> 
     overlaps = np.array([orthogonal(m, seed) for seed in range(n)])
     overlaps[0] = orthogonal(m, 99, reflected)
     groups = [np.arange(m)]
-    rotations, _ = transport(overlaps[1:], groups, orthogonal(m, 5, reflected=bool(random.integers(2))))
-    rotations, flipped, _ = close_revolution(rotations, overlaps[0], groups)
+    rotations = transport(overlaps[1:], groups, orthogonal(m, 5, reflected=bool(random.integers(2))))
+    closed = close_revolution(rotations, overlaps[0], groups)
+    rotations, flipped = closed.rotations, closed.flipped
     signs = np.ones(m)
     signs[flipped] = -1.0
     last_to_first = rotations[-1].T @ overlaps[0].T @ (rotations[0] * signs)

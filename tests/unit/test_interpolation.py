@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.reduction.interpolation import FINE, Interpolant, interpolant, samples_for
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, stencil
+from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, stencil
 
 PERIODIC = [True, False]
 SCHEMES = ["overhauser", "spline", "spectral"]
@@ -96,9 +96,9 @@ def test_the_spectral_error_falls_faster_than_any_power(periodic: bool) -> None:
 
 def test_the_fine_grid_stands_back_where_samples_are_more() -> None:
     samples = uniform(2 * FINE, periodic=True)
-    assert interpolant(samples, smooth(samples.theta), "spectral").n == 2 * FINE
-    assert interpolant(uniform(24, True), random_table(24), "spectral").n == 43 * 24  # the first multiple beyond FINE
-    assert interpolant(uniform(24, True), random_table(24), "spline").n == 24
+    assert interpolant(samples, smooth(samples.theta), "spectral").axes[0].n == 2 * FINE
+    assert interpolant(uniform(24, True), random_table(24), "spectral").axes[0].n == 43 * 24  # the first multiple beyond FINE
+    assert interpolant(uniform(24, True), random_table(24), "spline").axes[0].n == 24
 
 
 @pytest.mark.parametrize("cell", ["first", "last"])
@@ -152,11 +152,12 @@ def test_uneven_samples_are_reproduced(periodic: bool) -> None:
 def test_the_slope_is_the_derivative_of_the_interpolant(periodic: bool, scheme: str) -> None:
     samples = samples_for(scheme, LOWER, UPPER, 9, periodic)
     found = interpolant(samples, random_table(samples.n, 2), scheme)
-    cells, step = np.arange(found.n if periodic else found.n - 1), 1e-3 * found.step
-    theta = found.lower + found.step * (cells[:, None] + np.array([0.01, 0.3, 0.5, 0.9, 0.99])).ravel()
+    (axis,) = found.axes
+    cells, step = np.arange(axis.n_cells), 1e-3 * axis.step
+    theta = axis.lower + axis.step * (cells[:, None] + np.array([0.01, 0.3, 0.5, 0.9, 0.99])).ravel()
     difference = (found(theta + step) - found(theta - step)) / (2 * step)
     # a cubic's central difference errs by step^2 times its third derivative over 6; round-off by 1e-16 over the step
-    np.testing.assert_allclose(found.slope(theta), difference, rtol=0, atol=1e-5 if found.n < 10 else 1e-7)
+    np.testing.assert_allclose(found.slope(theta), difference, rtol=0, atol=1e-5 if axis.n < 10 else 1e-7)
 
 
 @pytest.mark.parametrize("n", [3, 4, 7])
@@ -202,7 +203,8 @@ def test_waves_that_the_samples_resolve_are_exact(n: int) -> None:
 def test_value_and_slope_are_continuous_at_the_samples(periodic: bool, scheme: str) -> None:
     samples, tiny = samples_for(scheme, LOWER, UPPER, 8, periodic), 1e-9
     found = interpolant(samples, random_table(samples.n), scheme)
-    knots = found.lower + found.step * np.arange(0 if periodic else 1, found.n - (0 if periodic else 1))
+    (axis,) = found.axes
+    knots = axis.lower + axis.step * np.arange(0 if periodic else 1, axis.n - (0 if periodic else 1))
     # what changes over 2e-9 with second derivatives of order 10, of a polynomial through random samples 100
     left, right = values_and_slopes(found, knots - tiny), values_and_slopes(found, knots + tiny)
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-6)
@@ -242,7 +244,7 @@ def test_weights_sum_to_one_and_slopes_to_zero_on_rows_that_exist(basis: int, pe
     n_rows = n + 2 if basis == B_SPLINE and not periodic else n
     met = set()
     for theta in np.linspace(0.0, 1.0, 37):
-        stencil(theta, 0.0, 1.0 / (n if periodic else n - 1), n, periodic, basis, rows, weights, slopes)
+        stencil(theta, Axis(0.0, 1.0 / (n if periodic else n - 1), n, periodic, basis), rows, weights, slopes)
         assert rows.min() >= 0 and rows.max() < n_rows
         assert weights.sum() == pytest.approx(1.0, abs=1e-14)
         assert slopes.sum() == pytest.approx(0.0, abs=1e-12)
@@ -262,7 +264,7 @@ def test_the_b_splines_are_those_of_de_boor(periodic: bool) -> None:
     around = np.concatenate([coefficients[-1:], coefficients, coefficients[:2]]) if periodic else coefficients
     expected = BSpline(lower + step * np.arange(-3, len(around) + 1), around, 3)
     for theta in np.linspace(lower, lower + step * (n if periodic else n - 1), 50, endpoint=False):
-        stencil(theta, lower, step, n, periodic, B_SPLINE, rows, weights, slopes)
+        stencil(theta, Axis(lower, step, n, periodic, B_SPLINE), rows, weights, slopes)
         assert weights @ coefficients[rows] == pytest.approx(float(expected(theta)), abs=1e-13)
         assert slopes @ coefficients[rows] == pytest.approx(float(expected(theta, 1)), abs=1e-12)
 

@@ -249,10 +249,11 @@ def test_no_degree_of_freedom() -> None:
     assert "6 of its 2 bodies less 6 independent constraints" in message
 
 
-def test_several_coordinates() -> None:
+def test_more_coordinates_than_degrees_of_freedom() -> None:
     message = refusal(slider_crank('coordinates.psi={joint="elbow",range=[0.0,1.0]}'))
     assert message == (
-        "coordinates: theta, psi: 2 independent coordinates were given; this version takes exactly one"
+        "joints: they leave the rigid mechanism 1 degrees of freedom (6 of its 2 bodies less 5 independent "
+        "constraints), but 2 coordinates were named: theta, psi. Both numbers must be equal"
     )
 
 

@@ -79,18 +79,20 @@ def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float
     np.testing.assert_array_equal(bad[:, others], good[:, others])
 
 
+@pytest.mark.parametrize("r", [1, 2, 3])
 @pytest.mark.parametrize("m", [1, 4, 15])
-def test_bordered_matrices_are_solved(m: int) -> None:
+def test_bordered_matrices_are_solved(m: int, r: int) -> None:
     matrices, entries = packed(m)
     random = np.random.default_rng(3)
-    border, x = random.normal(size=(1 + 2 * m, LANES)), random.normal(size=(1 + m, LANES))
-    border[0] += 10.0 * m
-    whole = np.empty((LANES, 1 + m, 1 + m))
-    whole[:, 0, 0], whole[:, 1:, 0], whole[:, 0, 1:] = border[0], border[1 : 1 + m].T, border[1 + m :].T
-    whole[:, 1:, 1:] = matrices
+    whole = random.normal(size=(LANES, r + m, r + m))
+    whole[:, :r, :r] += 10.0 * m * np.eye(r)
+    whole[:, r:, r:] = matrices
+    parts = (whole[:, :r, :r], np.swapaxes(whole[:, r:, :r], 1, 2), whole[:, :r, r:])
+    border = np.concatenate([part.reshape(LANES, -1).T for part in parts])
+    x = random.normal(size=(r + m, LANES))
     right = np.einsum("lij,jl->il", whole, x)
-    eliminate_border(entries, border, m)
-    solve_bordered(entries, border, m, right)
+    eliminate_border(entries, border, r, m)
+    solve_bordered(entries, border, r, m, right)
     np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
 
 
@@ -116,12 +118,12 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
     grid = Grid(0.5, 0.25, 7, periodic)
     table, weights, slots = random.normal(size=(7, 3, 4, 5)), random.normal(size=3), np.array([1, 0, 1])
     kept = np.empty((10, 4, LANES))
-    values, slopes = np.empty((10, LANES)), np.empty((10, LANES))
-    place, expected, rates = np.empty(LANES), np.empty((10, LANES)), np.empty((10, LANES))
+    values, slopes = np.empty((10, LANES)), np.empty((1, 10, LANES))
+    place, expected, rates = np.empty((1, LANES)), np.empty((10, LANES)), np.empty((10, LANES))
     for lane in range(LANES):
         theta = random.uniform(-2.0, 5.0) if periodic else random.uniform(0.5, 2.25)
-        cell, place[lane] = locate(theta, grid)
-        assert 0 <= cell < 7 and 0.0 <= place[lane] <= 1.0
+        cell, place[0, lane] = locate(theta, grid)
+        assert 0 <= cell < 7 and 0.0 <= place[0, lane] <= 1.0
         refill(table, cell, weights, slots, 5, lane, kept)
         s = np.mod((theta - 0.5) / 0.25, 1.0)
         for group in range(2):
@@ -129,9 +131,9 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
             c = np.einsum("t,tke->ke", weights[chosen], table[int((theta - 0.5) // 0.25) % 7, chosen])
             expected[5 * group : 5 * group + 5, lane] = c.T @ s ** np.arange(4)
             rates[5 * group : 5 * group + 5, lane] = c[1:].T @ (np.arange(1, 4) * s ** np.arange(3)) / 0.25
-    evaluate(kept, 10, place, grid.step, values, slopes)
+    evaluate(kept, 0, 10, place, (grid,), values, slopes)
     np.testing.assert_allclose(values, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(slopes, rates, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(slopes[0], rates, rtol=0, atol=1e-11)
 
 
 def whole(entries: np.ndarray) -> np.ndarray:
@@ -278,7 +280,7 @@ def lagrangian(
 def test_the_residual_is_that_of_a_lagrangian(model: ReducedModel, terms: ReducedTerms) -> None:
     """``d/dt dL/dv - dL/dq`` along the motion that q, v and a begin, by central differences."""
     (q,), (v,), (a,) = anywhere(terms.tables.n_modes + 1, 1)
-    q[0] = 20.3 * terms.terms.step  # away from the samples, where the interpolant's second derivative jumps
+    q[0] = 20.3 * terms.terms.axes[0].step  # away from the samples, where the interpolant's second derivative jumps
     values, amplitudes = {"r1": 5e-3}, amplitudes_of(model, TIME)
     here = At(terms, values, amplitudes, q[0])
 
@@ -311,7 +313,7 @@ def test_the_kinetic_energy_is_that_of_the_flexible_mechanism_to_first_order(mod
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"r1": 5e-3})
-    theta = 7.4 * terms.terms.step
+    theta = 7.4 * terms.terms.axes[0].step
     random = np.random.default_rng(8)
     delta, rate = random.normal(size=(2, terms.tables.n_modes)) * 1e-3
     speed, dt = 6.0, 1e-6
@@ -341,7 +343,7 @@ def test_the_coupling_is_what_the_modes_change_makes_with_the_rigid_motion() -> 
     """b against ``v^T M (dPsi/dtheta + spin x Psi)`` from differences of fine tables."""
     scene = slider_crank("reduction.angles=256", "reduction.modes=3")
     rom = rom_of(scene)
-    samples = rom.tables.samples
+    samples = rom.tables.samples.axes[0]
     n, step = samples.n, 2 * np.pi / samples.n
     mechanism = Mechanism.from_scene(scene, meshes_of(scene))
     kinematics = RigidKinematics(mechanism)

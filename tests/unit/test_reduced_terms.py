@@ -50,7 +50,7 @@ def test_the_rigid_inertia_is_that_of_the_kinematics(scene: Callable[..., Scene]
     kinematics, tables = kinematics_of(scene), rom_of(scene).tables
     weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
     inertia = rigid_inertia(tables, weights, kinematics)
-    samples = tables.samples
+    samples = tables.samples.axes[0]
     # neither samples nor points of the fine grid
     for theta in samples.lower + (samples.upper - samples.lower) * np.array([0.0, 0.1234567, 0.5, 0.7654321, 0.9998]):
         expected = direct_inertia(scene, theta)
@@ -79,10 +79,10 @@ def test_the_coupling_is_that_of_the_changing_modes(rom: ReducedOrderModel, sche
     """Against ``(d rho/d theta)^T M_i (d Psi/d theta)`` with the modes' own slope in frames that turn."""
     kinematics, tables = kinematics_of(slider_crank()), rom.tables
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
-    fine = replace(rom, projection=interpolant(tables.samples, rom.projection, scheme).slope(tables.samples.theta))
+    fine = replace(rom, projection=interpolant(tables.samples.axes[0], rom.projection, scheme).slope(tables.samples.axes[0].theta))
     found = coupling_of(tables, scheme)
     assert found.shape == (24, len(tables.mass_weights), 5)
-    poses = kinematics.poses(tables.samples.theta)
+    poses = kinematics.poses(tables.samples.axes[0].theta)
     rates = kinematics.rates(poses)
     for k in range(0, 24, 5):
         pose, rate = poses[..., k], rates[..., k]
@@ -106,7 +106,7 @@ def test_terms_stand_where_the_layout_says(rom: ReducedOrderModel) -> None:
     terms = ReducedTerms.of(tables, kinematics_of(slider_crank()), rom.projection, "overhauser")
     assert set(terms.weights) == {*tables.mass_weights, *tables.stiffness_weights}
     layout = terms.layout
-    assert layout == (6, 21, 26, 41, 41, 41, 41, 6) and not layout.second_order
+    assert layout == ((0,), 6, 21, 26, 41, 41, 41, 41, 41, 6, True) and not layout.second_order
     assert terms.terms.rows.shape == (24, len(terms.weights), 41)
     for t, weight in enumerate(terms.weights):
         parts = np.split(terms.terms.rows[:, t], [21, 26], axis=1)

@@ -17,7 +17,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, write_file
 from pgmp_petsc.runtime.groups import RankGroup
@@ -46,11 +46,12 @@ def rom() -> ReducedOrderModel:
     return built(SCENE)
 
 
-def assert_same_samples(found: Samples, expected: Samples) -> None:
+def assert_same_samples(found: SampleGrid, expected: SampleGrid) -> None:
     """Check that samples are the same to the last bit."""
-    np.testing.assert_array_equal(found.theta, expected.theta)
-    for name in ("lower", "upper", "periodic"):
-        assert getattr(found, name) == getattr(expected, name), name
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.theta, other.theta)
+        for name in ("lower", "upper", "periodic"):
+            assert getattr(one, name) == getattr(other, name), name
 
 
 @pytest.fixture
@@ -68,7 +69,7 @@ def test_every_table_is_the_projection_of_its_term(rom: ReducedOrderModel) -> No
     assert tables.load_weights == tuple(load.weight for load in loads)
     assert tables.load_effects == tuple(load.effect for load in loads) == ("motor", "weight", "weight")
     assert tables.mass_weights == mechanism.mass_weights
-    for k, theta in enumerate(tables.samples.theta):
+    for k, theta in enumerate(tables.samples.axes[0].theta):
         poses = kinematics.poses(np.array([theta]))
         rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])
         flexible = rom.projection[k]
@@ -89,7 +90,7 @@ def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: Redu
     kinematics = kinematics_of(SCENE)
     mechanism, tables, step = kinematics.mechanism, rom.tables, 1e-3
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
-    for k, theta in enumerate(tables.samples.theta):
+    for k, theta in enumerate(tables.samples.axes[0].theta):
         places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
         acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
         local = to_body(mechanism, kinematics.poses(np.array([theta]))[..., 0], acceleration)
@@ -103,7 +104,7 @@ def test_the_inertia_table_is_the_projection_of_the_rigid_acceleration(rom: Redu
 def test_the_basis_obeys_the_constraints_and_is_orthonormal(rom: ReducedOrderModel) -> None:
     kinematics = kinematics_of(SCENE)
     values = {"r1": 5.6e-3}
-    for k, theta in enumerate(rom.tables.samples.theta):
+    for k, theta in enumerate(rom.tables.samples.axes[0].theta):
         constraints = constraint_jacobian(kinematics.mechanism, kinematics.poses(np.array([theta]))[..., 0])
         np.testing.assert_allclose(constraints @ rom.projection[k], 0.0, rtol=0, atol=1e-12)
         mass = sum(m.evaluate(values) * table for m, table in zip(rom.tables.mass_weights, rom.tables.mass[k]))
@@ -144,7 +145,7 @@ def test_a_file_comes_back(rom: ReducedOrderModel, path: Path, with_projection: 
         expected, value = getattr(rom.tables, field.name), getattr(back.tables, field.name)
         if isinstance(expected, np.ndarray):
             np.testing.assert_array_equal(value, expected)
-        elif isinstance(expected, Samples):
+        elif isinstance(expected, SampleGrid):
             assert_same_samples(value, expected)
         else:
             assert value == expected
@@ -177,7 +178,7 @@ def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
     rom = built(slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'))
     # five load patterns: the motor, and the weight of each body along both axes of its frame
     assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (5 + 5, (9, 5))
-    assert rom.tables.samples.theta[[0, -1]].tolist() == [0.2, 1.4] and not rom.tables.samples.is_uniform
+    assert rom.tables.samples.axes[0].theta[[0, -1]].tolist() == [0.2, 1.4] and not rom.tables.samples.axes[0].is_uniform
     rom.write(tmp_path / "rom.h5")
     back = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert_same_samples(back.tables.samples, rom.tables.samples)
@@ -310,7 +311,7 @@ def test_without_second_order_nothing_of_it_is_in_the_file(path: Path) -> None:
 
 def test_on_the_second_turn_the_curvature_is_that_of_the_flipped_modes(curved: ReducedOrderModel) -> None:
     n, m = curved.tables.samples.n // 2, curved.tables.n_modes
-    assert curved.tables.samples.upper == pytest.approx(4 * np.pi)
+    assert curved.tables.samples.axes[0].upper == pytest.approx(4 * np.pi)
     signs = np.sign(np.sum(curved.projection[:n] * curved.projection[n:], axis=(0, 1)))
     assert np.sum(signs < 0) == 1
     i, j = np.tril_indices(m)

@@ -103,6 +103,7 @@ def test_defaults(tmp_path: Path) -> None:
         "inertia_modes": False,
         "parameter_modes": 0,
         "second_order": False,
+        "effects": "named",
         "interpolation": "overhauser",
     }
     assert scene.simulation.model_dump() == {

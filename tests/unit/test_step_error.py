@@ -113,7 +113,7 @@ def small_rom() -> ReducedOrderModel:
 def test_modes_are_those_of_the_tables(small_rom: ReducedOrderModel) -> None:
     tables = small_rom.tables
     modes_at = FlexibleModes(tables, "overhauser")
-    theta = tables.samples.theta
+    theta = tables.samples.axes[0].theta
     for radius in (RADIUS, 0.8 * RADIUS):
         weights = modes_at.weights({"r1": np.full(theta.size, radius)}, theta.size)
         found = modes_at.at(theta, weights)

@@ -86,9 +86,10 @@ def test_frequencies_are_those_of_the_dense_pencil(tables: ReducedTables) -> Non
 
 def test_the_second_turn_has_one_sign_changed(tables: ReducedTables) -> None:
     twice = tables.over_two_turns(np.array([2]))
-    assert (twice.samples.n, twice.samples.lower, twice.samples.periodic) == (24, tables.samples.lower, True)
-    assert twice.samples.upper == pytest.approx(4 * np.pi, rel=1e-15)
-    np.testing.assert_allclose(twice.samples.theta, np.arange(24) * np.pi / 6, rtol=0, atol=1e-14)
+    (turns,) = twice.samples
+    assert (twice.samples.n, turns.lower, turns.periodic) == (24, tables.samples.axes[0].lower, True)
+    assert turns.upper == pytest.approx(4 * np.pi, rel=1e-15)
+    np.testing.assert_allclose(twice.samples.axes[0].theta, np.arange(24) * np.pi / 6, rtol=0, atol=1e-14)
     signs = np.array([1, 1, -1, 1])
     eta_signs = np.array([1, 1, 1, -1, 1])
     np.testing.assert_array_equal(twice.mass[:12], tables.mass)
@@ -105,7 +106,7 @@ def test_the_second_turn_has_one_sign_changed(tables: ReducedTables) -> None:
 
 def test_a_table_that_changes_its_sign_is_continuous_over_two_turns(tables: ReducedTables) -> None:
     # the last flexible coordinate is a half wave over a turn: what couples to it changes its sign, the rest does not
-    theta = tables.samples.theta
+    theta = tables.samples.axes[0].theta
     mass, load = np.zeros_like(tables.mass), np.zeros_like(tables.load)
     mass[:, 0] = np.eye(5)
     mass[:, 0, 1, 4] = mass[:, 0, 4, 1] = 0.3 * np.cos(theta / 2)
@@ -113,10 +114,10 @@ def test_a_table_that_changes_its_sign_is_continuous_over_two_turns(tables: Redu
     twice = replace(tables, mass=mass, load=load).over_two_turns(np.array([3]))
     long = np.linspace(0.0, 8 * np.pi, 200)
     # the error of Overhauser's interpolant, of third order in the step, 0.52: 1/60 of a wave's cube for the half wave
-    half_wave = interpolant(twice.samples, twice.load, "overhauser")(long)[:, 0]
+    half_wave = interpolant(twice.samples.axes[0], twice.load, "overhauser")(long)[:, 0]
     np.testing.assert_allclose(half_wave[:, 4], np.sin(long / 2), rtol=0, atol=1e-3)
     np.testing.assert_allclose(half_wave[:, 0], np.cos(long), rtol=0, atol=6e-3)
-    coupling = interpolant(twice.samples, twice.mass, "overhauser")(long)[:, 0, 1, 4]
+    coupling = interpolant(twice.samples.axes[0], twice.mass, "overhauser")(long)[:, 0, 1, 4]
     np.testing.assert_allclose(coupling, 0.3 * np.cos(long / 2), rtol=0, atol=1e-3)
 
 

@@ -26,13 +26,13 @@ def built(n: int) -> ReducedOrderModel:
 def errors(scheme: str, n: int) -> np.ndarray:
     """Return the largest error of every table, each entry over its own largest value, at 770 angles."""
     between, found = built(FINE).tables, []
-    theta = between.samples.theta[1::2]
+    theta = between.samples.axes[0].theta[1::2]
     for name in TABLES:
         exact = getattr(between, name)[1::2]
         size = np.abs(exact).max(axis=0)
         size = np.where(size > 1e-8 * size.max(), size, np.inf)  # entries that are zero but for round-off
         tables = built(n).tables
-        found.append((np.abs(interpolant(tables.samples, getattr(tables, name), scheme)(theta) - exact) / size).max())
+        found.append((np.abs(interpolant(tables.samples.axes[0], getattr(tables, name), scheme)(theta) - exact) / size).max())
     return np.array(found)
 
 

@@ -48,7 +48,7 @@ def kept_vectors(problem: ModalProblem, scene: Scene, theta: float) -> tuple[Sta
     """Return the static loads, the modes at a configuration, and modes and static modes side by side."""
     loads = static_loads(problem, scene)
     modes = problem.solve(theta)
-    static = problem.static_modes(modes, loads.at(problem, modes.rigid_curvature))
+    static = problem.static_modes(modes, loads.at(problem, modes))
     return loads, modes, np.hstack([modes.flexible, static])
 
 
@@ -60,7 +60,7 @@ def frequency_errors(rom: ReducedOrderModel, scene: Scene, radius: float, n: int
         evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values)
     )[:, :n]
     with ModalProblem(kinematics_of(scene), values, n, MPI.COMM_SELF) as problem:
-        exact = np.array([problem.solve(theta).frequencies_hz for theta in tables.samples.theta])
+        exact = np.array([problem.solve(theta).frequencies_hz for theta in tables.samples.axes[0].theta])
     return found / exact - 1.0
 
 
@@ -69,7 +69,7 @@ def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> 
     scene = slider_crank("reduction.inertia_modes=true", "reduction.modes=1", "effects={}")
     with ModalProblem(kinematics_of(scene), {"r1": RADIUS}, 1, MPI.COMM_SELF) as problem:
         modes = problem.solve(0.8)
-        loads = static_loads(problem, scene).at(problem, modes.rigid_curvature)
+        loads = static_loads(problem, scene).at(problem, modes)
         assert loads.shape == (36, 1)
         basis = np.hstack([modes.flexible, problem.static_modes(modes, loads)])
         exact = problem.static_answers(modes.rigid, loads)
@@ -165,27 +165,27 @@ def test_compression_is_the_best_of_its_size() -> None:
     snapshots = random.normal(size=(7, 20, 6)) * np.array([3.0, 2.0, 1.0, 0.5, 0.1, 1e-9])
     grams = np.swapaxes(snapshots, 1, 2) @ snapshots
     gram = grams.mean(axis=0)
-    found = Compression.of(grams, np.zeros(6, dtype=bool), 3)
+    found = Compression.of(grams, np.zeros((1, 6), dtype=bool), 3)
     singular = np.linalg.svd(snapshots.reshape(-1, 6), compute_uv=False) ** 2 / 7
     np.testing.assert_allclose(found.matrix.T @ gram @ found.matrix, np.eye(3), atol=1e-12)
     kept = found.matrix @ np.linalg.solve(found.matrix.T @ found.matrix, found.matrix.T)
     assert abs(np.trace(kept @ gram) - singular[:3].sum()) < 1e-12 * singular.sum()
     with pytest.raises(InputError, match="no more than 5 vectors"):
-        Compression.of(grams, np.zeros(6, dtype=bool), 6)
+        Compression.of(grams, np.zeros((1, 6), dtype=bool), 6)
 
 
 def test_vectors_that_vanish_somewhere_are_refused() -> None:
     """Two snapshots, independent but for one configuration in which they are the same."""
     grams = np.array([np.eye(2), np.eye(2), np.ones((2, 2))])
-    assert Compression.of(grams, np.zeros(2, dtype=bool), 1).matrix.shape == (2, 1)
+    assert Compression.of(grams, np.zeros((1, 2), dtype=bool), 1).matrix.shape == (2, 1)
     with pytest.raises(InputError, match="no more than 1 vectors that are independent at every configuration"):
-        Compression.of(grams, np.zeros(2, dtype=bool), 2)
+        Compression.of(grams, np.zeros((1, 2), dtype=bool), 2)
 
 
 def test_vectors_that_change_their_sign_are_not_mixed_with_others() -> None:
     gram = np.array([[2.0, 1.0, 0.5], [1.0, 2.0, 0.5], [0.5, 0.5, 1.0]])
-    found = Compression.of(gram[None], np.array([False, True, False]), 3)
-    for column, flips in zip(found.matrix.T, found.flips):
+    found = Compression.of(gram[None], np.array([[False, True, False]]), 3)
+    for column, flips in zip(found.matrix.T, found.flips[0]):
         assert np.all(np.abs(column[[1] if not flips else [0, 2]]) < 1e-15)
 
 

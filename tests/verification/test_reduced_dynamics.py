@@ -107,7 +107,7 @@ def test_a_rocker_that_turns_fast_is_integrated_with_the_full_models_step() -> N
 
 def scrambled(seed: int, modes: ModeSet) -> ModeSet:
     """Return the modes in random order with random signs."""
-    random = np.random.default_rng([seed, int(1e6 * modes.theta)])
+    random = np.random.default_rng([seed, int(1e6 * modes.theta[0])])
     order = random.permutation(modes.eigenvalues.size)
     signs = random.choice([-1.0, 1.0], order.size)
     return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)

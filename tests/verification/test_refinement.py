@@ -43,7 +43,7 @@ def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
         exact = np.array([problem.solve(theta).frequencies_hz for theta in elsewhere])
     for tolerance in (1e-1, 1e-2, 1e-3):
         rom = adaptive(tolerance)
-        found = reduced_frequencies(rom.tables, "spline", {"r1": RADIUS}, elsewhere)
+        found = reduced_frequencies(rom.tables, "spline", {"r1": RADIUS}, elsewhere[:, None])
         counts.append(rom.tables.samples.n)
         errors.append(np.max(np.abs(found / exact - 1)))
         # an eigenvalue is the square of a frequency, and the tables' entries add up; the check is at middles only
@@ -52,7 +52,7 @@ def test_tables_meet_the_tolerance_at_angles_that_took_no_part() -> None:
 
 
 def test_angles_come_where_the_modes_change_fast() -> None:
-    theta = adaptive(1e-2).tables.samples.theta
+    theta = adaptive(1e-2).tables.samples.axes[0].theta
     gaps = np.diff(np.append(theta, 2 * np.pi))
     # the frequencies of the slider-crank change fastest beside the dead centre at 0
     assert gaps[0] < 1.01 * gaps.min() and gaps[0] < 0.6 * gaps.max()
@@ -62,8 +62,8 @@ def test_a_sample_that_was_interpolated_exactly_has_no_error() -> None:
     rom = rom_of(slider_crank("reduction.angles=48", SPLINE))
     groups = [np.array([k]) for k in range(rom.tables.n_modes)]
     own = np.broadcast_to(np.eye(rom.tables.n_modes), (48, rom.tables.n_modes, rom.tables.n_modes))
-    basis = ContinuousBasis(rom.tables, rom.projection, groups, own, np.empty(0, dtype=int))
-    some = rom.tables.samples.theta[[3, 17]]
+    basis = ContinuousBasis(rom.tables, rom.projection, groups, own, np.zeros((1, rom.tables.n_modes), dtype=bool))
+    some = rom.tables.samples.axes[0].theta[[3, 17]]
     errors = interpolation_errors(basis, basis, some, {"r1": RADIUS})
     np.testing.assert_allclose(errors, 0.0, atol=1e-9)
 

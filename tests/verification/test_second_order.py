@@ -92,7 +92,7 @@ def test_nonlinear_static_answers_lie_on_the_manifold_to_third_order(scene: Call
     case = curved(scene(), theta, 3)
     random = np.random.default_rng(0)
     inertia = case.nonlinear.mass @ case.modes.flexible @ random.normal(size=3)
-    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.shape[1])
+    load = inertia + 0.3 * case.patterns @ random.normal(size=case.patterns.n)
     load *= 1e-6 / np.max(np.abs(case.nonlinear.solve(1e-6 * load)))
     lefts, straight = [], []
     for k in range(HALVINGS):
@@ -245,7 +245,7 @@ def turning() -> ReducedOrderModel:
 
 def test_signs_and_order_of_the_solver_mean_nothing(turning: ReducedOrderModel) -> None:
     def scrambled(modes: ModeSet) -> ModeSet:
-        random = np.random.default_rng(int(1e6 * modes.theta))
+        random = np.random.default_rng(int(1e6 * modes.theta[0]))
         order, signs = random.permutation(3), random.choice([-1.0, 1.0], 3)
         return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order] * signs)
 
@@ -265,7 +265,7 @@ def test_the_back_transformation_stays_in_the_joints(turning: ReducedOrderModel)
     straight = Reconstruction(kinematics, replace(turning, curvature=None), "overhauser", range(mechanism.n_nodes))
     m, row = turning.tables.n_modes, 3
     size = 0.02 / np.max(np.abs(turning.projection[row]), axis=0)
-    delta, theta = size * np.random.default_rng(3).normal(size=m), turning.tables.samples.theta[row]
+    delta, theta = size * np.random.default_rng(3).normal(size=m), turning.tables.samples.axes[0].theta[row]
     errors: dict[str, list[float]] = {"curved": [], "straight": []}
     for k in range(HALVINGS):
         eta = np.array([[theta, *(delta / 2**k)]])

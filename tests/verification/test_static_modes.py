@@ -139,7 +139,7 @@ def test_static_modes_are_wanted_only_where_asked_for() -> None:
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs))
     effects = effects_of(scene, kinematics.mechanism)
     loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    assert patterns.shape == (36, 5)  # the torque, and two directions of each body's weight
+    assert patterns.fixed.shape == (36, 5)  # the torque, and two directions of each body's weight
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
         plain, extended = (
             Sampler(problem, loads, StaticLoads.of(problem, patterns, reduction)).sample(0.7, lambda modes: modes)
@@ -175,7 +175,7 @@ def test_static_modes_are_continuous_over_a_revolution() -> None:
     # half the distance, half the way; measured 37.6 and 18.9, at the fast changes near the dead centres
     assert steps[1].max() < 0.6 * steps[0].max()
     assert np.arccos(fine.cosines.min()) < 0.6 * np.arccos(coarse.cosines.min())
-    projection = interpolant(coarse.tables.samples, coarse.projection, "spline")(fine.tables.samples.theta)
+    projection = interpolant(coarse.tables.samples.axes[0], coarse.projection, "spline")(fine.tables.samples.axes[0].theta)
     size = np.abs(fine.projection[:, :, -1]).max()
     # measured: 5e-4
     np.testing.assert_allclose(projection[:, :, -1], fine.projection[:, :, -1], rtol=0, atol=2e-3 * size)

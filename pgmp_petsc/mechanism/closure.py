@@ -1,0 +1,204 @@
+"""The loop closure of the rigid mechanism and what drives it: one system of equations for the poses.
+
+The poses P solve the loop closure together with the coordinates' definition,
+
+    c(P) = 0,    theta_k(P) = theta_k,
+
+by Newton's method. With J the Jacobian of both, implicit differentiation gives ``J dP/dtheta_k = e_k`` and
+``J d2P/dtheta_k dtheta_l = -(d2c/dP2)[dP_k, dP_l]``.
+
+Redundant constraints (the same statement twice) are allowed: J then has more rows than columns and full column rank.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joints import N_FRAME
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.errors import InputError
+
+MAX_ITERATIONS = 25
+CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
+
+
+class LoopClosure:
+    """Closure and driving equations of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism; all its coordinates drive.
+
+    Attributes
+    ----------
+    size
+        A length that is typical of the mechanism: the largest extent of a body, m.
+    n_coordinates
+        Number of independent rigid coordinates n_theta.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.size = max(float(np.max(np.ptp(body.shape.nodes, axis=0))) for body in mechanism.bodies)
+        self.n_coordinates = len(mechanism.coordinates)
+
+    def describe(self, theta: np.ndarray) -> str:
+        """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
+        values = (f"{c.name} = {value:.6g}" for c, value in zip(self.mechanism.coordinates, theta))
+        return f"{', '.join(values)} rad"
+
+    def measured(self, poses: np.ndarray) -> np.ndarray:
+        """Return the coordinates at poses (n_bodies, 3, n), shape (n_theta, n)."""
+        return np.array([c.measure(*_frames(c.connection, poses)) for c in self.mechanism.coordinates])
+
+    def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Return closure and driving residuals at theta (n, n_theta), shape (n_constraints + n_theta, n)."""
+        return np.concatenate([self._gaps(poses), self.measured(poses) - theta.T])
+
+    def jacobian(self, poses: np.ndarray) -> np.ndarray:
+        """Return d(residual)/dP, shape (n_constraints + n_theta, 3 n_bodies, n)."""
+        n_constraints = self.mechanism.n_constraints
+        n_rows = n_constraints + self.n_coordinates
+        jacobian = np.zeros((n_rows, len(self.mechanism.bodies), N_FRAME, poses.shape[2]))
+        for c in self.mechanism.connections:
+            frames = c.joint.jacobian(*_frames(c, poses))
+            for offset, side in ((0, c.a), (N_FRAME, c.b)):
+                if not side.on_ground:
+                    block = frames[:, offset : offset + N_FRAME]
+                    jacobian[c.rows, side.body] += np.einsum("cfn,fpn->cpn", block, _frame_gradient(side, poses))
+        for row, coordinate in enumerate(self.mechanism.coordinates, n_constraints):
+            for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
+                if not side.on_ground:
+                    jacobian[row, side.body, 2] += sign
+        return jacobian.reshape(n_rows, -1, poses.shape[2])
+
+    def scaled_jacobian(self, poses: np.ndarray) -> np.ndarray:
+        """Return J with lengths scaled by the size, so that singular values do not depend on the unit.
+
+        Shape (n, n_constraints + n_theta, 3 n_bodies).
+        """
+        rows = np.ones(self.mechanism.n_constraints + self.n_coordinates)
+        rows[: self.mechanism.n_constraints] = 1.0 / self.size
+        columns = np.tile([self.size, self.size, 1.0], len(self.mechanism.bodies))
+        return np.moveaxis(rows[:, None, None] * self.jacobian(poses) * columns[:, None], -1, 0)
+
+    def singular_values(self, poses: np.ndarray) -> np.ndarray:
+        """Return the singular values of the scaled J, descending, shape (n, 3 n_bodies)."""
+        return np.linalg.svd(self.scaled_jacobian(poses), compute_uv=False)
+
+    def rates(self, poses: np.ndarray) -> np.ndarray:
+        """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""
+        n = poses.shape[2]
+        jacobian = np.moveaxis(self.jacobian(poses), -1, 0)
+        unit = np.zeros((n, jacobian.shape[1], self.n_coordinates))
+        unit[:, -self.n_coordinates :] = np.eye(self.n_coordinates)
+        rates = np.linalg.pinv(jacobian) @ unit
+        return np.moveaxis(rates, 0, -1).reshape(-1, N_FRAME, self.n_coordinates, n)
+
+    def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n)."""
+        n, n_theta = poses.shape[2], self.n_coordinates
+        jacobian = self.jacobian(poses)
+        right = np.zeros((jacobian.shape[0], n_theta, n_theta, n))
+        for connection in self.mechanism.connections:
+            sides, frames = (connection.a, connection.b), _frames(connection, poses)
+            first = np.concatenate([_push(side, poses, rates) for side in sides])  # (6, n_theta, n)
+            second = np.concatenate([_push_curvature(side, poses, rates) for side in sides])  # (6, n_theta, n_theta, n)
+            right[connection.rows] = np.einsum(
+                "cijn,ikn,jln->ckln", connection.joint.hessian(*frames), first, first
+            ) + np.einsum("cin,ikln->ckln", connection.joint.jacobian(*frames), second)
+        inverse = np.linalg.pinv(np.moveaxis(jacobian, -1, 0))
+        result = -np.einsum("npc,ckln->pkln", inverse, right)
+        return result.reshape(-1, N_FRAME, n_theta, n_theta, n)
+
+    def close(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, 3, n).
+
+        Raises
+        ------
+        InputError
+            Where it does not converge.
+        """
+        poses, residual, gap = self._newton(poses, theta)
+        if np.all(gap < CLOSURE_TOLERANCE):
+            return poses
+        worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
+        rows = residual[: self.mechanism.n_constraints, worst]
+        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(rows[c.rows])))
+        ranges = " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
+        raise InputError(
+            f"joints.{blame.name}: the mechanism cannot close at {self.describe(theta[worst])}; "
+            f"a gap of {np.max(np.abs(rows[blame.rows])):.3g} m remains. Check the bodies' lengths and placements, "
+            f"or narrow {ranges}"
+        )
+
+    def closed_freely(self, poses: np.ndarray) -> np.ndarray:
+        """Close the loops near poses (n_bodies, 3, n) wherever the coordinates then are; best effort."""
+        return self._newton(poses, None)[0]
+
+    def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Return what to take off the poses; of the closure alone, if the residual has no driving rows."""
+        jacobian = self.jacobian(poses)[: len(residual)]
+        inverse = np.linalg.pinv(np.moveaxis(jacobian, -1, 0), rcond=1e-10)
+        return np.einsum("npc,cn->pn", inverse, residual).reshape(poses.shape)
+
+    def _gaps(self, poses: np.ndarray) -> np.ndarray:
+        parts = [np.empty((0, poses.shape[2]))]
+        parts += [c.joint.residual(*_frames(c, poses)) for c in self.mechanism.connections]
+        return np.concatenate(parts)
+
+    def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return poses, residual and the largest scaled entry of each; undriven where no theta is given."""
+        scale = np.ones(self.mechanism.n_constraints + self.n_coordinates)
+        scale[: self.mechanism.n_constraints] = self.size
+        poses = poses.copy()
+        for _ in range(MAX_ITERATIONS):
+            residual = self._gaps(poses) if theta is None else self.residual(poses, theta)
+            gap = np.max(np.abs(residual) / scale[: len(residual), None], axis=0, initial=0.0)
+            # each theta stops by itself, so that the others in the call have no part in its last digits
+            open_ones = ~(gap < CLOSURE_TOLERANCE)
+            if not open_ones.any() or not np.all(np.isfinite(gap)):
+                break
+            moving = poses[..., open_ones]
+            step = self.newton_step(moving, residual[:, open_ones])
+            # far from the solution a whole step can throw a body around; no more than half a radian at once
+            turn = np.max(np.abs(step[:, 2]), axis=0)
+            poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
+        return poses, residual, gap
+
+
+def _frames(connection: Connection, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
+
+
+def _frame_gradient(side: Attachment, poses: np.ndarray) -> np.ndarray:
+    """Return d(frame)/d(pose), shape (3, 3, n)."""
+    gradient = np.zeros((N_FRAME, N_FRAME, poses.shape[2]))
+    for i in range(N_FRAME):
+        gradient[i, i] = 1.0
+    angle = poses[side.body, 2]
+    x, y = side.point
+    gradient[0, 2] = -np.sin(angle) * x - np.cos(angle) * y
+    gradient[1, 2] = np.cos(angle) * x - np.sin(angle) * y
+    return gradient
+
+
+def _push(side: Attachment, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the frame's derivatives with theta, shape (3, n_theta, n)."""
+    if side.on_ground:
+        return np.zeros((N_FRAME, *rates.shape[2:]))
+    return np.einsum("fpn,pkn->fkn", _frame_gradient(side, poses), rates[side.body])
+
+
+def _push_curvature(side: Attachment, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the frame's second derivatives with theta at straight poses, shape (3, n_theta, n_theta, n)."""
+    n_theta, n = rates.shape[2:]
+    second = np.zeros((N_FRAME, n_theta, n_theta, n))
+    if not side.on_ground:
+        arm = side.frame_of_pose(poses)[:2] - poses[side.body, :2]
+        turn = rates[side.body, 2]
+        second[:2] = -np.einsum("fn,kn,ln->fkln", arm, turn, turn)
+    return second

@@ -1,0 +1,221 @@
+"""Following one assembly branch of the rigid mechanism over the whole range of its coordinates.
+
+The range is covered by a tensor grid of configurations. From the assembled one the branch is continued along the first
+coordinate, from each of these configurations along the second, and so on, always from neighbour to neighbour with a
+linear prediction. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
+their branch or coordinates lose control of the mechanism, and the range is refused. The sign of det J tells a curve of
+singular configurations between two neighbours. Around an isolated one, neighbours on different lines of the
+continuation come to different branches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import qr
+
+from pgmp_petsc.mechanism.closure import LoopClosure
+from pgmp_petsc.runtime.errors import InputError
+
+SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
+NEARLY_SINGULAR = 1e-2  # the same, where a bisection ended that may not come closer
+SAME_BRANCH = 1e-6  # difference of poses that neighbours agree to
+
+
+class Continuation:
+    """Poses of one branch over a tensor grid, first axis first.
+
+    Parameters
+    ----------
+    closure
+        The equations of the mechanism.
+    axes
+        Equidistant coordinate values along each axis, the ends of the range included, rad.
+    start
+        Numbers of the assembled configuration along the axes.
+    poses
+        The poses there, shape (n_bodies, 3, 1).
+
+    Attributes
+    ----------
+    theta
+        Configurations, the last coordinate fastest, shape (n, n_theta).
+    poses
+        Shape (n_bodies, 3, n).
+    shape
+        Number of configurations along each axis.
+
+    Raises
+    ------
+    InputError
+        Where the mechanism cannot close, or J is singular.
+    """
+
+    def __init__(
+        self, closure: LoopClosure, axes: Sequence[np.ndarray], start: Sequence[int], poses: np.ndarray
+    ) -> None:
+        self._closure = closure
+        self._axes = tuple(axes)
+        self.shape = tuple(axis.size for axis in axes)
+        self._steps = np.array([axis[1] - axis[0] for axis in axes])
+        first = np.array([[axis[k] for axis, k in zip(axes, start)]])
+        front = _Front.begun(closure, first, closure.close(poses, first))
+        for axis, place in enumerate(start):
+            front = self._along(axis, int(place), front)
+        self.theta, self.poses = front.theta, front.poses
+        if len(axes) > 1:
+            self._check_neighbours()
+
+    def winding(self, axis: int) -> np.ndarray:
+        """Return how often every body has turned when a coordinate has made a turn, shape (n_bodies,).
+
+        Raises
+        ------
+        InputError
+            If the mechanism is not back where it began.
+        """
+        everywhere = self.poses.reshape(*self.poses.shape[:2], *self.shape)
+        change = np.take(everywhere, -1, axis + 2) - np.take(everywhere, 0, axis + 2)
+        change = change.reshape(*change.shape[:2], -1)
+        winding = np.rint(change[:, 2, 0] / (2 * np.pi))
+        change[:, 2] -= 2 * np.pi * winding[:, None]
+        if np.max(np.abs(change / np.array([self._closure.size, self._closure.size, 1.0])[:, None])) > 1e-8:
+            raise InputError(
+                f"coordinates.{self._closure.mechanism.coordinates[axis].name}.periodic = true: after one turn the "
+                "mechanism does not come back to where it began (it moved to another assembly branch); give a range "
+                "that is not periodic"
+            )
+        return winding
+
+    def _along(self, axis: int, place: int, front: _Front) -> _Front:
+        """Continue a front in both directions along an axis; return all configurations reached."""
+        values = self._axes[axis]
+        reached = {place: front}
+        for numbers in (range(place, values.size), range(place, -1, -1)):
+            for before, now in pairwise(numbers):
+                theta = reached[before].theta.copy()
+                theta[:, axis] = values[now]
+                reached[now] = reached[before].continued(theta, axis, self._steps[axis] * (now - before))
+        return _Front.stacked([reached[k] for k in range(values.size)])
+
+    def _check_neighbours(self) -> None:
+        """Check that neighbours on different lines of the continuation are on one branch too."""
+        closure, n = self._closure, len(self.theta)
+        rates = closure.rates(self.poses)
+        numbers = np.arange(n).reshape(self.shape)
+        for axis in range(len(self.shape) - 1):
+            before = np.take(numbers, range(self.shape[axis] - 1), axis).ravel()
+            after = np.take(numbers, range(1, self.shape[axis]), axis).ravel()
+            guess = self.poses[..., before] + rates[:, :, axis, before] * self._steps[axis]
+            found = closure.close(guess, self.theta[after])
+            gap = np.abs(found - self.poses[..., after]) / np.array([closure.size, closure.size, 1.0])[:, None]
+            worst = int(np.argmax(gap.max(axis=(0, 1))))
+            if gap[..., worst].max() > SAME_BRANCH:
+                at = self.theta[after[worst]]
+                _refuse_control(closure, at, closure.singular_values(self.poses[..., after[[worst]]])[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Front:
+    """Configurations on the branch, none of them singular, and the rows of J whose determinant is watched.
+
+    Attributes
+    ----------
+    theta
+        Shape (n, n_theta).
+    poses
+        Shape (n_bodies, 3, n).
+    pivots
+        Independent rows of J, shape (n, 3 n_bodies).
+    signs
+        Sign of their determinant, shape (n,).
+    """
+
+    closure: LoopClosure
+    theta: np.ndarray
+    poses: np.ndarray
+    pivots: np.ndarray
+    signs: np.ndarray
+
+    @classmethod
+    def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
+        """Return a front at the assembled configurations; the watched rows are chosen there."""
+        _check_control(closure, theta, poses)
+        return cls(closure, theta, poses, *_choose_pivots(closure, poses))
+
+    @classmethod
+    def stacked(cls, fronts: Sequence[_Front]) -> _Front:
+        """Join fronts along a new axis, which runs fastest."""
+        n, n_theta = fronts[0].theta.shape
+        poses = np.stack([front.poses for front in fronts], axis=-1)
+        parts = (np.stack([getattr(f, name) for f in fronts], axis=1) for name in ("pivots", "signs"))
+        flat = (part.reshape(n * len(fronts), *part.shape[2:]) for part in parts)
+        theta = np.stack([front.theta for front in fronts], axis=1).reshape(-1, n_theta)
+        return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1), *flat)
+
+    def continued(self, theta: np.ndarray, axis: int, step: float) -> _Front:
+        """Return the front one step along an axis, at theta (n, n_theta)."""
+        guess = self.poses + self.closure.rates(self.poses)[:, :, axis] * step
+        poses = self.closure.close(guess, theta)
+        _check_control(self.closure, theta, poses)
+        pivots = self.pivots.copy()
+        signs = _orientation(self.closure, poses, pivots)
+        for k in np.flatnonzero(signs != self.signs):
+            self._check_change(k, theta[k])
+            pivots[k], signs[k] = _choose_pivots(self.closure, poses[..., [k]])
+        return _Front(self.closure, theta, poses, pivots, signs)
+
+    def _check_change(self, k: int, after: np.ndarray) -> None:
+        """Bisect for the place on the way to a neighbour where the determinant changes its sign.
+
+        It is refused if J is singular there; with redundant constraints it may be the chosen rows alone that are.
+        """
+        closure, before, poses = self.closure, self.theta[k], self.poses[..., [k]]
+        for _ in range(30):
+            middle = 0.5 * (before + after)
+            there = closure.close(poses, middle[None])
+            if _orientation(closure, there, self.pivots[[k]])[0] == self.signs[k]:
+                before, poses = middle, there
+            else:
+                after = middle
+        values = closure.singular_values(poses)[0]
+        n_rows, n_poses = closure.scaled_jacobian(poses).shape[1:]
+        if n_rows == n_poses or values[-1] < NEARLY_SINGULAR * values[0]:
+            _refuse_control(closure, before, values)
+
+
+def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray) -> None:
+    """Refuse a singular configuration (n_theta,) with these singular values, descending."""
+    coordinates = closure.mechanism.coordinates
+    names = ", ".join(coordinate.name for coordinate in coordinates)
+    one = len(coordinates) == 1
+    raise InputError(
+        f"coordinates.{names}: {'it does' if one else 'they do'} not control the mechanism at "
+        f"{f'{theta[0]:.6g} rad' if one else closure.describe(theta)} (smallest "
+        f"singular value of the closure {values[-1]:.3g}, largest {values[0]:.3g}); choose another joint or a "
+        "range without this configuration"
+    )
+
+
+def _check_control(closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
+    """Refuse configurations (n, n_theta) where J is singular."""
+    values = closure.singular_values(poses)
+    lost = np.flatnonzero(values[:, -1] < SINGULAR_TOLERANCE * values[:, 0])
+    if lost.size:
+        _refuse_control(closure, theta[lost[0]], values[lost[0]])
+
+
+def _choose_pivots(closure: LoopClosure, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Choose independent rows of J at one configuration; return them, (1, 3 n_bodies), and their orientation, (1,)."""
+    jacobian = closure.scaled_jacobian(poses)
+    _, _, order = qr(jacobian[0].T, pivoting=True)
+    pivots = order[None, : jacobian.shape[2]]
+    return pivots, _orientation(closure, poses, pivots)
+
+
+def _orientation(closure: LoopClosure, poses: np.ndarray, pivots: np.ndarray) -> np.ndarray:
+    """Return the signs of the determinants of chosen rows (n, 3 n_bodies) of J, shape (n,)."""
+    return np.linalg.slogdet(np.take_along_axis(closure.scaled_jacobian(poses), pivots[:, :, None], axis=1))[0]

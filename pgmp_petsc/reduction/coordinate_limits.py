@@ -1,0 +1,69 @@
+"""What is taken of several rigid coordinates, and what more of them would cost."""
+
+from __future__ import annotations
+
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+
+BYTES = 8
+# of an eigenproblem with 15 modes on one core, measured from 36 to 3006 unknowns
+SECONDS, SECONDS_PER_UNKNOWN = 6e-3, 1.6e-5
+
+
+def check_features(scene: Scene) -> None:
+    """Refuse the settings that are for one coordinate only where a scene has several.
+
+    Raises
+    ------
+    InputError
+        Naming the entry of the scene.
+    """
+    reduction, simulation = scene.reduction, scene.simulation
+    settings = {
+        "reduction.second_order": reduction.second_order,
+        "reduction.sampling_tolerance": reduction.sampling_tolerance,
+        "reduction.tolerance": reduction.tolerance,
+        "simulation.tolerance": simulation.tolerance,
+    }
+    for entry, value in settings.items():
+        if value:
+            check_single(scene, f"{entry} = {'true' if value is True else format(value, 'g')}")
+
+
+def check_single(scene: Scene, what: str) -> None:
+    """Refuse something that is for one coordinate only where a scene has several.
+
+    Raises
+    ------
+    InputError
+        Beginning with `what`.
+    """
+    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
+    if n > 1:
+        raise InputError(f"{what}: for one rigid coordinate only, but the scene has {n}: {names}; leave it out")
+
+
+def check_count(scene: Scene, mechanism: Mechanism) -> None:
+    """Refuse more coordinates than can be sampled.
+
+    Raises
+    ------
+    InputError
+        Saying what the configurations of all coordinates would take.
+    """
+    n, names = len(mechanism.coordinates), ", ".join(scene.coordinates)
+    if n <= MOST_COORDINATES:
+        return
+    angles, n_modes = scene.reduction.angles, scene.reduction.modes
+    count, n_eta = float(angles) ** n, n + n_modes
+    tables = len(mechanism.mass_weights) * (n_eta**2 + n * n * n_modes) + len(mechanism.stiffness_weights) * n_modes**2
+    n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
+    hours = count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600
+    raise InputError(
+        f"coordinates: {names}: {n} independent coordinates were given; at most {MOST_COORDINATES} are taken. "
+        f"reduction.angles = {angles} along each would make {angles}^{n} = {count:.3g} configurations: about "
+        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes. Join bodies "
+        "until two coordinates are left"
+    )

@@ -1,0 +1,45 @@
+"""``effects = "auto"``: the effects of a scene that matter, by the estimate of `effect_sizes`.
+
+Left out are named effects whose share is below the tolerance, other than those that a scene is about (loads that drive it, masses, stops).
+Of the reduced model's own terms, forces by velocities and what is of second order in the deformation come and go by their size. No load
+is ever added that the scene does not name: the report warns of those.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
+from pgmp_petsc.studies.effect_sizes import TERMS, EffectSizes, estimate_effects
+
+
+def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene, EffectSizes]:
+    """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
+
+    Raises
+    ------
+    InputError, RunError
+        As `estimate_effects`.
+    """
+    sizes = estimate_effects(scene, meshes)
+    keeps = {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
+    kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
+    effects = {name: effect for name, effect in scene.effects.items() if name in kept}
+    if not keeps["gyroscopic"]:
+        effects[_free_name("gyroscopic", effects)] = Gyroscopic(type="gyroscopic", keep=False)
+    second_order = scene.reduction.second_order
+    if len(scene.coordinates) == 1 and not second_order and keeps["geometric_stiffening"]:
+        effects[_free_name("geometric_stiffening", effects)] = GeometricStiffening(type="geometric_stiffening")
+        effects[_free_name("mode_inertia", effects)] = ModeInertia(type="mode_inertia")
+    reduction = scene.reduction.model_copy(
+        update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
+    )
+    return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
+
+
+def _free_name(wanted: str, taken: Mapping[str, object]) -> str:
+    while wanted in taken:
+        wanted += "_"
+    return wanted

@@ -1,0 +1,277 @@
+"""Which effects matter: an estimate of the size of every available effect, before any reduction.
+
+The scene's mechanism runs once with rigid bodies (`rigid_run`). A named effect is as large as its work is beside all energy that is
+moved around. Of terms that only a flexible reduced model has, sizes follow from a few configurations of that run:
+
+- forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
+- geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under loads and inertia
+  forces, beside its eigenvalue,
+- inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on vibrations.
+
+For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it would matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from scipy.integrate import trapezoid
+
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
+
+N_INSTANTS = 16  # at which modes are computed
+DEFAULT_TOLERANCE = 1e-3
+STANDARD_GRAVITY = 9.81  # m/s2
+#: Effects that are what a scene is about; none is ever left out for being small.
+CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
+#: Terms of the reduced model that the estimate can add or leave out.
+TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
+
+
+@dataclass(frozen=True)
+class EffectSize:
+    """The size of one effect.
+
+    Attributes
+    ----------
+    name
+        Name in the scene, or "" if the scene does not have it.
+    kind
+        Type of the effect.
+    share
+        Its size as a share, NaN where only a threshold can be given.
+    keeps
+        Whether it exceeds the tolerance, or is what the scene is about.
+    measure
+        What the share is a share of, or from which number on the effect would matter.
+    """
+
+    name: str
+    kind: str
+    share: float
+    keeps: bool
+    measure: str
+
+
+@dataclass(frozen=True)
+class EffectSizes:
+    """The sizes of all effects of a scene.
+
+    Attributes
+    ----------
+    tolerance
+        Share above which an effect matters.
+    sizes
+        Of every effect, those of the scene first.
+    largest_speed
+        Largest speed of each coordinate, rad/s, and `exchanged`: the energy moved around, J.
+    warnings
+        What the scene leaves out that exceeds the tolerance.
+    """
+
+    tolerance: float
+    sizes: tuple[EffectSize, ...]
+    largest_speed: dict[str, float]
+    exchanged: float
+    warnings: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Return the report, line by line."""
+        speeds = ", ".join(f"{name} up to {speed:.3g} rad/s" for name, speed in self.largest_speed.items())
+        lines = [
+            f"  sizes of effects in the motion of the rigid mechanism: {speeds}; {self.exchanged:.3g} J moved around",
+            f"  an effect matters from a share of {self.tolerance:g} on",
+        ]
+        for size in self.sizes:
+            share = "        -" if np.isnan(size.share) else f"{size.share:9.2g}"
+            verdict = "keep " if size.keeps else "leave"
+            verdict = verdict if not np.isnan(size.share) or size.name else "-    "
+            name = f"{size.name} ({size.kind})" if size.name else f"({size.kind})"
+            lines.append(f"    {name:38s} {share}  {verdict}  {size.measure}")
+        return lines + [f"  warning: {warning}" for warning in self.warnings]
+
+
+def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSizes:
+    """Estimate the size of every available effect, on one rank.
+
+    Raises
+    ------
+    InputError, RunError
+        If the mechanism is not sound, or its rigid run fails.
+    """
+    run = run_rigid(scene, meshes)
+    tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
+    exchanged = run.balance.exchanged
+    sizes = [*_named(scene, run, tolerance), *_terms(scene, meshes, run, tolerance)]
+    sizes += _unnamed(scene, run, tolerance)
+    names = [coordinate for coordinate in scene.coordinates]
+    speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
+    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
+
+
+def present_terms(scene: Scene) -> dict[str, bool]:
+    """Return which terms of the reduced model a scene has."""
+    named = {effect.type: effect for effect in scene.effects.values()}
+    return {
+        "gyroscopic": named["gyroscopic"].keep if "gyroscopic" in named else True,
+        "geometric_stiffening": scene.reduction.second_order or "geometric_stiffening" in named,
+        "mode_inertia": scene.reduction.second_order or "mode_inertia" in named,
+    }
+
+
+def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
+    """Return the sizes of what acts by forces in the scene, by its work."""
+    exchanged, sizes = run.balance.exchanged, []
+    for name, effect in scene.effects.items():
+        if effect.type in TERMS:
+            continue
+        if effect.type == "structural_damping":
+            sizes.append(EffectSize(name, effect.type, np.nan, True, "acts on vibrations, which a rigid mechanism has not"))
+        elif effect.type == "point_mass":
+            share = scene.number(effect.mass) / run.mass
+            sizes.append(EffectSize(name, effect.type, share, True, "of all masses"))
+        else:
+            work = run.balance.work.get(name, np.zeros(1))
+            share = float(np.max(np.abs(work))) / exchanged if exchanged else 0.0
+            keeps = share > tolerance or effect.type in CAUSES
+            sizes.append(EffectSize(name, effect.type, share, keeps, "its work, of the energy moved around"))
+    return sizes
+
+
+def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, tolerance: float) -> list[EffectSize]:
+    """Return the sizes of the terms of the reduced model."""
+    names = {effect.type: name for name, effect in scene.effects.items()}
+    shares = {
+        "gyroscopic": 0.0,
+        "geometric_stiffening": 0.0,
+        "mode_inertia": 0.0,
+    }
+    if any(body.flexible for body in scene.bodies.values()):
+        shares = _shares_of_terms(scene, meshes, run)
+    about = {
+        "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
+        "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
+        "mode_inertia": "spin of the fastest body, of the lowest frequency",
+    }
+    # both halves of what is of second order are needed together
+    second_order = max(shares["geometric_stiffening"], shares["mode_inertia"]) > tolerance
+    keeps = {
+        "gyroscopic": shares["gyroscopic"] > tolerance or second_order,
+        "geometric_stiffening": second_order,
+        "mode_inertia": second_order,
+    }
+    return [EffectSize(names.get(kind, ""), kind, shares[kind], keeps[kind], about[kind]) for kind in TERMS]
+
+
+def _shares_of_terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun) -> dict[str, float]:
+    mechanism = Mechanism.from_scene(scene, meshes)
+    kinematics = RigidKinematics(mechanism)
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    effects = effects_of(scene, mechanism)
+    loads = loads_of(effects, matrices)
+    by_name = {effect.name: effect for effect in effects}
+    weights = np.array([float(load.weight.evaluate(scene.values)) for load in loads])
+    instants = _instants(run, kinematics)
+    third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
+    by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
+    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF) as problem:
+        for k in instants:
+            theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
+            poses = kinematics.poses(theta)
+            rates = kinematics.rates(poses)
+            curvatures = kinematics.curvatures(poses, rates)
+            rigid = rigid_velocities(mechanism, poses[..., 0], rates[..., 0])
+            bent = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures[..., 0])
+            centripetal = np.einsum("ikl,k,l->i", bent, speed, speed)
+            m_rigid = problem.times_mass(rigid)
+            by_speed.append(m_rigid.T @ centripetal)
+            by_acceleration.append(m_rigid.T @ rigid @ acceleration)
+            modes = problem.solve(theta)
+            amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
+            forces = turned_loads(problem, loads, theta) @ (weights * amplitudes)
+            forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
+            shape = modes.flexible[:, :1]
+            bending = problem.static_answers(rigid, forces[:, None], "static deformation")
+            pairs = third.times(np.hstack([bending, shape]))
+            # pairs (0, 0), (1, 0), (1, 1): the second is K3[u, psi]
+            change = sum(float(w.evaluate(scene.values)) * part[:, 1] for w, part in pairs.items()) @ shape[:, 0]
+            stiffening.append(abs(float(change)) / modes.eigenvalues[0])
+            flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
+            spin = np.max(np.abs(rates[flexible, 2, :, 0] @ speed), initial=0.0)
+            spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
+    by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
+    largest = max(by_speed, by_acceleration)
+    return {
+        "gyroscopic": by_speed / largest if largest > 0.0 else 0.0,
+        "geometric_stiffening": max(stiffening),
+        "mode_inertia": max(spins),
+    }
+
+
+def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
+    """Return steps evenly over the run and those of the extreme speeds, where the coordinates are within their range."""
+    inside = np.flatnonzero(kinematics.within_reach(run.theta))
+    if not inside.size:
+        return []
+    even = inside[np.linspace(0, inside.size - 1, min(N_INSTANTS, inside.size)).astype(int)]
+    fastest = [inside[np.argmax(np.abs(part[inside, k]))] for part in (run.speed, run.acceleration) for k in range(part.shape[1])]
+    return sorted({int(k) for k in (*even, *fastest)})
+
+
+def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
+    """Return the sizes of effects that the scene does not have, or the numbers from which on they would matter."""
+    here = {effect.type for effect in scene.effects.values()}
+    exchanged, joints = run.balance.exchanged, run.joints
+    sizes = []
+    if "gravity" not in here:
+        height = run.heights[:, 1] - run.heights[0, 1]
+        share = STANDARD_GRAVITY * float(np.max(np.abs(height))) / exchanged if exchanged else np.inf
+        sizes.append(EffectSize("", "gravity", share, share > tolerance, "work of weights along -y, of the energy moved around"))
+    if exchanged and joints:
+        budget = tolerance * exchanged
+        damping = {name: budget / max(float(trapezoid(rate**2, run.time)), 1e-300) for name, rate in joints.items()}
+        friction = {name: budget / max(float(trapezoid(np.abs(rate), run.time)), 1e-300) for name, rate in joints.items()}
+        spread = {name: np.ptp(np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(run.time))])) for name, rate in joints.items()}
+        spring = {name: 2.0 * budget / max(float(value) ** 2, 1e-300) for name, value in spread.items()}
+        for kind, found, unit in (
+            ("joint_damping", damping, "Nm s/rad or N s/m"),
+            ("joint_friction", friction, "Nm or N"),
+            ("spring_damper", spring, "Nm/rad or N/m"),
+        ):
+            if kind not in here:
+                joint = min(found, key=found.get)
+                sizes.append(EffectSize("", kind, np.nan, False, f"would matter from {found[joint]:.2g} {unit} on ({joint})"))
+    if "point_mass" not in here:
+        sizes.append(EffectSize("", "point_mass", np.nan, False, f"would matter from {tolerance * run.mass:.2g} kg on"))
+    if "end_stop" not in here:
+        theta = [f"{name} from {run.theta[:, k].min():.3g} to {run.theta[:, k].max():.3g} rad" for k, name in enumerate(scene.coordinates)]
+        sizes.append(EffectSize("", "end_stop", np.nan, False, f"would matter where the motion ends: {', '.join(theta)}"))
+    if "structural_damping" not in here:
+        duration = scene.simulation.duration
+        sizes.append(
+            EffectSize("", "structural_damping", np.nan, False, f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on")
+        )
+    return sizes
+
+
+def _warnings(scene: Scene, sizes: list[EffectSize]) -> list[str]:
+    present = present_terms(scene)
+    found = []
+    for size in sizes:
+        left_out = not present[size.kind] if size.kind in TERMS else not size.name
+        if left_out and size.keeps and not np.isnan(size.share):
+            found.append(f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance")
+    return found

@@ -1,0 +1,121 @@
+"""The motion that is to be expected of a scene: that of its mechanism with rigid bodies, under all that acts on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.joints import PointOnLine
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import StructuralDamping
+from pgmp_petsc.studies.balance import balance_of
+
+MAX_STEPS = 2000  # more do not change an order of magnitude
+
+
+@dataclass(frozen=True, eq=False)
+class RigidRun:
+    """Motion of the rigid mechanism.
+
+    Attributes
+    ----------
+    time
+        Shape (n_t,), s.
+    theta, speed, acceleration
+        Coordinates and their derivatives, shape (n_t, n_theta), rad, rad/s, rad/s2.
+    joints
+        Rate of each joint's rotation or displacement, by its name, shape (n_t,), rad/s or m/s.
+    heights
+        First moment of all masses, shape (n_t, 2), kg m: its change times an acceleration is the work of a weight.
+    balance
+        Balance of energy.
+    mass
+        All masses together, kg.
+    """
+
+    time: np.ndarray
+    theta: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    joints: dict[str, np.ndarray]
+    heights: np.ndarray
+    balance: Balance
+    mass: float
+
+
+def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh]) -> RigidRun:
+    """Integrate the scene's mechanism with all bodies rigid, on one rank.
+
+    Raises
+    ------
+    RunError
+        If the run fails.
+    """
+    stiff = _with_rigid_bodies(scene)
+    model = FullModel(stiff, meshes)
+    mechanism = model.kinematics.mechanism
+    times, states, energies = [], [], []
+    with model.distributed(stiff.values, MPI.COMM_SELF) as system:
+
+        def record(step: int, time: float, state: State) -> None:
+            times.append(time)
+            states.append([system.unpack(part)[:, 0] for part in (state.q, state.v, state.a)])
+            energies.append(system.energies(time, state))
+
+        run = integrate(system, stiff.simulation, observer=record)
+    if run.status[0] != Status.FINE:
+        raise RunError(
+            f"the rigid mechanism's run stopped at {run.failure_time[0]:.6g} s: {Status(run.status[0]).meaning}"
+        )
+    return _collect(mechanism, np.array(times), np.array(states), energies, stiff.values)
+
+
+def _with_rigid_bodies(scene: Scene) -> Scene:
+    simulation = scene.simulation
+    coarse = simulation.model_copy(update={"step": max(simulation.step, simulation.duration / MAX_STEPS)})
+    return scene.model_copy(
+        update={
+            "bodies": {name: body.model_copy(update={"flexible": False}) for name, body in scene.bodies.items()},
+            "effects": {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)},
+            "simulation": coarse,
+        }
+    )
+
+
+def _collect(
+    mechanism: Mechanism, time: np.ndarray, states: np.ndarray, energies: list[Energies], values: Mapping[str, float]
+) -> RigidRun:
+    parts = np.moveaxis(states, 0, -1)  # (3, n_dofs, n_t)
+
+    def turning(connection, part: int) -> np.ndarray:
+        angles = [0.0 if side.on_ground else parts[part][side.dofs[2]] for side in (connection.a, connection.b)]
+        return angles[1] - angles[0]
+
+    motion = np.array([[turning(c.connection, part) for c in mechanism.coordinates] for part in range(3)])
+    joints = {}
+    for connection in mechanism.connections:
+        if isinstance(connection.joint, PointOnLine):
+            a, b = (side.frame_of_node(parts[0]) for side in connection.sides)
+            along = connection.joint.line(a)[0]
+            joints[connection.name] = np.gradient(np.sum(along * (b - a)[:2], axis=0), time)
+        elif connection.joint.n_constraints == 2:
+            joints[connection.name] = turning(connection, 1) * np.ones(time.size)
+    heights, total = np.zeros((time.size, 2)), 0.0
+    for body in mechanism.bodies:
+        mass = sum(float(w.evaluate(values)) * lump.mass for w, lump in body.lumps[0].items())
+        heights += mass * parts[0][3 * body.first_node : 3 * body.first_node + 2].T
+        total += mass
+    theta, speed, acceleration = np.swapaxes(motion, 1, 2)
+    return RigidRun(time, theta, speed, acceleration, joints, heights, balance_of(time, energies), total)

@@ -1,0 +1,61 @@
+"""Commands on a scene with two rigid coordinates: check, build, info, modes, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from runs import pgmp
+from two_coordinates import DOUBLE_PENDULUM, LOWER, UPPER
+
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import ModesTable
+
+THIRD = (
+    "--override", 'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    "--override", 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+    "--override", 'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
+)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a double pendulum of the paper's two bars."""
+    folder = tmp_path_factory.mktemp("two")
+    text = DOUBLE_PENDULUM.replace(f"0.0:{UPPER}:4", "crank_5.msh").replace(f"0.0:{LOWER}:4", "rod_5.msh")
+    for name in ("crank_5.msh", "rod_5.msh"):
+        (folder / name).write_bytes((ROOT / "meshes" / name).read_bytes())
+    path = folder / "two.toml"
+    path.write_text(text)
+    return path
+
+
+def test_check_build_info_and_modes(scene: Path) -> None:
+    said = pgmp("check", scene).stdout
+    assert "coordinate    theta1: 0 to 6.28319 rad, periodic" in said and "coordinate    theta2: " in said
+    assert "2 rigid + 3 flexible reduced" in said and "modes at 64 configurations" in said
+    rom, table = scene.parent / "rom.h5", scene.parent / "modes.h5"
+    assert "64 configurations, 3 modes" in pgmp("build", scene, "-o", rom).stdout
+    assert ReducedOrderModel.read(rom).tables.samples.shape == (8, 8)
+    assert "/theta             64 x 2" in pgmp("info", rom).stdout
+    assert "16 configurations" in pgmp("modes", scene, "--rom", rom, "--angles", 4, "-o", table).stdout
+    found = ModesTable.read(table)
+    assert found.theta.shape == (2, 16) and found.reduced_hz.shape == (16, 3)
+    assert (found.full_hz > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("build", ("--override", "reduction.second_order=true"), "reduction.second_order = true: for one rigid coordinate"),
+        ("build", ("--override", "reduction.tolerance=0.01"), "reduction.tolerance = 0.01: for one rigid coordinate only"),
+        ("build", THIRD, "8 along each would make 8^3 = 512 configurations"),
+        ("modes", THIRD, "8 along each would make 8^3 = 512 configurations"),
+        ("tradeoff", (), "pgmp tradeoff: for one rigid coordinate only, but the scene has 2: theta1, theta2"),
+    ],
+)
+def test_refusals(scene: Path, command: str, options: tuple[str, ...], words: str) -> None:
+    done = pgmp(command, scene, "-o", scene.parent / "none.h5", *options, status=2)
+    assert words in done.stderr and "Traceback" not in done.stderr
+    assert not (scene.parent / "none.h5").exists()

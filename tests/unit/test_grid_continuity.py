@@ -1,0 +1,171 @@
+"""Continuity of bases over a grid of two coordinates: groups, holonomies, reflections, and what cannot be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.modes.grid_continuity import GridBasis, GridNeighbours
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.runtime.errors import RunError
+
+N_ROWS = 8
+RANDOM = np.random.default_rng(5)
+FRAME = np.linalg.qr(RANDOM.normal(size=(N_ROWS, N_ROWS)))[0]
+DRIFT = 0.12 * RANDOM.normal(size=(4, N_ROWS, 3))
+Space = Callable[[float, float], np.ndarray]
+
+
+def drifting(first: float, second: float) -> np.ndarray:
+    """Return three vectors (N_ROWS, 3), of period 2 pi in both coordinates, whose space turns."""
+    waves = (np.cos(first), np.sin(first + second), np.cos(second), np.sin(2 * second - first))
+    return FRAME[:, :3] + sum(wave * part for wave, part in zip(waves, DRIFT))
+
+
+def half_turn(angle: float, k: int) -> np.ndarray:
+    """Return a vector that has the opposite sign after a revolution."""
+    return np.cos(angle / 2) * FRAME[:, k] + np.sin(angle / 2) * FRAME[:, k + 1]
+
+
+def flipping(first: float, second: float) -> np.ndarray:
+    """Return three vectors, one with the opposite sign after a revolution of the second coordinate."""
+    vectors = drifting(first, second)
+    vectors[:, 1] = half_turn(second, 4) + 0.3 * np.cos(first) * FRAME[:, 6] * np.cos(second / 2)
+    return vectors
+
+
+def flipping_both(first: float, second: float) -> np.ndarray:
+    """Return two vectors, the first one flipped by the first coordinate and the other one by the second."""
+    return np.column_stack([half_turn(first, 0), half_turn(second, 4)])
+
+
+def flipping_together(first: float, second: float) -> np.ndarray:
+    """Return one vector that either coordinate flips."""
+    return half_turn(first + second, 2)[:, None]
+
+
+def grid(shape: tuple[int, int], periodic: tuple[bool, bool] = (True, True)) -> SampleGrid:
+    """Return a grid over a revolution of each coordinate."""
+    axes = (Samples.uniform(0.0, 2 * np.pi, n, turns) for n, turns in zip(shape, periodic))
+    return SampleGrid(tuple(axes))
+
+
+def sampled(space: Space, samples: SampleGrid, apart: bool = False) -> tuple[np.ndarray, GridNeighbours]:
+    """Return orthonormal vectors (n, N_ROWS, m) as a solver may, and how neighbours see them.
+
+    Eigenvalues are equal, so that any basis may come, or `apart`, with random signs.
+    """
+    random, vectors = np.random.default_rng(1), []
+    for theta in samples.theta:
+        basis, triangle = np.linalg.qr(space(*theta))
+        basis *= np.sign(np.diag(triangle))
+        m = basis.shape[1]
+        turn = np.diag(random.choice([-1.0, 1.0], m)) if apart else np.linalg.qr(random.normal(size=(m, m)))[0]
+        vectors.append(basis @ turn)
+    vectors = np.array(vectors)
+    overlaps = np.array([np.swapaxes(vectors, 1, 2) @ vectors[samples.before(axis)] for axis in range(2)])
+    values = np.tile(np.arange(1.0, m + 1) if apart else 1.0 + 1e-9 * np.arange(m), (samples.n, 1))
+    return vectors, GridNeighbours(samples.shape, samples.periodic, values, overlaps)
+
+
+def jumps(samples: SampleGrid, bases: np.ndarray, flipped: np.ndarray) -> list[float]:
+    """Return the largest difference of neighbours along each axis, also where a revolution ends."""
+    largest = []
+    for axis in range(2):
+        before = samples.before(axis)
+        signs = np.ones((samples.n, 1, bases.shape[2]))
+        signs[before > np.arange(samples.n)] = np.where(flipped[axis], -1.0, 1.0)
+        step = np.linalg.norm(bases - signs * bases[before], axis=(1, 2))
+        largest.append(step[before >= 0].max())
+    return largest
+
+
+@pytest.mark.parametrize(
+    ("space", "flips"),
+    [(drifting, (0, 0)), (flipping, (0, 1)), (flipping_both, (1, 1)), (flipping_together, (1, 1))],
+)
+def test_neighbours_come_close_as_the_grid_is_refined(space: Space, flips: tuple[int, int]) -> None:
+    found = []
+    for n in (12, 24, 48):
+        samples = grid((n, n + 2))
+        vectors, neighbours = sampled(space, samples, apart=space is flipping_both)
+        basis = GridBasis.of(neighbours, np.eye(vectors.shape[2]))
+        assert tuple(basis.flipped.sum(axis=1)) == flips
+        bases = vectors @ basis.rotations
+        lengths = np.swapaxes(basis.rotations, 1, 2) @ basis.rotations
+        np.testing.assert_allclose(lengths - np.eye(vectors.shape[2]), 0.0, rtol=0, atol=1e-12)
+        found.append(jumps(samples, bases, basis.flipped))
+    coarse, middle, fine = np.array(found)
+    # continuous with bounded slopes: half the step, half the jump
+    np.testing.assert_allclose(fine / middle, 0.5, rtol=0, atol=0.06)
+    assert np.all(middle < 0.65 * coarse)
+
+
+@pytest.mark.parametrize("periodic", product([True, False], repeat=2))
+def test_open_ends_are_not_joined(periodic: tuple[bool, bool]) -> None:
+    samples = grid((25, 28), periodic)
+    vectors, neighbours = sampled(drifting, samples)
+    # what stands where there is no neighbour has no part in it
+    for axis in range(2):
+        neighbours.overlaps[axis][samples.before(axis) < 0] = np.nan
+    basis = GridBasis.of(neighbours, np.eye(3))
+    largest = jumps(samples, vectors @ basis.rotations, basis.flipped)
+    assert max(largest) < 0.4 and basis.cosines.min() > 0.9
+    if not any(periodic):
+        assert basis.cosines[0] == 1.0
+
+
+def test_one_axis_is_a_line() -> None:
+    """A second coordinate with nothing to change changes nothing."""
+    line = SampleGrid((Samples.uniform(0.0, 2 * np.pi, 20, True),))
+    vectors = np.array([np.linalg.qr(drifting(theta, 0.0))[0] for theta in line.theta[:, 0]])
+    overlaps = np.swapaxes(vectors, 1, 2) @ vectors[line.before(0)]
+    values = np.tile(1.0 + 1e-9 * np.arange(3), (20, 1))
+    one = GridBasis.of(GridNeighbours((20,), (True,), values, overlaps[None]), np.eye(3))
+    same = np.swapaxes(vectors, 1, 2) @ vectors
+    both = np.stack([np.repeat(overlaps, 5, axis=0), np.repeat(same, 5, axis=0)])
+    two = GridBasis.of(GridNeighbours((20, 5), (True, True), np.repeat(values, 5, axis=0), both), np.eye(3))
+    np.testing.assert_allclose(two.rotations, np.repeat(one.rotations, 5, axis=0), rtol=0, atol=1e-12)
+
+
+def test_a_mode_that_meets_one_that_is_not_kept_cannot_be_followed() -> None:
+    """Around a conical intersection a mode changes its sign: on the circle, between lines, and over a revolution."""
+
+    def lowest(first: float, second: float) -> np.ndarray:
+        across, along = np.cos(first + 0.1) + np.cos(second + 0.1), np.sin(first + 0.1)
+        return FRAME[:, :2] @ np.linalg.eigh([[across, along], [along, -across]])[1][:, :1]
+
+    for periodic in ((True, True), (True, False), (False, False)):
+        _, neighbours = sampled(lowest, grid((16, 17), periodic))
+        with pytest.raises(RunError, match="a mode that is kept meets one that is not"):
+            GridBasis.of(neighbours, np.eye(1))
+
+
+def test_the_sample_before() -> None:
+    samples = grid((3, 4), (False, True))
+    assert samples.before(0).tolist() == [-1, -1, -1, -1, 0, 1, 2, 3, 4, 5, 6, 7]
+    assert samples.before(1).tolist() == [3, 0, 1, 2, 7, 4, 5, 6, 11, 8, 9, 10]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_tables_over_two_turns(axis: int) -> None:
+    samples = grid((3, 4))
+    table = np.arange(12.0)[:, None] * [1.0, 100.0]
+    twice = samples.over_two_turns(axis)
+    both = samples.twice(axis, table, -table).reshape(*twice.shape, 2)
+    parts = np.split(both, 2, axis=axis)
+    np.testing.assert_array_equal(parts[0].reshape(12, 2), table)
+    np.testing.assert_array_equal(parts[1].reshape(12, 2), -table)
+    assert twice.axes[axis].upper == pytest.approx(4 * np.pi) and twice.axes[1 - axis] is samples.axes[1 - axis]
+
+
+def test_a_grid_is_told_from_its_configurations_in_any_order() -> None:
+    samples = grid((3, 4))
+    shuffled = np.random.default_rng(0).permutation(samples.theta)
+    found = samples.tabulated(shuffled)
+    np.testing.assert_array_equal(found.theta, samples.theta)
+    assert found.periodic == samples.periodic

@@ -1,0 +1,231 @@
+"""Rigid kinematics over two coordinates: closed forms, derivatives, revolutions, assembly, and every refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import kinematics_of, slider_crank, trammel
+from two_coordinates import BASE, COUPLER, LEFT, RIGHT, UPPER, double_pendulum, five_bar
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.runtime.errors import InputError
+
+# several revolutions of both coordinates, and the corners of the range
+TURNS = np.random.default_rng(0).uniform(-15.0, 15.0, (60, 2))
+THETA = np.concatenate([TURNS, [[0.0, 0.0], [2 * np.pi, 0.0], [0.0, 2 * np.pi], [2 * np.pi, -2 * np.pi]]])
+
+
+def double_pendulum_poses(theta: np.ndarray) -> np.ndarray:
+    """Return the closed form of the poses, shape (2, 3, n); the second coordinate is relative."""
+    first, second = theta.T
+    zero = 0.0 * first
+    return np.array([[zero, zero, first], [UPPER * np.cos(first), UPPER * np.sin(first), first + second]])
+
+
+def five_bar_pin(theta: np.ndarray) -> np.ndarray:
+    """Return the closed form of the pin, shape (2, n): two circles about the elbows meet above them."""
+    first, second = theta.T
+    left = LEFT * np.array([np.cos(first), np.sin(first)])
+    right = RIGHT * np.array([np.cos(second), np.sin(second)]) + np.array([[BASE], [0.0]])
+    along = right - left
+    half = np.hypot(*along) / 2
+    normal = np.array([-along[1], along[0]]) / (2 * half)
+    return (left + right) / 2 + np.sqrt(COUPLER**2 - half**2) * normal
+
+
+@pytest.fixture(scope="module")
+def linkage() -> RigidKinematics:
+    return kinematics_of(five_bar())
+
+
+def test_an_open_chain_follows_its_closed_form() -> None:
+    kinematics = kinematics_of(double_pendulum())
+    assert (kinematics.n_coordinates, kinematics.n_redundant) == (2, 0)
+    assert [coordinate.name for coordinate in kinematics.coordinates] == ["theta1", "theta2"]
+    # the closure is solved to 1e-12
+    np.testing.assert_allclose(kinematics.poses(THETA), double_pendulum_poses(THETA), rtol=0, atol=1e-11)
+
+
+def test_a_five_bar_follows_its_closed_form(linkage: RigidKinematics) -> None:
+    for name in ("first:tip", "second:tip"):
+        pin = linkage.positions(linkage.mechanism.node(name, "test"), THETA)
+        np.testing.assert_allclose(pin[:2], five_bar_pin(THETA), rtol=0, atol=1e-11)
+    poses = linkage.poses(THETA)
+    np.testing.assert_allclose(poses[:2, 2], THETA.T, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(linkage.residual(poses, THETA), 0.0, rtol=0, atol=2e-12)
+
+
+def test_couplers_come_back_after_a_turn_of_either_crank(linkage: RigidKinematics) -> None:
+    start = linkage.poses(THETA)[2:, 2]
+    for turn in ([2 * np.pi, 0.0], [0.0, 2 * np.pi], [-4 * np.pi, 2 * np.pi]):
+        np.testing.assert_allclose(linkage.poses(THETA + turn)[2:, 2], start, rtol=0, atol=1e-11)
+
+
+def test_derivatives_are_those_of_the_poses(linkage: RigidKinematics) -> None:
+    theta, step = np.random.default_rng(1).uniform(0.0, 2 * np.pi, (20, 2)), 1e-3
+    rates = linkage.rates(linkage.poses(theta))
+    second = linkage.curvatures(linkage.poses(theta), rates)
+    assert rates.shape == (4, 3, 2, 20) and second.shape == (4, 3, 2, 2, 20)
+    for k in range(2):
+        away = step * np.eye(2)[k]
+        at = {i: linkage.poses(theta + i * away) for i in range(-2, 3)}
+        slope = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * step)
+        # fourth order, 1e-12, and poses solved to 1e-12 over the step
+        np.testing.assert_allclose(rates[:, :, k], slope, rtol=0, atol=2e-8)
+        change = (linkage.rates(at[1]) - linkage.rates(at[-1])) / (2 * step)
+        # second order: 1e-6 times the third derivative of the rates over 6
+        np.testing.assert_allclose(second[:, :, :, k], change, rtol=0, atol=1e-4)
+
+
+def test_the_placement_chooses_the_branch() -> None:
+    mirrored = kinematics_of(
+        five_bar(
+            "bodies.left.placement.angle=-2.0",
+            "bodies.right.placement.angle=-1.0",
+            "bodies.first.placement={origin=[-0.1,-0.2],angle=-0.8}",
+            "bodies.second.placement={origin=[0.75,-0.2],angle=-2.3}",
+        )
+    )
+    pin = mirrored.positions(mirrored.mechanism.node("first:tip", "test"), THETA)
+    np.testing.assert_allclose(pin[:2], five_bar_pin(-THETA) * [[1.0], [-1.0]], rtol=0, atol=1e-11)
+
+
+def test_a_constraint_that_is_there_twice_is_dropped(linkage: RigidKinematics) -> None:
+    again = kinematics_of(five_bar('joints.again={type="revolute",connect=["second:tip","first:tip"]}'))
+    assert again.n_redundant == 2
+    np.testing.assert_allclose(again.poses(THETA), linkage.poses(THETA), rtol=0, atol=1e-11)
+
+
+def test_a_branching_chain() -> None:
+    arm = (
+        'bodies.branch={mesh="0.0:0.3:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+        'joints.weld_a={type="revolute",connect=["upper:tip","branch:hinge"]}',
+        'joints.weld_b={type="point_on_line",connect=["lower:hinge","branch:tip"],direction=[1.0,0.0]}',
+    )
+    kinematics = kinematics_of(double_pendulum(*arm))
+    poses = kinematics.poses(THETA)
+    # the branch lies along the lower bar, whichever way it was assembled
+    np.testing.assert_allclose(np.sin(poses[2, 2] - poses[1, 2]), 0.0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(poses[2, :2], double_pendulum_poses(THETA)[1, :2], rtol=0, atol=1e-11)
+
+
+def test_reach() -> None:
+    limited = ("coordinates.theta2.range=[0.2,1.0]", "coordinates.theta2.periodic=false",
+               "simulation.initial.theta2.position=0.2")
+    kinematics = kinematics_of(double_pendulum(*limited))
+    theta = np.array([[100.0, 0.5], [0.0, 0.18], [0.0, 0.1], [0.0, 1.1], [np.nan, 0.5]])
+    assert kinematics.within_reach(theta).tolist() == [True, True, False, False, False]
+    assert kinematics.within_reach(theta[None]).shape == (1, 5)
+    near = np.array([[1.0, 1.04], [1.0, 0.16]])
+    np.testing.assert_allclose(kinematics.poses(near), double_pendulum_poses(near), rtol=0, atol=1e-11)
+
+
+def refusal(scene: object) -> str:
+    """Return the message with which the kinematics of a scene are refused."""
+    with pytest.raises(InputError) as error:
+        kinematics_of(scene)
+    return str(error.value)
+
+
+def limited(name: str, lower: float, upper: float) -> tuple[str, ...]:
+    """Return overrides that limit the range of a coordinate."""
+    return (
+        f"coordinates.{name}.range=[{lower},{upper}]",
+        f"coordinates.{name}.periodic=false",
+        f"simulation.initial.{name}.position={lower}",
+    )
+
+
+def configuration(message: str) -> np.ndarray:
+    """Read the configuration that a message names."""
+    return np.array([float(message.split(f"{name} = ")[1].split(",")[0].split(" ")[0]) for name in ("theta1", "theta2")])
+
+
+def test_couplers_that_stretch_somewhere_are_refused() -> None:
+    # short couplers: the elbows come as far apart as both are long, where the pin's two branches meet
+    short = ('bodies.first.mesh="0.0:0.45:4"', 'bodies.second.mesh="0.0:0.45:4"')
+    message = refusal(five_bar(*short))
+    theta = configuration(message)
+    elbows = np.hypot(
+        BASE + RIGHT * np.cos(theta[1]) - LEFT * np.cos(theta[0]), RIGHT * np.sin(theta[1]) - LEFT * np.sin(theta[0])
+    )
+    # the configuration beyond which they do not close, found to a step of the continuation
+    assert elbows == pytest.approx(0.9, abs=0.06)
+    assert "cannot close at theta1" in message and "narrow coordinates.theta1.range or coordinates.theta2.range" in message
+
+
+# a bar that hangs from the tip of a body adds one free coordinate to any mechanism
+def hanging(tip: str) -> tuple[str, ...]:
+    """Return overrides that hang a bar from a point and make its angle the coordinate theta2."""
+    return (
+        'bodies.bar={mesh="0.0:0.2:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+        f'joints.hook={{type="revolute",connect=["{tip}","bar:hinge"]}}',
+        'coordinates.theta2={joint="hook",range=[0.0,6.283185307179586],periodic=true}',
+    )
+
+
+@pytest.mark.parametrize("upper", [2.0, 3.0, np.pi])
+def test_a_line_of_singular_configurations_is_refused_wherever_the_grid_lies(upper: float) -> None:
+    # crank and rod of one length: both stand upright at pi/2, whatever the bar does
+    equal = ('bodies.rod.mesh="0.3:0.6:5"', "coordinates.theta.periodic=false", f"coordinates.theta.range=[0.0,{upper}]")
+    message = refusal(slider_crank(*equal, *hanging("crank:tip")))
+    assert message.startswith("coordinates.theta, theta2: they do not control the mechanism at theta = 1.57")
+    assert ", theta2 = " in message and "smallest singular value of the closure " in message
+
+
+@pytest.mark.parametrize("upper", [3.55, 3.61])
+@pytest.mark.parametrize(("coupler", "refused"), [(0.525, True), (0.5249, True), (0.53, False)])
+def test_an_isolated_singular_configuration_is_found_between_the_points_of_the_grid(
+    coupler: float, refused: bool, upper: float
+) -> None:
+    # couplers as long as the elbows are apart at most: they stretch only where the cranks point away from each other
+    scene = five_bar(
+        f'bodies.first.mesh="0.0:{coupler}:4"', f'bodies.second.mesh="0.0:{coupler}:4"',
+        *limited("theta1", 2.71, upper), *limited("theta2", -0.43, 0.41),
+    )
+    if not refused:
+        kinematics_of(scene)
+        return
+    message = refusal(scene)
+    # two steps of the grid
+    np.testing.assert_allclose(configuration(message), [np.pi, 0.0], rtol=0, atol=0.2)
+    assert "they do not control the mechanism at theta1 = " in message or "cannot close at theta1 = " in message
+
+
+def test_a_singular_configuration_around_which_the_branch_turns() -> None:
+    # cranks that reach each other: where their elbows meet, the pin may be anywhere
+    equal = (
+        'bodies.left.mesh="0.0:0.3:2"', 'bodies.right.mesh="0.0:0.3:2"',
+        *limited("theta1", -0.43, 0.41), *limited("theta2", 2.71, 3.55),
+        "bodies.left.placement.angle=0.3", "bodies.right.placement.angle=2.8",
+        "bodies.first.placement={origin=[0.29,0.09],angle=1.5}", "bodies.second.placement={origin=[0.31,0.1],angle=1.6}",
+    )
+    message = refusal(five_bar(*equal))
+    # two steps of the grid, over which the linear prediction fails
+    np.testing.assert_allclose(configuration(message), [0.0, np.pi], rtol=0, atol=0.2)
+    assert message.startswith("coordinates.theta1, theta2: they do not control the mechanism at theta1 = ")
+
+
+def test_the_wrong_number_of_coordinates() -> None:
+    pinned = double_pendulum('joints.pin={type="point_on_line",connect=["ground:origin","lower:tip"],direction=[1.0,0.0]}')
+    assert "leave the rigid mechanism 1 degrees of freedom" in refusal(pinned)
+    assert "but 2 coordinates were named: theta1, theta2. Both numbers must be equal" in refusal(pinned)
+
+
+def test_a_third_coordinate() -> None:
+    third = (
+        'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+        'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+        'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
+    )
+    assert refusal(double_pendulum(*third)).startswith(
+        "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken"
+    )
+
+
+def test_a_turn_that_does_not_come_back() -> None:
+    middle = ('coordinates.theta.joint="middle"', "coordinates.theta.range=[-3.141592653589793,3.141592653589793]")
+    assert refusal(trammel(*middle, *hanging("crank:tip"))) == (
+        "coordinates.theta.periodic = true: after one turn the mechanism does not come back to where it began "
+        "(it moved to another assembly branch); give a range that is not periodic"
+    )

@@ -1,0 +1,217 @@
+"""Reduced tables over two coordinates: order of their interpolation, gauge, clamped coordinates, the file, commands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from runs import rom_of
+from scenes import kinematics_of, mechanism_of, meshes_of
+from two_coordinates import double_pendulum, five_bar, over
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.modes_table import reduced_frequencies, tabulate_modes
+
+# one number of angles for all coordinates is what the scene's schema knows; the build takes one for each
+pytestmark = pytest.mark.filterwarnings("ignore:Pydantic serializer warnings")
+SPLINE = 'reduction.interpolation="spline"'
+STATIC = ("reduction.static_modes=true", "reduction.inertia_modes=true")
+GRAVITY = 'effects.weight={type="gravity"}'
+PART = tuple(
+    entry
+    for name, lower, upper in (("theta1", 1.2, 2.4), ("theta2", 0.4, 1.6))
+    for entry in (
+        f"coordinates.{name}.range=[{lower},{upper}]",
+        f"coordinates.{name}.periodic=false",
+        f"simulation.initial.{name}.position={lower}",
+    )
+)
+
+
+def elsewhere(samples: SampleGrid, n: int = 20) -> np.ndarray:
+    """Return n random configurations."""
+    random = np.random.default_rng(3)
+    return np.column_stack([random.uniform(axis.lower, axis.upper, n) for axis in samples])
+
+
+@pytest.fixture(scope="module")
+def pendulum_rom() -> ReducedOrderModel:
+    return rom_of(over(double_pendulum(*STATIC, GRAVITY, SPLINE), (6, 10)))
+
+
+def test_shapes(pendulum_rom: ReducedOrderModel) -> None:
+    tables = pendulum_rom.tables
+    # three modes; the motor, and the weight of each body along both axes; d2 rho/d theta1^2 and /d theta1 d theta2, of
+    # which that with theta2^2 is a repetition
+    n, m = 60, 3 + 5 + 2
+    assert tables.samples.shape == (6, 10) and (tables.n_coordinates, tables.n_modes) == (2, m)
+    assert tables.mass.shape == (n, 1, m + 2, m + 2)
+    assert tables.inertia.shape == (n, 1, 2, 2, m)
+    assert tables.stiffness.shape == (n, 1, m, m)
+    assert tables.load.shape == (n, 2, m + 2)
+    assert pendulum_rom.projection.shape == (n, mechanism_of(double_pendulum()).n_dofs, m)
+    assert pendulum_rom.frequencies_hz.shape == (n, 3) and pendulum_rom.cosines.shape == (n,)
+
+
+def test_tables_are_products_of_the_basis(pendulum_rom: ReducedOrderModel) -> None:
+    tables, kinematics = pendulum_rom.tables, kinematics_of(double_pendulum())
+    mechanism = kinematics.mechanism
+    terms = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    mass, stiffness = weighted_sum(terms.mass, {}), weighted_sum(terms.stiffness, {})
+    for k in range(0, tables.samples.n, 7):
+        poses = kinematics.poses(tables.samples.theta[k])
+        rates = kinematics.rates(poses)
+        curvatures = kinematics.curvatures(poses, rates)
+        rigid = rigid_velocities(mechanism, poses[..., 0], rates[..., 0])
+        bent = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures[..., 0])
+        shape = pendulum_rom.projection[k]
+        basis = np.hstack([rigid, shape])
+        exact = basis.T @ (mass @ basis)
+        np.testing.assert_allclose(tables.mass[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+        exact = shape.T @ (stiffness @ shape)
+        np.testing.assert_allclose(tables.stiffness[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+        exact = np.einsum("dkl,de->kle", bent, mass @ shape)
+        np.testing.assert_allclose(tables.inertia[k, 0], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+def test_the_order_of_interpolation_over_both_coordinates() -> None:
+    """The tables of modes that cross, within their groups: frequencies at configurations that took no part."""
+    part, errors = (*PART, SPLINE, "reduction.modes=4"), []
+    scene = five_bar(*part)
+    for n in (6, 11, 21):
+        rom = rom_of(five_bar(*part, f"reduction.angles={n}"))
+        if not errors:
+            wanted, exact = elsewhere(rom.tables.samples), []
+            from mpi4py import MPI
+
+            with ModalProblem(kinematics_of(scene), scene.nominal, 4, MPI.COMM_SELF) as problem:
+                exact = np.array([problem.solve(theta).frequencies_hz for theta in wanted])
+        found = reduced_frequencies(rom.tables, "spline", scene.nominal, wanted)
+        errors.append(np.abs(found / exact - 1).max())
+    # cubic splines: fourth order
+    assert np.log2(errors[0] / errors[2]) / 2 > 3.7 and errors[-1] < 2e-5
+
+
+def test_a_basis_over_full_turns_is_continuous_everywhere() -> None:
+    scene = five_bar(SPLINE, "reduction.modes=4", "reduction.angles=24")
+    rom = rom_of(scene)
+    samples, mechanism = rom.tables.samples, mechanism_of(scene)
+    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, {})
+    assert samples.shape == (24, 24)
+    for axis in range(2):
+        products = np.einsum("kdi,kdj->kij", rom.projection, [mass @ p for p in rom.projection[samples.before(axis)]])
+        # spaces turn by 34 degrees at most from sample to sample (rom.cosines), and no basis by much more in its space
+        assert np.einsum("kii->ki", products).min() > 0.7
+    assert rom.cosines.min() > 0.8 and not rom.indefinite
+
+
+def test_modes_of_an_open_chain_do_not_depend_on_the_first_coordinate(pendulum_rom: ReducedOrderModel) -> None:
+    tables = pendulum_rom.tables
+    for name in ("mass", "stiffness", "inertia"):
+        grid = getattr(tables, name).reshape(6, 10, -1)
+        np.testing.assert_allclose(grid, np.broadcast_to(grid[:1], grid.shape), rtol=0, atol=1e-7 * np.abs(grid).max())
+
+
+def test_a_file_comes_back(pendulum_rom: ReducedOrderModel, tmp_path: Path) -> None:
+    pendulum_rom.write(tmp_path / "rom.h5")
+    with h5py.File(tmp_path / "rom.h5") as file:
+        assert file["theta"].shape == (60, 2)
+        assert {name: file["theta"].attrs[name].tolist() for name in ("shape", "periodic")} == {
+            "shape": [6, 10],
+            "periodic": [True, True],
+        }
+    back = ReducedOrderModel.read(tmp_path / "rom.h5")
+    np.testing.assert_array_equal(back.tables.samples.theta, pendulum_rom.tables.samples.theta)
+    for one, other in zip(back.tables.samples, pendulum_rom.tables.samples, strict=True):
+        assert (one.lower, one.upper, one.periodic) == (other.lower, other.upper, other.periodic)
+    for name in ("mass", "inertia", "stiffness", "load"):
+        np.testing.assert_array_equal(getattr(back.tables, name), getattr(pendulum_rom.tables, name))
+
+
+DRIVE = 'effects.drive={type="prescribed_motion", coordinate="theta1", constant_speed={speed=1.0}}'
+
+
+def test_a_prescribed_coordinate_stays_in_the_tables() -> None:
+    scene = over(double_pendulum(*STATIC, GRAVITY, SPLINE, DRIVE), (5, 8))
+    rom = rom_of(scene)
+    tables = rom.tables
+    # one more static mode than without: the answer to the driven acceleration
+    assert (tables.n_coordinates, tables.n_modes) == (2, 3 + 5 + 3)
+    scale = np.sqrt(np.abs(np.einsum("ntii->nti", tables.mass)))
+    coupling = np.abs(tables.mass / (scale[..., :, None] * scale[..., None, :]))[:, 0, :2, 2:]
+    assert coupling[:, 0].max() > 0.1 and coupling[:, 1].max() < 1e-9
+    hinge = mechanism_of(scene).node("upper:hinge", "test")
+    np.testing.assert_allclose(rom.projection[:, 3 * hinge + 2], 0.0, rtol=0, atol=1e-12)
+    weights = (evaluate_weights(tables.mass_weights, {}), evaluate_weights(tables.stiffness_weights, {}))
+    found = tables.frequencies_hz(*weights, free=[1])
+    np.testing.assert_allclose(found[:, :3], rom.frequencies_hz, rtol=1e-6)
+
+
+@pytest.mark.parametrize("drive", [(), (DRIVE,)])
+def test_full_order_and_reduced_frequencies_side_by_side(drive: tuple[str, ...]) -> None:
+    from mpi4py import MPI
+
+    scene = double_pendulum(SPLINE, "reduction.angles=12", *drive)
+    group = RankGroup.split(MPI.COMM_SELF, 1)
+    table = tabulate_modes(scene, meshes_of(scene), rom_of(scene), 6, group)
+    assert table.theta.shape == (2, 36) and list(table.coordinate_units) == ["theta1", "theta2"]
+    assert table.full_hz.shape == table.reduced_hz.shape == (36, 3)
+    # every second sample: nothing is interpolated there
+    np.testing.assert_allclose(table.reduced_hz, table.full_hz, rtol=1e-8)
+
+
+def test_modes_at_other_parameters_extend_a_basis_over_two_coordinates() -> None:
+    uncertain = (
+        'parameters.r={nominal=5e-3, distribution={name="uniform", loc=4e-3, scale=2e-3}}',
+        'bodies.upper.section={shape="circle", radius="r"}',
+        "reduction.modes=5",
+        SPLINE,
+    )
+    errors, values = [], {"r": 5.99e-3}  # near the point that is chosen
+    for more in ((), ("reduction.parameter_modes=1",)):
+        scene = double_pendulum(*uncertain, *more)
+        rom = rom_of(scene)
+        from mpi4py import MPI
+
+        with ModalProblem(kinematics_of(scene), values, 5, MPI.COMM_SELF) as problem:
+            exact = np.array([problem.solve(theta).frequencies_hz for theta in rom.tables.samples.theta[:8]])
+        tables = rom.tables
+        weights = (evaluate_weights(tables.mass_weights, values), evaluate_weights(tables.stiffness_weights, values))
+        errors.append(np.abs(tables.frequencies_hz(*weights)[:8, :5] / exact - 1).max())
+    assert rom.n_parameter == 1 and errors[1] < 0.3 * errors[0]
+
+
+THIRD = (
+    'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
+    'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
+)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (("reduction.second_order=true",), "reduction.second_order = true: for one rigid coordinate only, but the scene "
+         "has 2: theta1, theta2; leave it out"),
+        ((SPLINE, "reduction.sampling_tolerance=0.1"), "reduction.sampling_tolerance = 0.1: for one rigid coordinate only"),
+        (("reduction.tolerance=0.01",), "reduction.tolerance = 0.01: for one rigid coordinate only"),
+        (("simulation.tolerance=0.01",), "simulation.tolerance = 0.01: for one rigid coordinate only"),
+        (THIRD, "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken. "
+         "reduction.angles = 8 along each would make 8^3 = 512 configurations: about 0.00"),
+    ],
+)
+def test_what_is_for_fewer_coordinates_is_refused(overrides: tuple[str, ...], message: str) -> None:
+    scene: Scene = double_pendulum(*overrides)
+    with pytest.raises(InputError) as error:
+        rom_of(scene)
+    assert str(error.value).startswith(message)

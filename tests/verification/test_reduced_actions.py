@@ -1,0 +1,184 @@
+"""Local effects, damping and drives in the reduced model: closed forms, virtual work, the full-order model, and power."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from runs import full_model, history, reduced_model, samples
+from scenes import PENDULUM, slider_crank
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+MODES = (
+    "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
+    'reduction.interpolation="spline"',
+)  # fmt: skip
+OUTPUTS = (
+    'outputs.angle={type="angle",joint="crank_hinge"}',
+    'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
+)
+# from rest: the torque and all that follows set in gently
+MOVING = ("simulation.initial.theta.position=0.4", "effects.motor.table=[[0.0,0.0],[0.1,1.5],[1.0,1.5]]")
+RUN = ("simulation.duration=0.15", "simulation.step=5e-4")
+EFFECTS = {
+    "spring in a joint": 'effects.extra={type="spring_damper",joint="elbow",stiffness=2.0,damping=0.02,rest=-0.5677}',
+    "spring between points": (
+        'effects.extra={type="spring_damper",points=["ground:origin","rod:1"],stiffness=300.0,damping=1.0,rest=0.43}'
+    ),
+    "damper of the slider": 'effects.extra={type="joint_damping",joint="slider",coefficient=3.0}',
+    "friction": 'effects.extra={type="joint_friction",joint="elbow",limit=0.2,speed=0.5}',
+    "end stop": 'effects.extra={type="end_stop",joint="crank_hinge",upper=0.5,stiffness=400.0,damping=0.05}',
+    "following force": (
+        'effects.extra={type="force",point="rod:tip",direction=[0.0,1.0],follows=true,table=[[0.0,0.0],[0.05,8.0]]}'
+    ),
+    "pulling force": (
+        'effects.extra={type="force",point="rod:hinge",towards="ground:origin",table=[[0.0,0.0],[0.05,8.0]]}'
+    ),
+    "rayleigh": 'effects.extra={type="structural_damping",stiffness=2e-4,mass=2.0}',
+    "rayleigh of one body": 'effects.extra={type="structural_damping",bodies=["rod"],stiffness=2e-4,mass=2.0}',
+    "modal": 'effects.extra={type="structural_damping",ratios=[0.05,0.05]}',
+    "drive": 'effects={extra={type="prescribed_motion",coordinate="theta",spin_up={speed=20.0,time=0.1}}}',
+}
+# of a force at the slider, what acts along the guide's normal has no static answer at all; they do without any
+AT_SLIDER = ("damper of the slider", "following force")
+
+
+def scene_with(effect: str, *overrides: str) -> Scene:
+    start = () if effect == "drive" else MOVING
+    plain = ("reduction.static_modes=false", "reduction.modes=8") if effect in AT_SLIDER else ()
+    return slider_crank(EFFECTS[effect], *MODES, *plain, *OUTPUTS, *start, *RUN, *overrides)
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, ReducedModel]:
+    """Return the reduced models; made once."""
+    return {}
+
+
+def model_of(models: dict[str, ReducedModel], effect: str, *overrides: str) -> ReducedModel:
+    key = " ".join((effect, *overrides))
+    if key not in models:
+        models[key] = reduced_model(scene_with(effect, *overrides))
+    return models[key]
+
+
+def anywhere(model: ReducedModel, n: int) -> State:
+    random = np.random.default_rng(7)
+    n_eta = model.terms.layout.n_eta
+    q, v, a = random.normal(size=(3, n, n_eta)) * [1.0, *[1e-3] * (n_eta - 1)]
+    q[:, 0] = random.uniform(-3.0, 9.0, n)
+    return State(q, 5.0 * v, 50.0 * a, np.zeros(0))
+
+
+LOCAL = [name for name in EFFECTS if name not in ("rayleigh", "rayleigh of one body", "modal", "drive")]
+
+
+@pytest.mark.parametrize("second_order", [False, True])
+@pytest.mark.parametrize("effect", LOCAL)
+def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bool) -> None:
+    """``-r.eta'`` of the action alone against its power, and against the elastic energy's rate along the motion."""
+    model = model_of(models, effect, f"reduction.second_order={str(second_order).lower()}")
+    n = 6
+    state = anywhere(model, n)
+    if effect == "end stop":
+        state.q[:, 0] = 0.95
+    values = samples(model.scene, n)
+    system = model.batch(values, n)
+    without = system.__class__(model.terms, model._effects, values, model._start, n)
+    force = without.residual(0.03, state) - system.residual(0.03, state)
+    energies = system.energies(0.03, state)
+    power = np.einsum("ni,ni->n", force, state.v)
+    h = 1e-6
+
+    def stored(dt: float) -> np.ndarray:
+        moved = State(state.q + dt * state.v, state.v, state.a, state.multipliers)
+        return system.energies(0.03, moved).potential["extra"]
+
+    elastic = -(stored(h) - stored(-h)) / (2 * h)
+    expected = energies.powers["extra"] + elastic
+    np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(power).max() > 1e-3
+
+
+def test_the_spring_is_as_long_as_the_reconstruction_says(models) -> None:
+    model = model_of(models, "spring between points")
+    state = anywhere(model, 5)
+    energies = model.batch(samples(model.scene, 5), 5).energies(0.0, state)
+    point = model.kinematics.mechanism.attachment("rod:1", "")
+    length = np.linalg.norm(model.frames_of(state.q)[point.node, :2], axis=0)
+    # the rigid part is a spline of the kinematics, 1024 points a revolution
+    np.testing.assert_allclose(energies.potential["extra"], 150.0 * (length - 0.43) ** 2, rtol=1e-7)
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_newton_converges_with_every_effect(models, effect: str) -> None:
+    model = model_of(models, effect)
+    state = anywhere(model, 6)
+    system = model.batch(samples(model.scene, 6), 6)
+    everyone = np.ones(6, dtype=bool)
+    scheme = Scheme.of(0.8, 5e-4)
+    sizes = [system.correct(0.03, state, scheme, everyone, True).max() for _ in range(4)]
+    assert sizes[3] < 1e-4 * sizes[0], sizes
+
+
+@pytest.mark.parametrize("effect", [name for name in EFFECTS if name != "drive"])
+def test_the_motion_is_that_of_the_full_order_model(models, effect: str) -> None:
+    model = model_of(models, effect)
+    scene = model.scene
+    values = samples(scene, 2, r1=np.array([5.6e-3, 5.0e-3]))
+    time, reduced = history(model, values, 2)
+    _, full = history(full_model(scene), values, 2)
+    moved = np.ptp(full["angle"])
+    assert moved > 0.08
+    largest = np.abs(full["bend"]).max()
+    # without static answers it is the 8 modes' truncation, which falls to a fifth with 20; a blow excites more than 4 modes
+    of_angle, of_bend = (1e-3, 0.15) if effect in AT_SLIDER else (5e-5, 3e-3)
+    if effect == "end stop":
+        of_angle, of_bend = 5e-4, 0.05
+    np.testing.assert_allclose(reduced["angle"], full["angle"], rtol=0, atol=of_angle * moved)
+    np.testing.assert_allclose(reduced["bend"], full["bend"], rtol=0, atol=of_bend * largest)
+
+
+@pytest.mark.parametrize("effect", list(EFFECTS))
+def test_energy_is_what_powers_bring(models, effect: str) -> None:
+    model = model_of(models, effect)
+    scene = model.scene
+    system = model.batch(samples(scene, 1), 1)
+    simulation = scene.simulation.model_copy(update={"step": 1e-4, "spectral_radius": 1.0})
+    times, totals, powers = [], [], []
+
+    def record(_: int, time: float, state: State) -> None:
+        now = system.energies(time, state)
+        times.append(time)
+        totals.append(now.kinetic[0] + now.strain[0] + sum(part[0] for part in now.potential.values()))
+        powers.append(sum(part[0] for part in now.powers.values()))
+
+    integrate(system, simulation, observer=record)
+    totals, powers = np.array(totals), np.array(powers)
+    # the work of loads on the deformation is not potential energy: it is in the powers, as the rate of what is interpolated
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (powers[1:] + powers[:-1]) * np.diff(times))])
+    gained = totals - totals[0]
+    np.testing.assert_allclose(gained, work, rtol=0, atol=2e-3 * max(np.ptp(totals), np.ptp(work)))
+
+
+def test_a_torsional_oscillator_has_its_frequency() -> None:
+    """A bar of 1 m on a torsion spring so weak that it is rigid: ``omega^2 = k / J``, damped by ``c / 2 J``."""
+    stiff = PENDULUM.replace("2e-4", "2e-2")
+    scene = scene_from_toml(
+        stiff, ".",
+        (
+            'effects.spring={type="spring_damper",joint="hinge",stiffness=50.0,damping=0.4,rest=0.2}',
+            'outputs.angle={type="angle",joint="hinge"}', "simulation.initial.phi.position=0.7",
+            "simulation.duration=1.5", "simulation.step=2e-3", "simulation.spectral_radius=1.0",
+        ),
+    )  # fmt: skip
+    time, found = history(reduced_model(scene), {}, 1)
+    inertia = 7800.0 * np.pi * 2e-2**2 * (1.0 / 3.0 + 2e-2**2 / 4.0)
+    decay = 0.4 / (2 * inertia)
+    omega = np.sqrt(50.0 / inertia - decay**2)
+    expected = 0.2 + 0.5 * np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time))
+    # the step: (omega h)^2 / 12 of the phase; the bar's own compliance is 1e-3 of the spring's
+    np.testing.assert_allclose(found["angle"][:, 0], expected, rtol=0, atol=2e-3)
