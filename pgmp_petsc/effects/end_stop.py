@@ -1,7 +1,7 @@
 """End stops of a joint: one-sided springs with the damping of Hunt and Crossley, entered and left at instants found in time.
 
-The time of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it, or the balance of energy shows
-that they do not.
+The time of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they do
+not, the balance of energy shows it.
 """
 
 from __future__ import annotations

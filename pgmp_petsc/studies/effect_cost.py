@@ -2,9 +2,9 @@
 
     python -m pgmp_petsc.studies.effect_cost scenes/slider_crank.toml
 
-The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on the joint of its first coordinate and on its bodies.
-An end stop is never reached: what it costs is to look whether it is. All together is without the prescribed motion, which excludes
-torque and stop.
+The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on the
+joint of this coordinate and on its bodies. An end stop is never reached: what it costs is to look whether it is. All together
+is without the prescribed motion, which excludes torque and stop.
 """
 
 from __future__ import annotations
