@@ -14,7 +14,6 @@ from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.mechanism.attachment import place_points
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -57,7 +56,7 @@ class ReducedActions:
         bodies = _bodies_of(kinematics, nodes)
         rigid = np.empty((fine.n, len(nodes), N_FRAME))
         if nodes:
-            poses = kinematics.poses(as_coordinates(fine.theta))
+            poses = kinematics.poses(fine.theta)
             for k, (body, point) in enumerate(bodies):
                 rigid[:, k] = place_points(poses[body], point[None])[0].T
                 rigid[:, k, 2] -= fine.theta @ winding[body]
@@ -92,7 +91,7 @@ def _winding(kinematics: RigidKinematics, fine: SampleGrid) -> np.ndarray:
     """Return how far every body turns with each periodic coordinate, 0 for others, shape (n_bodies, n_theta)."""
     lower = np.array([axis.lower for axis in fine.axes])
     ranges = np.diag([axis.upper - axis.lower if axis.periodic else 0.0 for axis in fine.axes])
-    angles = kinematics.poses(as_coordinates(np.stack([lower, *(lower + ranges)])))[:, 2]
+    angles = kinematics.poses(np.stack([lower, *(lower + ranges)]))[:, 2]
     return np.rint((angles[:, 1:] - angles[:, :1]) / (2 * np.pi)) * 2 * np.pi / [a.upper - a.lower for a in fine.axes]
 
 

@@ -22,9 +22,7 @@ from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.transition import as_grid
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class ReducedDamping:
 
 def _shapes(kinematics: RigidKinematics, rom: ReducedOrderModel) -> np.ndarray:
     """Return ``[d rho/d theta, Psi_flexible]`` in body frames at the samples, shape (n, n_dofs, n_eta)."""
-    poses = kinematics.poses(as_coordinates(as_grid(rom.tables.samples).theta))
+    poses = kinematics.poses(rom.tables.samples.theta)
     rates = kinematics.rates(poses)
     velocities = [rigid_velocities(kinematics.mechanism, poses[..., k], rates[..., k]) for k in range(poses.shape[2])]
     return np.concatenate([np.array(velocities), rom.projection], axis=2)

@@ -20,7 +20,6 @@ from pgmp_petsc.dynamics.reduced_kernel import Equations, Strengths, Weights, co
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
-from pgmp_petsc.reduction.transition import as_grid
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -172,7 +171,7 @@ class ReducedSystem:
 
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinates left the sampled range."""
-        return ~as_grid(self.tables.samples).contains(state.q[:, : self.tables.n_coordinates])
+        return ~self.tables.samples.contains(state.q[:, : self.tables.n_coordinates])
 
     def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
         """Put the prescribed coordinates of some samples (a mask) where they are at a time."""

@@ -21,12 +21,10 @@ from pgmp_petsc.dynamics.reduced_kernel import Tables
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.reduction.transition import as_grid
 
 N_RIGID = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 N_RIGID_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
@@ -137,11 +135,10 @@ class ReducedTerms:
         return Tables(*(np.ascontiguousarray(np.swapaxes(part.polynomials(), 1, 2)) for part in parts))
 
 
-def fine_grid(samples: SampleGrid | Samples) -> SampleGrid:
+def fine_grid(samples: SampleGrid) -> SampleGrid:
     """Return the grid on which what the rigid kinematics gives is tabulated, over the range of the samples."""
-    axes = as_grid(samples).axes
-    n = N_RIGID if len(axes) == 1 else N_RIGID_OF_MORE
-    return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in axes))
+    n = N_RIGID if samples.n_coordinates == 1 else N_RIGID_OF_MORE
+    return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in samples))
 
 
 def rigid_inertia(
@@ -158,7 +155,7 @@ def rigid_inertia(
     frames = np.eye(N_FRAME * n_bodies).reshape(n_bodies, N_FRAME, -1)
     unit = rigid_velocities(mechanism, np.zeros((n_bodies, N_FRAME)), frames)
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
-    poses = kinematics.poses(as_coordinates(fine.theta))
+    poses = kinematics.poses(fine.theta)
     local = kinematics.rates(poses)
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     local[:, 0], local[:, 1] = cos * local[:, 0] + sin * local[:, 1], cos * local[:, 1] - sin * local[:, 0]

@@ -21,7 +21,6 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.transition import as_grid
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -52,7 +51,7 @@ class ReducedModel:
         scheme = scene.reduction.interpolation
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
-        self._check_start(as_grid(rom.tables.samples))
+        self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
         damping = ReducedDamping.of(self._effects, self.kinematics, rom)
         quadratic = all(entry.keep for entry in scene.effects.values() if entry.type == "gyroscopic")

@@ -15,7 +15,6 @@ import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Attachment
-from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.scene import Scene
 
 AXES = {"x": 0, "y": 1}
@@ -108,7 +107,7 @@ def _position(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
 
 def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    origin = point.frame_of_pose(kinematics.poses(as_coordinates(start[None])))[axis, 0]
+    origin = point.frame_of_pose(kinematics.poses(start[None]))[axis, 0]
     return lambda frames: point.frame_of(frames[point.node])[axis] - origin, {point.node}, "m"
 
 
@@ -117,9 +116,9 @@ def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematic
     measures = [_joint_angle(coordinate.connection) for coordinate in kinematics.mechanism.coordinates]
 
     def deformation(frames: Frames) -> np.ndarray:
-        measured = as_coordinates(np.stack([angle(frames) for angle, _ in measures], axis=1))
+        measured = np.stack([angle(frames) for angle, _ in measures], axis=1)
         values = np.full(len(measured), np.nan)
-        inside = kinematics.within_reach(measured)
+        inside = kinematics.within_reach(measured).reshape(len(measured))
         rigid = point.frame_of_pose(kinematics.poses(measured[inside]))
         values[inside] = point.frame_of(frames[point.node])[axis, inside] - rigid[axis]
         return values

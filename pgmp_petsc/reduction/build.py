@@ -108,14 +108,14 @@ def build_rom(
         if wanted.size == 0:
             break
         store.request(wanted)
-    if scene.reduction.second_order:
+    if scene.second_order:
         with timings.phase("second order"):
             basis = setting.curve(store, basis)
     timings = timings.maximum(group.world)
     if joined is None:
         return None
     tables = basis.tables
-    if scene.reduction.second_order:
+    if scene.second_order:
         changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
     indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))

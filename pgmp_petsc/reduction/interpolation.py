@@ -30,7 +30,6 @@ from scipy.signal import resample
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil, count_rows, stencil
-from pgmp_petsc.reduction.transition import as_grid
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
@@ -92,7 +91,7 @@ class Interpolant:
     def product(self, theta: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return vectors (k, n_in) times the values at theta, matrices of shape (n_in, n_out); shape (k, n_out)."""
         result = np.zeros((len(theta), self.shape[1]))
-        table = self.rows.reshape(-1, *self.shape)
+        table = self.rows.reshape(int(np.prod(self.rows.shape[: self.n_theta])), *self.shape)
         _add_products(self._points(theta), self.axes, table, _contiguous(vectors), result)
         return result
 
@@ -175,14 +174,14 @@ def _add_products(theta, axes, table, vectors, result):
 
 
 def interpolant(samples: SampleGrid | Samples, table: np.ndarray, scheme: str) -> Interpolant:
-    """Interpolate a table of shape (n, ...) given at the samples.
+    """Interpolate a table of shape (n, ...) given at the samples of a grid, or of one axis.
 
     Raises
     ------
     ValueError
         If the scheme does not take such samples.
     """
-    grid = as_grid(samples)
+    grid = samples if isinstance(samples, SampleGrid) else SampleGrid((samples,))
     rows = table.reshape(*grid.shape, *table.shape[1:])
     fine = FINE if grid.n_coordinates == 1 else FINE_OF_MORE
     axes = []

@@ -15,7 +15,6 @@ from numba import njit
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.transition import as_coordinates
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
@@ -61,7 +60,7 @@ class Reconstruction:
         factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
         local = self._shapes.product(theta, factors)
         frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
-        poses = self._kinematics.poses(as_coordinates(theta))
+        poses = self._kinematics.poses(theta)
         _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
         return frames
 

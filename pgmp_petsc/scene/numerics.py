@@ -21,7 +21,7 @@ class Reduction(Table):
         "build chooses what is not given of modes, static_modes, second_order, angles and interpolation",
     )
     modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
-    angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate")
+    angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate; 24 with several")
     sampling_tolerance: Number | None = Field(
         None,
         gt=0.0,

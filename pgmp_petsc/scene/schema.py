@@ -18,6 +18,8 @@ from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import numbers_of, reference_problems
 
+ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
+
 
 class Header(Table):
     """What the scene is called."""
@@ -69,6 +71,16 @@ class Scene(Table):
         return {name: parameter.nominal for name, parameter in self.parameters.items()}
 
     @property
+    def second_order(self) -> bool:
+        """Whether the reduced model has what is of second order in the deformation: both effects that make it up, or all."""
+        return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
+
+    @property
+    def gyroscopic(self) -> bool:
+        """Whether the reduced model has the inertia forces that are quadratic in velocities."""
+        return all(effect.keep for effect in self.effects.values() if effect.type == "gyroscopic")
+
+    @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
         return frozenset(used for _, used, positive in numbers_of(self) if positive and isinstance(used, str))
@@ -97,13 +109,18 @@ class Scene(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _automatic_effects(cls, data: Any) -> Any:
-        """Take ``effects = "auto"`` for a scene without loads whose terms are to be chosen."""
-        if isinstance(data, dict) and data.get("effects") == "auto":
-            reduction = data.get("reduction", {})
-            if isinstance(reduction, dict):
-                return {**data, "effects": {}, "reduction": {**reduction, "effects": "auto"}}
-        return data
+    def _defaults_of_the_reduction(cls, data: Any) -> Any:
+        """Take ``effects = "auto"`` for a choice without loads, and fewer angles along each of several coordinates."""
+        if not isinstance(data, dict) or not isinstance(data.get("reduction", {}), dict):
+            return data
+        reduction = dict(data.get("reduction", {}))
+        automatic = data.get("effects") == "auto"
+        if automatic:
+            reduction["effects"] = "auto"
+        if isinstance(data.get("coordinates"), dict) and len(data["coordinates"]) > 1:
+            reduction.setdefault("angles", ANGLES_OF_SEVERAL)
+        changed = {**data, "reduction": reduction} if reduction else data
+        return {**changed, "effects": {}} if automatic else changed
 
     def model_post_init(self, context: Any, /) -> None:
         """Take the directory from the context of the validation, where `loading` puts it."""

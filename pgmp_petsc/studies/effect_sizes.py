@@ -124,11 +124,10 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
 
 def present_terms(scene: Scene) -> dict[str, bool]:
     """Return which terms of the reduced model a scene has."""
-    named = {effect.type: effect for effect in scene.effects.values()}
     return {
-        "gyroscopic": named["gyroscopic"].keep if "gyroscopic" in named else True,
-        "geometric_stiffening": scene.reduction.second_order or "geometric_stiffening" in named,
-        "mode_inertia": scene.reduction.second_order or "mode_inertia" in named,
+        "gyroscopic": scene.gyroscopic,
+        "geometric_stiffening": scene.second_order,
+        "mode_inertia": scene.second_order,
     }
 
 
