@@ -15,6 +15,7 @@ from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.balance import balance_of
 
 # a uniform bar of 1 kg and 1 m that turns about its end: J = 1/3 kg m2
 BAR = """
@@ -173,7 +174,7 @@ def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
 
         run = integrate(system, scene.simulation, observer=record)
     time = np.array(times)
-    return Recorded(time, np.array(frames), np.array(rates), Balance.of(time, instants), model, int(run.status[0]))
+    return Recorded(time, np.array(frames), np.array(rates), balance_of(time, instants), model, int(run.status[0]))
 
 
 def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> np.ndarray:

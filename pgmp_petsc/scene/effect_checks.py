@@ -10,6 +10,7 @@ import numpy as np
 
 from pgmp_petsc.runtime.errors import nearest_name
 import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import PointOnLine, Revolute
 from pgmp_petsc.scene.messages import problem
 
@@ -54,15 +55,19 @@ def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
             point = getattr(effect, key, None)
             if point is not None:
                 yield from check_point(scene, f"{entry}.{key}", point, ground_allowed)
-        if isinstance(effect, kinds.SpringDamper):
-            for point in effect.points or ():
+        if isinstance(effect, kinds.SpringDamper) and effect.points is not None:
+            for point in effect.points:
                 yield from check_point(scene, f"{entry}.points", point, True)
-        if isinstance(effect, (kinds.Torque, kinds.Force)):
+            yield from _apart(scene, f"{entry}.points", effect.points)
+        if isinstance(effect, kinds.Force) and effect.towards is not None:
+            yield from _apart(scene, f"{entry}.towards", (effect.point, effect.towards))
+        if isinstance(effect, (kinds.Torque, kinds.Force, kinds.PrescribedMotion)):
             yield from _resolved_in_time(scene, entry, effect)
         if isinstance(effect, kinds.StructuralDamping):
             yield from _damped_bodies(scene, entry, effect)
         if isinstance(effect, kinds.PrescribedMotion):
             yield from _prescribed(scene, name, effect)
+    yield from _damped_once(scene)
     yield from _alone(scene)
     yield from _halves(scene)
 
@@ -82,13 +87,28 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
         )
 
 
-def _resolved_in_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[str]:
+def _apart(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:
+    """Check that the distance of two points can change."""
+    owners = [split_point(point)[0] for point in points]
+    body = scene.bodies.get(owners[0])
+    if points[0] == points[1]:
+        yield problem(entry, "two different points are needed", list(points))
+    elif owners == [GROUND, GROUND]:
+        yield problem(entry, "a point of a body is needed; the ground does not move", list(points))
+    elif owners[0] == owners[1] and body is not None and not body.flexible:
+        yield problem(entry, f"{owners[0]} is rigid; the distance of its points does not change", list(points))
+
+
+def _resolved_in_time(
+    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force | kinds.PrescribedMotion
+) -> Iterator[str]:
     """Check that what the integrator sees, values at the ends of steps, is what the scene says."""
     run = scene.simulation
     if run.tolerance is not None:  # the step is not known yet
         return
-    if effect.table is not None:
-        yield from _impulse(scene, f"{entry}.table", effect)
+    if effect.harmonic is None:
+        if effect.table is not None and not isinstance(effect, kinds.PrescribedMotion):
+            yield from _impulse(scene, f"{entry}.table", effect)
     elif run.step * effect.harmonic.frequency_hz * STEPS_A_PERIOD > 1.0:
         yield problem(
             f"{entry}.harmonic.frequency_hz",
@@ -127,6 +147,21 @@ def _damped_bodies(scene: Scene, entry: str, effect: kinds.StructuralDamping) ->
             yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", list(effect.bodies))
         elif body not in flexible:
             yield problem(f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", list(effect.bodies))
+    if effect.bodies is None and not flexible:
+        yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
+
+
+def _damped_once(scene: Scene) -> Iterator[str]:
+    taken: dict[str, str] = {}
+    for name, effect in scene.effects.items():
+        if isinstance(effect, kinds.StructuralDamping):
+            for body in dict.fromkeys(effect.bodies or scene.bodies):
+                if body in taken:
+                    yield problem(
+                        f"effects.{name}",
+                        f"effects.{taken[body]} damps {body} too; give all the damping of a body in one effect",
+                    )
+                taken.setdefault(body, name)
 
 
 def _prescribed(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iterator[str]:
@@ -141,7 +176,7 @@ def _prescribed(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iter
         if isinstance(rival, (kinds.Torque, kinds.EndStop)) and rival.joint == joint:
             yield problem(
                 entry,
-                f"contradicts effects.{other}, a {rival.type} on the same joint {joint}: a prescribed motion takes "
+                f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion takes "
                 "whatever torque it needs; leave one of them out",
                 effect.coordinate,
             )

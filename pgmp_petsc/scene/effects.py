@@ -11,6 +11,7 @@ from pgmp_petsc.scene.fields import (
     Direction,
     Name,
     NotNegative,
+    NotNegativeOrParameter,
     Number,
     NumberOrParameter,
     Point,
@@ -46,7 +47,10 @@ class Torque(_OverTime):
 
 
 class Force(_OverTime):
-    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point."""
+    """A force (N) over time on a point of a body: along a direction of the ground or of the body, or towards a point.
+
+    A force towards a point pulls that point as well, like a rope between the two.
+    """
 
     type: Literal["force"]
     point: Point = Field(description='where it acts, "body:point"')
@@ -94,7 +98,7 @@ class JointFriction(Table):
 
     type: Literal["joint_friction"]
     joint: str = Field(description="name of a revolute joint, or of one that slides")
-    limit: NumberOrParameter = Field(
+    limit: NotNegativeOrParameter = Field(
         description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
     )
     speed: PositiveNumber = Field(description="rate at which 76 % of the limit are reached (rad/s or m/s)")
@@ -117,6 +121,8 @@ class SpringDamper(Table):
         exactly_one(self, "joint", "points")
         if self.points is not None and self.rest is None:
             raise refusal("a spring between points needs the distance without force (m)", "rest")
+        if not (self.stiffness or self.damping):
+            raise refusal("at least one of stiffness and damping is needed")
         return self
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
 from pgmp_petsc.scene.effect_checks import NUMBERS, effect_problems, joint_problems
+from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
@@ -96,9 +97,10 @@ def _initial_states(scene: Scene) -> Iterator[str]:
                 f"simulation.initial.{name}",
                 f"there is no such coordinate{nearest_name(name, scene.coordinates)}",
             )
+    prescribed = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
     for name, coordinate in scene.coordinates.items():
         (low, high), position = coordinate.range, scene.initial_state(name).position
-        if not (coordinate.periodic or low <= position <= high):
+        if name not in prescribed and not (coordinate.periodic or low <= position <= high):
             yield problem(
                 f"simulation.initial.{name}.position",
                 f"must lie in the coordinate's range [{low}, {high}]",

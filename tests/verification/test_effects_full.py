@@ -6,10 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_scenes import BAR, BAR_INERTIA, BLOCK, CANTILEVER, Recorded, line_model, recorded, run_batch, run_distributed, scene_of
+from conftest import ROOT
+from effect_scenes import (
+    BAR,
+    BAR_INERTIA,
+    BLOCK,
+    CANTILEVER,
+    Recorded,
+    line_model,
+    recorded,
+    run_batch,
+    run_distributed,
+    scene_of,
+)
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 from scipy.optimize import brentq, curve_fit
@@ -17,7 +30,7 @@ from scipy.special import ellipk
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, load_scene
 
 G = 9.81
 STEP = 2e-3
@@ -127,7 +140,7 @@ type = "force"
 point = "beam:tip"
 direction = [0.0, 1.0]
 follows = true
-table = [[0.0, 0.0], [20.0, 0.03]]
+table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
 [effects.loss]
 type = "structural_damping"
 stiffness = 0.1
@@ -235,11 +248,11 @@ def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np
 
 def test_joint_friction_stops_a_bar() -> None:
     run = recorded(bar(
-        '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 1.0, 1e-3, velocity=1.0
+        '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0
     ))
     speed = run.rates[:, 0, 2]
-    # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1 rad/s
-    np.testing.assert_allclose(speed, coasting(run.time, 1.0, 0.5 / BAR_INERTIA, 0.1), rtol=0, atol=5e-6)
+    # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1 rad/s, 1e-5
+    np.testing.assert_allclose(speed, coasting(run.time, 1.0, 0.5 / BAR_INERTIA, 0.1), rtol=0, atol=2e-5)
     assert run.balance.work["rub"][-1] == pytest.approx(-0.5 * BAR_INERTIA, rel=1e-4)
 
 
@@ -262,10 +275,10 @@ def test_damping_of_a_sliding_joint() -> None:
 
 
 def test_friction_of_a_sliding_joint() -> None:
-    run = block('[effects.rub]\ntype = "joint_friction"\njoint = "slide"\nlimit = 1.0\nspeed = 0.05', 0.6, 1e-3)
+    run = block('[effects.rub]\ntype = "joint_friction"\njoint = "slide"\nlimit = 1.0\nspeed = 0.05', 0.6)
     speed = np.gradient(run.point("rod:tip")[:, 0], run.time, edge_order=2)
-    # differences over a step smooth the bend where it stops: (20 h)^2 / 6 of 0.05 m/s
-    np.testing.assert_allclose(speed, coasting(run.time, 0.5, 1.0, 0.05), rtol=0, atol=1e-4)
+    # differences over a step smooth the bend where it stops: (20 h)^2 / 6 of 0.05 m/s, and more at the ends
+    np.testing.assert_allclose(speed, coasting(run.time, 0.5, 1.0, 0.05), rtol=0, atol=3e-4)
 
 
 def test_a_spring_on_a_sliding_joint() -> None:
@@ -356,15 +369,16 @@ joint = "hinge"
 lower = {lower}
 stiffness = {stiffness}
 damping = {damping}
-""", 0.7, 1e-3))
+""", 0.64, STEP))
 
     def torque(t: float, angle: float, speed: float) -> float:
         depth = lower - angle
         stop = max(0.0, stiffness * depth * (1.0 - damping * speed)) if depth > 0 else 0.0
         return -0.5 * G * np.cos(angle) + stop
 
-    # within the stop omega h = 0.077: (omega h)^2 / 12 of half a period's 0.04 s at 5 rad/s, and it falls again
-    np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=3e-4)
+    # within the stop omega h = 0.15: (omega h)^2 / 12 of half a period's 0.04 s at 5 rad/s, four times as much of the damping;
+    # a quarter of it with half the step
+    np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=3e-3 if damping else 4e-4)
     assert run.balance.work["stop"][-1] <= 1e-6
 
 
@@ -418,7 +432,7 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
     # it stretches by rho Omega^2 L^2 / 12 EA or so, 1e-5, and turns slower by twice that; half of (Omega h)^2 by the scheme
     assert turned == pytest.approx(6.0, rel=1.5e-4)
     assert run.balance.work["loss"][-1] == pytest.approx(0.0, abs=1e-4 * run.balance.kinetic[0])
-    assert run.balance.kinetic[-1] == pytest.approx(run.balance.kinetic[0], rel=1e-4)
+    assert run.balance.kinetic[-1] == pytest.approx(run.balance.kinetic[0], rel=2e-4)
 
 
 def test_mass_damping_brakes_a_rotation() -> None:
@@ -553,3 +567,166 @@ spectral_radius = 0.6
     assert along[run.time > 17.0].mean() == pytest.approx(5.14e-4, rel=5e-3)
     # it lags behind by half a metre in between
     assert -0.65 < across.min() < -0.5
+
+
+# --- through singular positions ----------------------------------------------------------------------------------------
+
+
+def test_the_double_four_bar_goes_through_its_singular_positions() -> None:
+    """All rods in one line, twice a turn; the whole 10 s of the scene keep the energy to 1e-5 with its step of 0.5 ms."""
+    wrong = []
+    for step in (8e-3, 4e-3):
+        scene = load_scene(ROOT / "scenes" / "double_four_bar.toml", ["simulation.duration=2.0", f"simulation.step={step}"])
+        run = run_distributed(scene)
+        assert run.status == 0
+        energy = run.balance.kinetic + run.balance.potential
+        wrong.append(np.abs(energy - energy[0]).max() / energy[0])
+        directions = run.frames[:, :, 2]
+        assert directions[-1, 0] < -np.pi, "beyond the singular positions at 0 and -pi"
+        # it stays a parallelogram: no other branch is taken
+        np.testing.assert_allclose(directions[:, :3], directions[:, :1].repeat(3, axis=1), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(directions[:, 3:], 0.0, rtol=0, atol=1e-9)
+    # 64 times what the scene's step leaves
+    assert wrong[1] < 64 * 1e-5
+    assert 3.5 < wrong[0] / wrong[1] < 4.5
+
+
+# --- welds, and all effects together on several ranks --------------------------------------------------------------------
+
+
+def test_a_beam_welded_to_a_held_hub_is_a_clamped_one() -> None:
+    push = """
+[effects.push]
+type = "force"
+point = "beam:tip"
+direction = [0.0, 1.0]
+table = [[0.0, 1.0], [1.0, 1.0]]
+""" + run_of(0.5, 5e-3)
+    clamped = recorded(scene_of(CANTILEVER, push))
+    welded = recorded(scene_of(CANTILEVER.replace('"ground:origin", "beam:hinge"', '"ground:origin", "hub:hinge"'), """
+[bodies.hub]
+line = { length = 0.2, elements = 1 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+placement = { angle = 0.7 }
+[joints.weld]
+type = "fixed"
+connect = ["hub:hinge", "beam:hinge"]
+""" + push, "effects.hold.constant_speed.start=0.7"))
+    np.testing.assert_allclose(welded.point("beam:tip"), clamped.point("beam:tip"), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(welded.balance.strain, clamped.balance.strain, rtol=0, atol=1e-9)
+    assert np.abs(clamped.point("beam:tip")[:, 1]).max() > 0.3
+
+
+EVERYTHING = CANTILEVER.split("[effects.hold]")[0] + """
+[ground.points]
+anchor = [0.4, 0.9]
+[bodies.pendant]
+line = { length = 0.4, elements = 2 }
+element = "beam2d"
+flexible = false
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0 }
+placement = { origin = [1.0, 0.0], angle = -0.5 }
+[bodies.tail]
+line = { length = 0.4, elements = 3 }
+element = "beam2d"
+section = { shape = "coefficients", axial = 1e4, shear = 1e4, bending = 5.0, line_density = 1.0, rotary_density = 1e-4 }
+placement = { origin = [1.351, -0.1918], angle = -0.9 }
+[joints.weld]
+type = "fixed"
+connect = ["beam:tip", "pendant:hinge"]
+[joints.second_weld]
+type = "fixed"
+connect = ["pendant:tip", "tail:hinge"]
+[effects.motor]
+type = "torque"
+joint = "hub"
+harmonic = { amplitude = 2.0, frequency_hz = 3.0 }
+[effects.jet]
+type = "force"
+point = "pendant:tip"
+direction = [0.0, 1.0]
+follows = true
+table = [[0.0, 0.0], [0.2, 1.0]]
+[effects.rope]
+type = "force"
+point = "beam:tip"
+towards = "ground:anchor"
+table = [[0.0, 0.5], [0.2, 0.5]]
+[effects.weight]
+type = "gravity"
+[effects.bob]
+type = "point_mass"
+point = "pendant:tip"
+mass = 0.2
+[effects.lump]
+type = "point_mass"
+point = "beam:middle"
+mass = 0.3
+inertia = 0.01
+[effects.oil]
+type = "joint_damping"
+joint = "hub"
+coefficient = 0.1
+[effects.rub]
+type = "joint_friction"
+joint = "hub"
+limit = 0.1
+speed = 0.2
+[effects.spring]
+type = "spring_damper"
+points = ["ground:anchor", "tail:tip"]
+stiffness = 3.0
+damping = 0.1
+rest = 0.5
+[effects.loss]
+type = "structural_damping"
+bodies = ["beam"]
+stiffness = 1e-3
+mass = 0.2
+ratios = [0.05, 0.02]
+[effects.stop]
+type = "end_stop"
+joint = "hub"
+lower = -0.05
+stiffness = 300.0
+damping = 0.2
+""" + run_of(0.2, STEP, 0.8)
+
+ON_RANKS = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from effect_scenes import line_model
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.scene import load_scene
+comm = MPI.COMM_WORLD
+scene = load_scene(sys.argv[1])
+with line_model(scene).distributed({}, comm) as system:
+    found = []
+    def record(step, time, state):
+        energies = system.energies(time, state)
+        parts = [energies.kinetic, energies.strain, *energies.potential.values(), *energies.powers.values()]
+        found.append(np.concatenate([np.ravel(part)[:1] for part in parts]))
+    run = integrate(system, scene.simulation, observer=record)
+    q = system.unpack(run.state.q)[:, 0]
+if comm.rank == 0:
+    np.savez(sys.argv[2], q=q, energies=np.array(found), status=run.status)
+"""
+
+
+@pytest.mark.parametrize("n_ranks", [3])
+def test_all_effects_together_on_several_ranks(mpirun: Callable, tmp_path: Path, n_ranks: int) -> None:
+    path = tmp_path / "everything.toml"
+    path.write_text(EVERYTHING)
+    one = recorded(load_scene(path))
+    assert set(one.balance.work) == {"motor", "jet", "rope", "weight", "oil", "rub", "spring", "loss", "stop"}
+    assert one.balance.work["stop"][-1] < 0.0, "the stop is hit"
+    mpirun(n_ranks, "-c", ON_RANKS, path, tmp_path / "found.npz")
+    found = np.load(tmp_path / "found.npz")
+    assert found["status"][0] == 0
+    np.testing.assert_allclose(found["q"], one.frames[-1].ravel(), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found["energies"][:, 0], one.balance.kinetic, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found["energies"][:, 1], one.balance.strain, rtol=0, atol=1e-6)
+    assert np.abs(one.balance.residual).max() < 0.02 * one.balance.exchanged

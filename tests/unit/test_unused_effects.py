@@ -1,0 +1,127 @@
+"""A scene without an effect pays nothing for it: no action, no load, no evaluation."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics import rank_elements
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.effects import Effect, Motion, effects_of
+from pgmp_petsc.effects.amplitude import amplitude_of
+from pgmp_petsc.effects.gravity import Gravity
+from pgmp_petsc.effects.torque import Torque
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies import effect_cost
+
+SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"
+BEAM = CANTILEVER.split("[effects.hold]")[0]
+WEIGHT = '[effects.weight]\ntype = "gravity"\n'
+MOTOR = '[effects.motor]\ntype = "torque"\njoint = "hub"\nharmonic = { amplitude = 1.0, frequency_hz = 1.0 }\n'
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
+    """Count the evaluations of everything that effects are made of."""
+    counted: Counter = Counter()
+    watched = [
+        (LocalForces, "evaluate"), (BodyDampings, "add_modal_forces"), (Motion, "at"), (EventLocation, "repeat_steps"),
+        (Effect, "amplitude"), (Torque, "amplitude"), (Gravity, "loads"),
+    ]  # fmt: skip
+    for owner, name in watched:
+        original = getattr(owner, name)
+
+        def count(self: object, *args: object, _original: object = original, _name: str = f"{owner.__name__}.{name}",
+                  **given: object) -> object:
+            counted[_name] += 1
+            return _original(self, *args, **given)
+
+        monkeypatch.setattr(owner, name, count)
+    return counted
+
+
+def run_both(scene: Scene) -> None:
+    """Run both forms of the full-order model."""
+    run_distributed(scene)
+    run_batch(scene)
+
+
+def test_without_effects_nothing_of_them_is_evaluated(calls: Counter) -> None:
+    scene = scene_of(BEAM, SHORT)
+    model = line_model(scene)
+    assert effects_of(scene, model.kinematics.mechanism) == ()
+    run_both(scene)
+    assert not calls
+
+
+def test_a_load_is_no_action(calls: Counter) -> None:
+    run_both(scene_of(BEAM, SHORT + WEIGHT))
+    assert set(calls) == {"Gravity.loads", "Effect.amplitude"}
+    calls.clear()
+    run_both(scene_of(BEAM, SHORT + MOTOR))
+    assert set(calls) == {"Torque.amplitude"}
+
+
+def test_only_what_is_there_is_built() -> None:
+    bare, damped = (line_model(scene_of(BEAM, SHORT + text)) for text in (
+        "", '[effects.e]\ntype = "structural_damping"\nstiffness = 1e-3\nmass = 1.0\n'))
+    for model, any_damping in ((bare, False), (damped, True)):
+        batch = model.batch({}, 1)
+        assert batch._elements.damped == any_damping  # noqa: SLF001
+        assert batch._local.n_actions == 0 and batch._local.pattern[0].size == 0  # noqa: SLF001
+        assert batch._load_entries.rows.size == 0 and batch._lumps.dofs.size == 0  # noqa: SLF001
+        with model.distributed({}, MPI.COMM_SELF) as single:
+            assert single._needs_rates == any_damping  # noqa: SLF001
+
+
+def test_elements_without_damping_do_not_look_at_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    flags: list[bool] = []
+    original = rank_elements._evaluate  # noqa: SLF001
+
+    def watch(*arguments: object) -> None:
+        flags.append(bool(arguments[7]))
+        original(*arguments)
+
+    monkeypatch.setattr(rank_elements, "_evaluate", watch)
+    run_distributed(scene_of(BEAM, SHORT + WEIGHT))
+    assert flags and not any(flags)
+
+
+def test_the_cost_of_effects_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effect_cost, "N_SAMPLES", 2)
+    monkeypatch.setattr(effect_cost, "N_STEPS", 3)
+    monkeypatch.setattr(effect_cost, "N_REPEATS", 1)
+    scene = scene_of(BEAM, SHORT)
+    costs = effect_cost.measure(scene, line_meshes(scene), line_model)
+    assert [cost.effects for cost in costs][:3] == ["none", "torque", "force"] and costs[-1].effects == "all"
+    assert len(costs) == 12
+    assert all(cost.seconds > 0.0 and cost.corrections >= 1.0 for cost in costs)
+    text = effect_cost.table(costs)
+    assert len(text.splitlines()) == 13 and text.splitlines()[1].split()[2] == "1.00"
+
+
+def test_the_cost_of_effects_on_rigid_bodies() -> None:
+    scene = scene_of(BAR)
+    assert "structural_damping" not in effect_cost.one_of_each(scene, line_meshes(scene))
+
+
+def test_the_script_asks_for_a_scene(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("sys.argv", ["effect_cost"])
+    assert effect_cost.main() == 2
+    assert "usage: python -m pgmp_petsc.studies.effect_cost SCENE" in capsys.readouterr().err
+    monkeypatch.setattr("sys.argv", ["effect_cost", str(tmp_path / "nothing.toml")])
+    assert effect_cost.main() == 2
+    assert "no such scene file" in capsys.readouterr().err
+
+
+def test_amplitudes_are_functions_of_time() -> None:
+    scene = scene_of(BEAM, SHORT + MOTOR)
+    amplitude = amplitude_of(scene.effects["motor"])
+    np.testing.assert_allclose(amplitude(np.array([0.0, 0.25])), [0.0, 1.0], atol=1e-15)
