@@ -98,7 +98,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
     simulation = model.scene.simulation
-    times, etas = [], []
+    times, etas, energies = [], [], []
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
     watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
@@ -107,6 +107,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
             etas.append(state.q[0].copy())
+            energies.append(system.energies(time, state))
             if watched is not None:
                 watched.observe(step, time, state)
             bar.update(step > 0)
@@ -124,7 +125,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, None, estimate
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, balance_of(time, energies), estimate
     )
 
 
