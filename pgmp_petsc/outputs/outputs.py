@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.mechanism.attachment import rotate
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Attachment
 from pgmp_petsc.scene import Scene
@@ -119,8 +120,11 @@ def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematic
         measured = np.stack([angle(frames) for angle, _ in measures], axis=1)
         values = np.full(len(measured), np.nan)
         inside = kinematics.within_reach(measured).reshape(len(measured))
-        rigid = point.frame_of_pose(kinematics.poses(measured[inside]))
-        values[inside] = point.frame_of(frames[point.node])[axis, inside] - rigid[axis]
+        poses = kinematics.poses(measured[inside])
+        moved = point.frame_of(frames[point.node])[:2, inside] - point.frame_of_pose(poses)[:2]
+        if entry.frame == "body":
+            moved = rotate(-poses[point.body, 2], moved)
+        values[inside] = moved[axis]
         return values
 
     return deformation, {point.node}.union(*(needed for _, needed in measures)), "m"
