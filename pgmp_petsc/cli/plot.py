@@ -32,9 +32,10 @@ from pgmp_petsc.runtime.agreement import on_root
 def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float) -> None:
     """Draw result FILEs: what belongs together goes into one picture.
 
-    Tables of modes become frequencies.png, trajectories trajectories.png and mechanism.png (full-order and
-    reduced ones are compared where their parameters are equal), ensembles densities.png, trade-off studies
-    tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
+    Tables of modes become frequencies.png or, with two coordinates, frequency_maps.png. Trajectories become
+    trajectories.png (full-order and reduced ones are compared where their parameters are equal); the first that
+    has them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
+    densities.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw
 

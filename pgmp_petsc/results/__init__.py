@@ -1,5 +1,6 @@
 """Results as data: trajectories, ensembles, tables of modes and trade-off studies, and the HDF5 files that hold them."""
 
+from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.modes import ModesTable
@@ -9,6 +10,7 @@ from pgmp_petsc.results.trajectory import Frames, Trajectory
 
 __all__ = [
     "Attempt",
+    "Balance",
     "Ensemble",
     "EstimatedErrors",
     "Frames",

@@ -13,9 +13,11 @@ dataset                       shape                content
 ``/frames/points/<k>``        (n_nodes, 3)         positions at frame k = 00000, 00001, ..., ground frame, m
 ``/frames/displacement/<k>``  (n_nodes, 3)         positions minus those of frame 00000, m
 ``/frames/rotation/<k>``      (n_nodes)            rotation of the nodes, rad
-``/mesh/nodes``               (n_nodes, 2)         undeformed nodes in their body's frame, m
+``/mesh/nodes``               (n_nodes, 2)         undeformed nodes in their body's frame, m; of rigid bodies those of
+                                                   the mesh that gives their shape
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
-``/mesh/body``                (n_nodes)            body number; attribute ``names`` (JSON, in that order)
+``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
+                                                   ``rigid`` (JSON, the names of those that do not deform)
 ``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
 ``/errors``, ``/validity``    see `errors`         estimated errors; reduced model only, unless turned off
 ============================= ==================== ========================================================
@@ -56,6 +58,8 @@ class Frames:
         Undeformed nodes in the body's frame, m.
     cells : dict of str to ndarray of int, shape (n_cells, 2)
         Line cells, numbered within the body.
+    rigid : frozenset of str
+        The bodies that do not deform.
     """
 
     time: np.ndarray
@@ -63,11 +67,14 @@ class Frames:
     rotations: dict[str, np.ndarray]
     nodes: dict[str, np.ndarray]
     cells: dict[str, np.ndarray]
+    rigid: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         n_frames = len(self.time)
         if not (self.positions.keys() == self.rotations.keys() == self.nodes.keys() == self.cells.keys()):
             raise ValueError("positions, rotations, nodes and cells of frames name different bodies")
+        if not self.rigid <= self.nodes.keys():
+            raise ValueError(f"rigid bodies of frames are none of theirs: {', '.join(sorted(self.rigid - self.nodes.keys()))}")
         for body, nodes in self.nodes.items():
             check_shape(f"nodes of '{body}'", nodes, (None, 2))
             check_shape(f"cells of '{body}'", self.cells[body], (None, 2))
@@ -180,6 +187,7 @@ def _write_frames(file: h5py.File, frames: Frames) -> None:
     number = np.repeat(np.arange(len(bodies), dtype=np.int32), counts)
     body = put(mesh, "body", number, "1", "body of each node")
     body.attrs["names"] = json.dumps(bodies)
+    body.attrs["rigid"] = json.dumps(sorted(frames.rigid))
 
     group = file.create_group("frames")
     put(group, "time", frames.time, "s", "instants of the frames")
@@ -213,4 +221,5 @@ def _read_frames(file: h5py.File) -> Frames:
             body: cells[number_of_body[cells[:, 0]] == number] - of_body[body][0]
             for number, body in enumerate(bodies)
         },
+        rigid=frozenset(json.loads(file["mesh/body"].attrs.get("rigid", "[]"))),
     )

@@ -13,7 +13,7 @@ from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import EstimatedErrors
-from pgmp_petsc.results.trajectory import Frames, Trajectory
+from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
@@ -21,6 +21,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.balance import balance_of
+from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
 
@@ -157,14 +158,6 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 def _trajectory(
     model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
 ) -> Trajectory:
-    bodies = model.kinematics.mechanism.bodies
-    stored = Frames(
-        time=frame_times,
-        positions={body.name: frames[:, body.nodes, :2] for body in bodies},
-        rotations={body.name: frames[:, body.nodes, 2] for body in bodies},
-        nodes={body.name: body.mesh.nodes for body in bodies},
-        cells={body.name: body.mesh.cells for body in bodies},
-    )
     outputs = model.outputs.evaluate(output_frames)
     return Trajectory(
         model=model.name,
@@ -175,7 +168,7 @@ def _trajectory(
         coordinates=coordinates,
         coordinate_units={coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
         modal=modal,
-        frames=stored if len(frame_times) else None,
+        frames=shape_frames(model.kinematics.mechanism, frames, frame_times) if len(frame_times) else None,
         errors=None if estimate is None else _errors(estimate, outputs),
         balance=balance,
     )

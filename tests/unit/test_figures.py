@@ -8,36 +8,18 @@ import matplotlib
 import numpy as np
 import pytest
 import synthetic
+from pictures import assert_inside, legend_texts, visible
 
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
-from pgmp_petsc.figures.mechanism import mechanism, shown_positions
+from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.shapes import shown_positions
 from pgmp_petsc.figures.style import axis_unit, labels_by_parameters, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError
 
 RADII = (5.04e-3, 5.6e-3, 6.16e-3)
-
-
-def visible(figure):
-    """Return the axes that are shown."""
-    return [axes for axes in figure.axes if axes.get_visible()]
-
-
-def legend_texts(figure):
-    """Return the texts of the figure's keys."""
-    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
-
-
-def assert_inside(figure):
-    """Check that every axes with its labels lies within the picture."""
-    figure.canvas.draw()
-    width, height = figure.canvas.get_width_height()
-    for axes in visible(figure):
-        box = axes.get_tightbbox(figure.canvas.get_renderer())
-        # Half a marker or tick label may stand over the axes' end, never over the edge of the picture.
-        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
 
 
 def test_frequencies_show_every_table_in_every_panel():
@@ -56,11 +38,11 @@ def test_frequencies_of_few_modes_without_a_reduced_model():
     assert_inside(frequencies([synthetic.modes_table(n_modes=1)]))
 
 
-def test_frequencies_over_two_coordinates_are_numbered():
+def test_frequencies_over_three_coordinates_are_numbered():
     table = replace(
         synthetic.modes_table(n_theta=12),
-        theta=np.zeros((2, 12)),
-        coordinate_units={"theta": "rad", "reach": "m"},
+        theta=np.zeros((3, 12)),
+        coordinate_units={"theta": "rad", "reach": "m", "turn": "rad"},
     )
     assert visible(frequencies([table]))[-1].get_xlabel() == "configuration"
 

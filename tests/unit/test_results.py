@@ -112,6 +112,8 @@ def test_frames_that_do_not_fit_together():
     frames = synthetic.frames(np.linspace(0.0, 1.0, 4))
     with pytest.raises(ValueError, match="name different bodies"):
         replace(frames, cells={})
+    with pytest.raises(ValueError, match="rigid bodies of frames are none of theirs: flywheel"):
+        replace(frames, rigid=frozenset({"flywheel"}))
     with pytest.raises(ValueError, match="positions of 'crank' has shape"):
         Frames(frames.time[:3], frames.positions, frames.rotations, frames.nodes, frames.cells)
 

@@ -1,0 +1,187 @@
+"""The gallery: a small picture of every scene, with the mechanism at several instants and one telling curve.
+
+    python -m pgmp_petsc.figures.gallery RUNS IMAGES
+
+Read from the directory RUNS: ``<scene>.h5``, trajectories with frames, which `scripts/gallery` leaves there. Written to IMAGES:
+``gallery_<scene>.png``.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from pgmp_petsc.figures.shapes import Shapes, TimeColours
+from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, save, styled, top_legend
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.runtime.errors import InputError, PgmpError
+
+WIDTH, HEIGHT = 5.4, 2.65
+# Shares of the width that the mechanism may take.
+NARROWEST, WIDEST = 0.34, 0.54
+# Room for the scale below the mechanism, as a share of its height.
+FOOT = 0.14
+N_COLOURS = 128
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """What is shown of a scene.
+
+    Attributes
+    ----------
+    title
+        Above the picture.
+    output
+        The output whose curve is drawn.
+    exaggeration
+        Factor on the deformation of the shapes.
+    until
+        Instant (s) at which the last shape stands; None for the end of the run. The curve shows all of it.
+    n_instants
+        Number of shapes.
+    """
+
+    title: str
+    output: str
+    exaggeration: float = 1.0
+    until: float | None = None
+    n_instants: int = 9
+
+
+PORTRAITS = {
+    "four_bar": Portrait("Four-bar linkage", "coupler_bending", 50.0, until=0.785, n_instants=6),
+    "five_bar": Portrait("Five-bar linkage", "tip_deformation", 3000.0, n_instants=7),
+    "double_pendulum": Portrait("Double pendulum", "tip_deformation", 1000.0, until=0.8, n_instants=8),
+    "slider_crank_effects": Portrait("Slider-crank with every effect", "rod_bending", 50.0, until=0.72, n_instants=8),
+    "spinning_beam": Portrait("Spin-up of a beam", "tip_deflection", 5.0, until=7.0),
+    "quick_return": Portrait("Quick-return mechanism", "ram_deformation", 5.0, until=0.59, n_instants=7),
+    "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.95, n_instants=7),
+}
+
+
+@styled
+def portrait(run: Trajectory, shown: Portrait) -> Figure:
+    """Draw a run's shapes, equally spaced in the motion of its coordinates, beside the curve of an output.
+
+    Dots on the curve have the colours of the shapes.
+
+    Raises
+    ------
+    InputError
+        If the run has no frames or not this output.
+    """
+    if run.frames is None or shown.output not in run.outputs:
+        raise InputError(f"the run has no frames or no output '{shown.output}'; simulate the scene with simulation.frames=401")
+    factor, unit = axis_unit("m", *run.frames.positions.values())
+    shapes = Shapes.of(run.frames, shown.exaggeration, factor)
+    low, high = shapes.limits
+    share = np.clip((HEIGHT - 0.6) / WIDTH * (high - low)[0] / (high - low)[1], NARROWEST, WIDEST)
+    figure = new_figure(WIDTH, HEIGHT)
+    # figures of their own: the mechanism then takes the whole height, not that of the curve without its labels
+    left, right = (part.subplots() for part in figure.subfigures(1, 2, width_ratios=[share, 1.0 - share]))
+    instants = spaced_by_motion(run, shown.n_instants, shown.until)
+    # by their order, not by time: a mechanism that speeds up would be dark in nearly all of them
+    colours = TimeColours.over(np.arange(len(instants)))
+
+    _draw_shapes(left, shapes, instants, colours)
+    _draw_scale(left, shapes, unit)
+    left.set_xlim(low[0], high[0])
+    left.set_ylim(low[1] - FOOT * (high - low)[1], high[1])
+    left.set_aspect("equal")
+    left.axis("off")
+    _draw_curve(right, run, shown.output, run.frames.time[instants], colours)
+    enlarged = f", deformation × {shown.exaggeration:g}" if shown.exaggeration != 1.0 else ""
+    top_legend(figure, shapes.keys(), f"{shown.title}{enlarged}")
+    return figure
+
+
+def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> np.ndarray:
+    """Return the numbers of frames between which the coordinates turn by about the same angle, shape (<= n_instants,)."""
+    time = run.frames.time
+    steps = np.abs(np.diff(run.coordinates, axis=0)).sum(axis=1)
+    turned = np.interp(time, run.time, np.concatenate([[0.0], np.cumsum(steps)]))
+    last = len(time) if until is None else np.searchsorted(time, until, side="right")
+    turned = turned[:last]
+    return np.unique(np.searchsorted(turned, np.linspace(0.0, turned[-1], n_instants)))
+
+
+def draw(runs: Path, images: Path) -> list[Path]:
+    """Draw the portraits of all scenes and return their paths.
+
+    Raises
+    ------
+    InputError
+        If a run is missing or damaged.
+    """
+    read = {name: Trajectory.read(runs / f"{name}.h5") for name in PORTRAITS}
+    images.mkdir(parents=True, exist_ok=True)
+    return [_save_small(portrait(run, PORTRAITS[name]), images / f"gallery_{name}.png") for name, run in read.items()]
+
+
+def _save_small(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG of few colours: a third of the size, and no difference to the eye."""
+    with Image.open(save(figure, path)) as picture:
+        few = picture.convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
+    return path
+
+
+def _draw_shapes(axes: Axes, shapes: Shapes, instants: np.ndarray, colours: TimeColours) -> None:
+    shapes.draw_paths(axes)
+    shapes.draw_ground(axes, size=18.0)
+    for order, number in enumerate(instants[:-1]):
+        shapes.draw(axes, number, colours.at(order, strength=0.75), width=1.5, pin=2.8, zorder=2 + order)
+    last = len(instants) - 1
+    shapes.draw(axes, instants[last], colours.at(last), width=2.6, pin=4.6, zorder=3 + last)
+
+
+def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
+    """Draw a line of a round length below the mechanism."""
+    low, high = shapes.limits
+    wanted = 0.3 * (high - low).max()
+    power = 10.0 ** np.floor(np.log10(wanted))
+    length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    x, y = low[0], low[1] - 0.7 * FOOT * (high - low)[1]
+    axes.plot([x, x + length], [y, y], color=QUIET, linewidth=1.6, clip_on=False, solid_capstyle="butt")
+    axes.annotate(
+        f"{length:g} {unit}", (x + length, y), xytext=(4, 0), textcoords="offset points", va="center", annotation_clip=False,
+        fontsize=8.5, color=QUIET,
+    )
+
+
+def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colours: TimeColours) -> None:
+    """Draw an output over time, with dots at the instants of the shapes."""
+    values = run.outputs[output]
+    factor, unit = axis_unit(run.units.get(output, "1"), values)
+    axes.plot(run.time, values * factor, color=QUIET, linewidth=1.1)
+    for order, instant in enumerate(instants):
+        value = np.interp(instant, run.time, values) * factor
+        axes.plot(instant, value, "o", color=colours.at(order), markersize=5.0, zorder=3, clip_on=False)
+    axes.set_title(axis_label(output, unit), fontsize=9.5)
+    axes.set_xlabel("time (s)")
+    axes.set_xlim(run.time[0], run.time[-1])
+
+
+def main() -> int:
+    """Draw the gallery on the command line."""
+    if len(sys.argv) != 3:
+        print("usage: python -m pgmp_petsc.figures.gallery RUNS IMAGES", file=sys.stderr)
+        return 2
+    try:
+        for path in draw(*map(Path, sys.argv[1:])):
+            print(path)
+    except PgmpError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
