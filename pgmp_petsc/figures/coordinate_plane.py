@@ -1,4 +1,4 @@
-"""Mechanisms with two coordinates: eigenfrequencies as maps over the plane of both, and the path of a run through it."""
+"""Mechanisms with two coordinates: eigenfrequencies as maps over their plane, and the path of a run through it."""
 
 from __future__ import annotations
 

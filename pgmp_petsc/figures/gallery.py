@@ -2,8 +2,8 @@
 
     python -m pgmp_petsc.figures.gallery RUNS IMAGES
 
-Read from the directory RUNS: ``<scene>.h5``, trajectories with frames, which `scripts/gallery` leaves there. Written to IMAGES:
-``gallery_<scene>.png``.
+Read from the directory RUNS: ``<scene>.h5``, trajectories with frames, which `scripts/gallery` leaves there. Written to
+IMAGES: ``gallery_<scene>.png``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WIDTH, HEIGHT = 5.4, 2.65
 NARROWEST, WIDEST = 0.34, 0.54
 # Room for the scale below the mechanism, as a share of its height.
 FOOT = 0.14
-N_COLOURS = 128
+N_COLOURS = 256
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ PORTRAITS = {
     "slider_crank_effects": Portrait("Slider-crank with every effect", "rod_bending", 50.0, until=0.72, n_instants=8),
     "spinning_beam": Portrait("Spin-up of a beam", "tip_deflection", 5.0, until=7.0),
     "quick_return": Portrait("Quick-return mechanism", "ram_deformation", 5.0, until=0.59, n_instants=7),
-    "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.95, n_instants=7),
+    "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),
 }
 
 
@@ -78,7 +78,9 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
         If the run has no frames or not this output.
     """
     if run.frames is None or shown.output not in run.outputs:
-        raise InputError(f"the run has no frames or no output '{shown.output}'; simulate the scene with simulation.frames=401")
+        raise InputError(
+            f"the run has no frames or no output '{shown.output}'; simulate the scene with simulation.frames=401"
+        )
     factor, unit = axis_unit("m", *run.frames.positions.values())
     shapes = Shapes.of(run.frames, shown.exaggeration, factor)
     low, high = shapes.limits
@@ -103,7 +105,10 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
 
 
 def spaced_by_motion(run: Trajectory, n_instants: int, until: float | None) -> np.ndarray:
-    """Return the numbers of frames between which the coordinates turn by about the same angle, shape (<= n_instants,)."""
+    """Return the numbers of frames between which the coordinates turn by about the same angle.
+
+    At most `n_instants` of them, fewer where there are few frames; none after the instant `until` (s).
+    """
     time = run.frames.time
     steps = np.abs(np.diff(run.coordinates, axis=0)).sum(axis=1)
     turned = np.interp(time, run.time, np.concatenate([[0.0], np.cumsum(steps)]))
@@ -128,7 +133,7 @@ def draw(runs: Path, images: Path) -> list[Path]:
 def _save_small(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG of few colours: a third of the size, and no difference to the eye."""
     with Image.open(save(figure, path)) as picture:
-        few = picture.convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
+        few = picture.convert("RGB").quantize(N_COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
     return path
 
@@ -150,10 +155,8 @@ def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
     length = power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted)
     x, y = low[0], low[1] - 0.7 * FOOT * (high - low)[1]
     axes.plot([x, x + length], [y, y], color=QUIET, linewidth=1.6, clip_on=False, solid_capstyle="butt")
-    axes.annotate(
-        f"{length:g} {unit}", (x + length, y), xytext=(4, 0), textcoords="offset points", va="center", annotation_clip=False,
-        fontsize=8.5, color=QUIET,
-    )
+    beside = {"xytext": (4, 0), "textcoords": "offset points", "va": "center", "annotation_clip": False}
+    axes.annotate(f"{length:g} {unit}", (x + length, y), fontsize=8.5, color=QUIET, **beside)
 
 
 def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colours: TimeColours) -> None:

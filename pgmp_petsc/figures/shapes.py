@@ -1,4 +1,7 @@
-"""Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares, and where the ground is."""
+"""Shapes of a mechanism on axes: beams as lines, rigid bodies as hollow bars, point masses as squares.
+
+A triangle stands below the ends of bodies that the ground holds.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,9 @@ from pgmp_petsc.figures.style import QUIET
 from pgmp_petsc.results import Frames
 
 PATH_COLOUR = "#D8D8D8"
-# Width of the line inside a hollow bar, as a share of the bar's.
-HOLLOW = 0.5
+# Width of a rigid body's bar over that of a beam, and of the line inside it over the bar's.
+BAR, HOLLOW = 1.6, 0.5
+KEY_WIDTH = 3.0  # points
 # A pin that moves by less than this share of the mechanism's extent is held by the ground.
 AT_REST = 1e-6
 # A triangle below the pin, as a marker's vertices.
@@ -114,9 +118,10 @@ class Shapes:
                 continue
             lines = {"capstyle": "round", "zorder": zorder}
             if body in self.frames.rigid:
-                axes.add_collection(LineCollection(points[cells], colors=[colour], linewidths=1.6 * width, **lines))
+                bar = BAR * width
+                axes.add_collection(LineCollection(points[cells], colors=[colour], linewidths=bar, **lines))
                 lines["zorder"] += 0.1
-                axes.add_collection(LineCollection(points[cells], colors=["white"], linewidths=1.6 * HOLLOW * width, **lines))
+                axes.add_collection(LineCollection(points[cells], colors=["white"], linewidths=HOLLOW * bar, **lines))
             else:
                 axes.add_collection(LineCollection(points[cells], colors=[colour], linewidths=width, **lines))
             axes.plot(*points[ends(cells)].T, "o", color=colour, markersize=pin, zorder=zorder + 1)
@@ -126,10 +131,10 @@ class Shapes:
         kinds = {body in self.frames.rigid for body, cells in self.frames.cells.items() if len(cells)}
         if len(kinds) < 2:
             return []
-        outer, width = Stroke(linewidth=4.8, foreground=QUIET), 4.8 * HOLLOW
-        hollow = [outer, Stroke(linewidth=width, foreground="white")]
+        bar = BAR * KEY_WIDTH
+        hollow = [Stroke(linewidth=bar, foreground=QUIET), Stroke(linewidth=HOLLOW * bar, foreground="white")]
         return [
-            Line2D([], [], color=QUIET, linewidth=3.0, label="flexible"),
+            Line2D([], [], color=QUIET, linewidth=KEY_WIDTH, label="flexible"),
             Line2D([], [], path_effects=hollow, label="rigid"),
         ]
 

@@ -74,7 +74,8 @@ class Frames:
         if not (self.positions.keys() == self.rotations.keys() == self.nodes.keys() == self.cells.keys()):
             raise ValueError("positions, rotations, nodes and cells of frames name different bodies")
         if not self.rigid <= self.nodes.keys():
-            raise ValueError(f"rigid bodies of frames are none of theirs: {', '.join(sorted(self.rigid - self.nodes.keys()))}")
+            unknown = ", ".join(sorted(self.rigid - self.nodes.keys()))
+            raise ValueError(f"rigid bodies of frames are none of theirs: {unknown}")
         for body, nodes in self.nodes.items():
             check_shape(f"nodes of '{body}'", nodes, (None, 2))
             check_shape(f"cells of '{body}'", self.cells[body], (None, 2))

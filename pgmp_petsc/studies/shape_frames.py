@@ -1,7 +1,7 @@
 """The shape of the mechanism at some instants, from the frames of its nodes.
 
-A beam's shape is that of its nodes. A rigid body's only node is its centre of mass ``(X, Y, phi)``: its shape is its mesh,
-placed by ``x_k = (X, Y) + R(phi) (s_k - s_centre)``.
+A beam's shape is that of its nodes. A rigid body's only node is its centre of mass ``(X, Y, phi)``: its shape is its
+mesh, placed by ``x_k = (X, Y) + R(phi) (s_k - s_centre)``.
 """
 
 from __future__ import annotations

@@ -159,6 +159,7 @@ def _trajectory(
     model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
 ) -> Trajectory:
     outputs = model.outputs.evaluate(output_frames)
+    stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
     return Trajectory(
         model=model.name,
         record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict()),
@@ -168,7 +169,7 @@ def _trajectory(
         coordinates=coordinates,
         coordinate_units={coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
         modal=modal,
-        frames=shape_frames(model.kinematics.mechanism, frames, frame_times) if len(frame_times) else None,
+        frames=stored if len(frame_times) else None,
         errors=None if estimate is None else _errors(estimate, outputs),
         balance=balance,
     )
