@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
-from pgmp_petsc.studies.effect_sizes import TERMS, EffectSizes, estimate_effects
+from pgmp_petsc.studies.effect_sizes import TERMS, estimate_effects
 
 
 def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene, EffectSizes]:
