@@ -89,14 +89,10 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
 
 def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, tolerance: float) -> list[EffectSize]:
     """Return the sizes of the terms of the reduced model."""
+    if not any(body.flexible for body in scene.bodies.values()):
+        return []
     names = {effect.type: name for name, effect in scene.effects.items()}
-    shares = {
-        "gyroscopic": 0.0,
-        "geometric_stiffening": 0.0,
-        "mode_inertia": 0.0,
-    }
-    if any(body.flexible for body in scene.bodies.values()):
-        shares = _shares_of_terms(scene, meshes, run)
+    shares = _shares_of_terms(scene, meshes, run)
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
         "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
