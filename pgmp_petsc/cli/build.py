@@ -9,12 +9,13 @@ import click
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.coordinate_limits import check_features
+from pgmp_petsc.reduction.coordinate_limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.selection.choice import choose, leaves_open
+from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.inputs import read_scene
 
 POOR_COSINE = 0.5
@@ -37,16 +38,22 @@ def build(
     """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5).
 
     With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
-    error; all that was tried is kept in the file.
+    error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left out,
+    and terms of the reduced model that do are added; the estimate is printed and kept too.
     """
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
+    check_flexible(loaded)
     check_features(loaded)
+    sizes = None
+    if loaded.reduction.effects == "auto":
+        loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
+        say(context, "\n".join(sizes.lines()))
     group = RankGroup.split(comm, ranks_per_angle)
     choice = choose(loaded, meshes, group) if leaves_open(loaded) else None
     rom = build_rom(loaded, meshes, group) if choice is None else choice.rom
-    save(context, rom if choice is None else choice, output)
+    save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
     if rom is not None:
         say(context, report(rom, output))
     if choice is not None:

@@ -24,7 +24,7 @@ def info(context: click.Context, file: Path, scene: bool) -> None:
 
 def describe(path: Path) -> str:
     """Return the description of a result file of any kind."""
-    from pgmp_petsc.results import Selection
+    from pgmp_petsc.results import EffectSizes, Selection
     from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
     from pgmp_petsc.runtime.timings import Timings
 
@@ -44,6 +44,9 @@ def describe(path: Path) -> str:
         selection = Selection.read(file)
         if selection is not None:
             lines += ["", *selection.lines()]
+        sizes = EffectSizes.read(file)
+        if sizes is not None:
+            lines += ["", "effects, chosen by their size", *sizes.lines()]
         if record.timings:
             lines += ["", "timings", _indented(Timings(record.timings).table())]
         lines += ["", "datasets", _indented(_datasets(file))]

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import click
 
 from pgmp_petsc.runtime.agreement import on_root
 
+if TYPE_CHECKING:
+    import h5py
+
+
+#: Adds what it holds to an open file.
+Part = Callable[["h5py.File"], None]
+
 
 class Writable(Protocol):
     """A result with a file format."""
 
-    def write(self, path: Path) -> None:
-        """Write the file."""
+    def write(self, path: Path, *parts: Part) -> None:
+        """Write the file, and what the parts add to it."""
 
 
 def say(context: click.Context, text: str) -> None:
@@ -23,10 +31,10 @@ def say(context: click.Context, text: str) -> None:
         click.echo(text)
 
 
-def save(context: click.Context, result: Writable | None, path: Path) -> None:
-    """Write a result that rank 0 holds. Collective on all ranks."""
+def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:
+    """Write a result that rank 0 holds, with further parts where its file takes them. Collective on all ranks."""
 
     def writing_the_result() -> None:
-        result.write(path)
+        result.write(path, *parts)
 
     on_root(context.obj.comm, writing_the_result)

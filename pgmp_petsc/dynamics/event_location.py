@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.runtime.log_events import log_event
 
 MAX_EVENTS = 20  # in one step of one sample; beyond, the step is taken as it is
 TIME_TOLERANCE = 1e-9  # of the step: what is left is far below the scheme's own error
@@ -54,14 +55,18 @@ class EventLocation:
         """
         lost = np.zeros_like(samples)
         crossed = samples & np.any((self._system.depths(end, after[0]) > 0.0) != self._beyond, axis=0)
-        for sample in np.flatnonzero(crossed):
-            alone = np.arange(samples.size) == sample
-            reached = self._through(before, end, step, alone)
-            if reached is None:
-                lost |= alone
-            else:
-                _put(self._system, after, reached, alone)
+        with log_event("contacts"):
+            for sample in np.flatnonzero(crossed):
+                lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
         return lost
+
+    def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:
+        """Repeat the step of one sample; return it as a mask if its iteration failed."""
+        reached = self._through(before, end, step, alone)
+        if reached is None:
+            return alone
+        _put(self._system, after, reached, alone)
+        return np.zeros_like(alone)
 
     def _through(self, moment: Moment, end: float, step: float, alone: np.ndarray) -> Moment | None:
         """Take one sample to the end of the step, edge by edge; None where its iteration fails."""

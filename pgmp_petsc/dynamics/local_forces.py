@@ -10,6 +10,7 @@ import numpy as np
 from pgmp_petsc.effects.action import Action, amplitudes_of, compile_actions, evaluate_actions
 from pgmp_petsc.mechanism.attachment import onto_nodes
 from pgmp_petsc.mechanism.joints import N_FRAME, N_PAIR
+from pgmp_petsc.runtime.log_events import log_event
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,8 @@ class LocalForces:
         forces, tangents = np.empty_like(z), np.empty((self.n_actions, N_PAIR, N_PAIR, n))
         powers, stored, depths = (np.empty((self.n_actions, n)) for _ in range(3))
         amplitudes = amplitudes_of(self.actions, time)
-        evaluate_actions(self._compiled, amplitudes, z, rates, gain_v, forces, tangents, powers, stored, depths)
+        with log_event("local_effects"):
+            evaluate_actions(self._compiled, amplitudes, z, rates, gain_v, forces, tangents, powers, stored, depths)
         values = [np.zeros((0, n))]
         for action, force, tangent, (i, j) in zip(self.actions, forces, tangents, self._entries):
             curvature = -tangent[None]

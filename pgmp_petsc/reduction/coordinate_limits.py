@@ -30,6 +30,9 @@ def check_features(scene: Scene) -> None:
     for entry, value in settings.items():
         if value:
             check_single(scene, f"{entry} = {'true' if value is True else format(value, 'g')}")
+    for name, effect in scene.effects.items():
+        if effect.type == "geometric_stiffening":
+            check_single(scene, f"effects.{name}")
 
 
 def check_single(scene: Scene, what: str) -> None:
@@ -43,6 +46,18 @@ def check_single(scene: Scene, what: str) -> None:
     n, names = len(scene.coordinates), ", ".join(scene.coordinates)
     if n > 1:
         raise InputError(f"{what}: for one rigid coordinate only, but the scene has {n}: {names}; leave it out")
+
+
+def check_flexible(scene: Scene) -> None:
+    """Refuse a scene without flexible bodies, which has nothing to reduce.
+
+    Raises
+    ------
+    InputError
+        Saying what to do instead.
+    """
+    if not any(body.flexible for body in scene.bodies.values()):
+        raise InputError("bodies: all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full instead")
 
 
 def check_count(scene: Scene, mechanism: Mechanism) -> None:

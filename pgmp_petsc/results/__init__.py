@@ -1,6 +1,7 @@
 """Results as data: trajectories, ensembles, tables of modes and trade-off studies, and the HDF5 files that hold them."""
 
 from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.modes import ModesTable
@@ -11,6 +12,7 @@ from pgmp_petsc.results.trajectory import Frames, Trajectory
 __all__ = [
     "Attempt",
     "Balance",
+    "EffectSizes",
     "Ensemble",
     "EstimatedErrors",
     "Frames",

@@ -12,9 +12,10 @@ tolerance (`ledger`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +36,9 @@ from pgmp_petsc.selection.refusal import refuse
 from pgmp_petsc.selection.step_choice import StepChoice, first_period
 from pgmp_petsc.selection.training import Training
 from pgmp_petsc.selection.trial import Trial
+
+if TYPE_CHECKING:
+    import h5py
 
 USUAL_RUNS = 20  # of the bench, for the progress bar
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
@@ -58,9 +62,9 @@ class Choice:
     rom: ReducedOrderModel | None
     selection: Selection
 
-    def write(self, path: Path) -> None:
-        """Write the reduced model with what was chosen; by one process."""
-        self.rom.write(path, self.selection.write_into)
+    def write(self, path: Path, *parts: Callable[[h5py.File], None]) -> None:
+        """Write the reduced model with what was chosen, and what the parts add; by one process."""
+        self.rom.write(path, self.selection.write_into, *parts)
 
 
 def leaves_open(scene: Scene) -> bool:

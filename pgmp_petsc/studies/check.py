@@ -50,7 +50,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     null = null_space(constraint_jacobian(mechanism, pose, clamped))
     n_flexible = null.independent.size - (len(coordinates) - len(clamped))
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
-    if scene.reduction.modes > n_flexible and not left_open:
+    reducible = any(body.flexible for body in mechanism.bodies)
+    if reducible and scene.reduction.modes > n_flexible and not left_open:
         raise InputError(
             f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
             "take fewer modes or a finer mesh"
@@ -63,15 +64,17 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
+    if not reducible:
+        reduced = "nothing to reduce: all bodies are rigid (pgmp simulate --full)"
     lines.append(
         f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}"
     )
-    if len(flexible) > 1 and not left_open:
+    if len(flexible) > 1 and not left_open and reducible:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    if not left_open:
+    if not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
-from pgmp_petsc.studies.effect_sizes import TERMS, EffectSizes, estimate_effects
+from pgmp_petsc.studies.effect_sizes import TERMS, estimate_effects
 
 
 def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene, EffectSizes]:
@@ -24,15 +25,19 @@ def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene,
         As `estimate_effects`.
     """
     sizes = estimate_effects(scene, meshes)
-    keeps = {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
+    keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
     effects = {name: effect for name, effect in scene.effects.items() if name in kept}
+    given = {effect.type: (name, effect) for name, effect in scene.effects.items() if effect.type in TERMS}
+    wanted = []
     if not keeps["gyroscopic"]:
-        effects[_free_name("gyroscopic", effects)] = Gyroscopic(type="gyroscopic", keep=False)
+        wanted.append(Gyroscopic(type="gyroscopic", keep=False))
     second_order = scene.reduction.second_order
     if len(scene.coordinates) == 1 and not second_order and keeps["geometric_stiffening"]:
-        effects[_free_name("geometric_stiffening", effects)] = GeometricStiffening(type="geometric_stiffening")
-        effects[_free_name("mode_inertia", effects)] = ModeInertia(type="mode_inertia")
+        wanted += [GeometricStiffening(type="geometric_stiffening"), ModeInertia(type="mode_inertia")]
+    for term in wanted:
+        name, effect = given.get(term.type, (_free_name(term.type, effects), term))
+        effects[name] = term if term.type == "gyroscopic" else effect
     reduction = scene.reduction.model_copy(
         update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
     )

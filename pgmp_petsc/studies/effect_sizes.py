@@ -14,7 +14,6 @@ For an effect that the scene does not have and that has numbers of its own, the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -29,6 +28,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
@@ -39,69 +39,6 @@ STANDARD_GRAVITY = 9.81  # m/s2
 CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 #: Terms of the reduced model that the estimate can add or leave out.
 TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
-
-
-@dataclass(frozen=True)
-class EffectSize:
-    """The size of one effect.
-
-    Attributes
-    ----------
-    name
-        Name in the scene, or "" if the scene does not have it.
-    kind
-        Type of the effect.
-    share
-        Its size as a share, NaN where only a threshold can be given.
-    keeps
-        Whether it exceeds the tolerance, or is what the scene is about.
-    measure
-        What the share is a share of, or from which number on the effect would matter.
-    """
-
-    name: str
-    kind: str
-    share: float
-    keeps: bool
-    measure: str
-
-
-@dataclass(frozen=True)
-class EffectSizes:
-    """The sizes of all effects of a scene.
-
-    Attributes
-    ----------
-    tolerance
-        Share above which an effect matters.
-    sizes
-        Of every effect, those of the scene first.
-    largest_speed
-        Largest speed of each coordinate, rad/s, and `exchanged`: the energy moved around, J.
-    warnings
-        What the scene leaves out that exceeds the tolerance.
-    """
-
-    tolerance: float
-    sizes: tuple[EffectSize, ...]
-    largest_speed: dict[str, float]
-    exchanged: float
-    warnings: tuple[str, ...]
-
-    def lines(self) -> list[str]:
-        """Return the report, line by line."""
-        speeds = ", ".join(f"{name} up to {speed:.3g} rad/s" for name, speed in self.largest_speed.items())
-        lines = [
-            f"  sizes of effects in the motion of the rigid mechanism: {speeds}; {self.exchanged:.3g} J moved around",
-            f"  an effect matters from a share of {self.tolerance:g} on",
-        ]
-        for size in self.sizes:
-            share = "        -" if np.isnan(size.share) else f"{size.share:9.2g}"
-            verdict = "keep " if size.keeps else "leave"
-            verdict = verdict if not np.isnan(size.share) or size.name else "-    "
-            name = f"{size.name} ({size.kind})" if size.name else f"({size.kind})"
-            lines.append(f"    {name:38s} {share}  {verdict}  {size.measure}")
-        return lines + [f"  warning: {warning}" for warning in self.warnings]
 
 
 def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSizes:
@@ -152,14 +89,10 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
 
 def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, tolerance: float) -> list[EffectSize]:
     """Return the sizes of the terms of the reduced model."""
+    if not any(body.flexible for body in scene.bodies.values()):
+        return []
     names = {effect.type: name for name, effect in scene.effects.items()}
-    shares = {
-        "gyroscopic": 0.0,
-        "geometric_stiffening": 0.0,
-        "mode_inertia": 0.0,
-    }
-    if any(body.flexible for body in scene.bodies.values()):
-        shares = _shares_of_terms(scene, meshes, run)
+    shares = _shares_of_terms(scene, meshes, run)
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
         "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",

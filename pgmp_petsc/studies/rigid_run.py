@@ -22,7 +22,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import StructuralDamping
 from pgmp_petsc.studies.balance import balance_of
 
-MAX_STEPS = 2000  # more do not change an order of magnitude
+MAX_STEPS = 600  # more do not change an order of magnitude
 
 
 @dataclass(frozen=True, eq=False)

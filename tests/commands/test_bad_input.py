@@ -28,6 +28,7 @@ class Case:
 
 
 SCENE = str(PAPER_SCENE)
+FOUR_BAR, PENDULUM = PAPER_SCENE.with_name("four_bar.toml"), PAPER_SCENE.with_name("double_pendulum.toml")
 ROM, OUT = "{folder}/rom.h5", "{folder}/out.h5"
 
 
@@ -108,7 +109,21 @@ CASES = {
                         words=("joints: they leave the rigid mechanism 0 degrees of freedom",)),
     "two degrees of freedom": check(NO_SLIDER, words=("joints: they leave the rigid mechanism 2 degrees of freedom",)),
     "two coordinates": check('coordinates.second={{joint="elbow", range=[-1.0, 1.0]}}',
-                             words=("coordinates: theta, second", "exactly one")),
+                             words=("they leave the rigid mechanism 1 degrees of freedom", "theta, second")),
+    # effects
+    "unknown effect": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
+    "effect on the wrong joint": check('effects.push={{type="torque", joint="slider", table=[[0.0, 1.0]]}}',
+                                       words=('effects.push.joint = "slider"', "a revolute joint is needed")),
+    "contradictory effects": check(
+        'effects.hold={{type="prescribed_motion", coordinate="theta", constant_speed={{speed=1.0}}}}',
+        words=('effects.hold.coordinate = "theta": contradicts effects.motor',)),
+    "half of second order": check('effects.shapes={{type="mode_inertia"}}',
+                                  words=("effects.shapes", "geometric_stiffening", "or neither")),
+    "change point": Case(("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
+                         ("coordinates.theta: it does not control", "3.14159 rad", "singular value")),
+    "second order of two coordinates": Case(
+        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.second_order=true")),
+        ("reduction.second_order = true: for one rigid coordinate only", "shoulder_angle, elbow_angle")),
     # files
     "no scene": Case(("check", "{folder}/slider_crnk.toml"), ("slider_crnk.toml", "no such scene file")),
     "no TOML": Case(("check", "{folder}/words.msh"), ("words.msh", "not valid TOML")),
@@ -202,6 +217,7 @@ CASES = {
 }
 ON_THREE_RANKS = (
     "unknown key", "missing mesh", "unknown point", "too short a rod", "too short a rod, build", "two coordinates",
+    "unknown effect", "contradictory effects", "change point", "second order of two coordinates",
     "too many modes, build", "cut off", "a scene for a model", "no directory", "ranks per angle", "no samples",
     "unknown parameter", "modes of a model", "nothing to draw", "start outside the range", "model of another scene",
     "no outputs", "directory, trade-off", "nowhere to take modes", "too many parameter modes",

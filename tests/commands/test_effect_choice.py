@@ -1,0 +1,99 @@
+"""``pgmp check --effects`` and ``effects = "auto"``: sizes against figures worked out by hand, and the choice that follows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomllib
+from conftest import ROOT
+from runs import PGMP, pgmp
+
+from pgmp_petsc.results import EffectSizes
+from pgmp_petsc.runtime.files import open_file
+from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.effect_choice import choose_effects
+from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.inputs import read_scene
+
+FOUR_BAR = ROOT / "scenes" / "four_bar.toml"
+BEAM = ROOT / "scenes" / "spinning_beam.toml"
+QUICK = ("--override", "reduction.angles=12", "--override", "reduction.modes=2", "--override", "simulation.duration=0.2")
+TINY = 'effects.tiny={type="joint_damping",joint="elbow",coefficient=1e-9}'
+
+
+def sizes_of(path: Path, *overrides: str) -> EffectSizes:
+    """Estimate the effects of a scene."""
+    from mpi4py import MPI
+
+    return estimate_effects(*read_scene(path, overrides, [], MPI.COMM_SELF))
+
+
+def shares(sizes: EffectSizes) -> dict[str, float]:
+    return {size.kind: size.share for size in sizes.sizes}
+
+
+def test_the_shares_of_a_spinning_beam_are_those_of_the_closed_form() -> None:
+    # clamped: omega_1 = 3.516 sqrt(EI / (rho A L^4)); its stiffness grows by 1.193 Omega^2 with the spin Omega (the flapwise
+    # frequency's), which is 6 rad/s at most
+    found, first = shares(sizes_of(BEAM)), 3.516 * np.sqrt(1.4e4 / (1.2 * 10.0**4))
+    assert found["mode_inertia"] == pytest.approx(6.0 / first, rel=0.01)
+    assert found["geometric_stiffening"] == pytest.approx(1.193 * 36.0 / first**2, rel=0.03)
+    assert found["prescribed_motion"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_halving_the_speed_quarters_the_stiffening_and_halves_the_mode_inertia() -> None:
+    fast, slow = (shares(sizes_of(BEAM, f"effects.motor.spin_up.speed={speed}")) for speed in (6.0, 3.0))
+    assert slow["geometric_stiffening"] == pytest.approx(fast["geometric_stiffening"] / 4, rel=0.02)
+    assert slow["mode_inertia"] == pytest.approx(fast["mode_inertia"] / 2, rel=0.02)
+
+
+def test_the_work_of_a_damper_is_its_share_and_its_threshold() -> None:
+    """What would matter from c on has, with c, a share of just the tolerance."""
+    text = "\n".join(sizes_of(FOUR_BAR, 'effects.bearing={type="gravity",acceleration=1e-6}').lines())
+    threshold = float(re.search(r"\(joint_damping\).*from (\S+) Nm s/rad", text)[1])
+    joint = re.search(r"\(joint_damping\).*on \((\w+)\)", text)[1]
+    damper = f'effects.bearing={{type="joint_damping",joint="{joint}",coefficient={threshold}}}'
+    found = {size.name: size for size in sizes_of(FOUR_BAR, damper).sizes}
+    assert found["bearing"].share == pytest.approx(1e-3, rel=0.1)
+
+
+def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
+    from mpi4py import MPI
+
+    slow = "effects.motor.table=[[0.0,0.0],[1.0,1e-6]]"
+    scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF)
+    chosen, sizes = choose_effects(scene, meshes)
+    assert not chosen.second_order and not chosen.gyroscopic
+    assert "motor" in chosen.effects
+    fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF))
+    assert fast.second_order and fast.gyroscopic
+    assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
+
+
+def test_check_prints_sizes_and_warns(tmp_path: Path) -> None:
+    done = pgmp("check", FOUR_BAR, "--effects", "--override", "simulation.duration=0.2")
+    assert re.search(r"motor \(torque\) +1  keep", done.stdout)
+    assert "warning: the scene leaves out gravity" in done.stdout
+    assert "sizes of effects" not in pgmp("check", FOUR_BAR).stdout
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_a_build_prints_the_choice_and_keeps_it(tmp_path: Path, n_ranks: int, mpirun: Callable) -> None:
+    rom = tmp_path / "rom.h5"
+    options = (*QUICK, "--override", 'reduction.effects="auto"', "--override", TINY)
+    done = mpirun(n_ranks, *PGMP, "build", FOUR_BAR, "-o", rom, *options)
+    assert re.search(r"tiny \(joint_damping\) .* leave", done.stdout)
+    with open_file(rom, "rom") as file:
+        sizes, scene = EffectSizes.read(file), tomllib.loads(file.attrs["scene"])
+    assert {size.name for size in sizes.sizes if size.name and not size.keeps} == {"tiny"}
+    assert list(scene["effects"]) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]
+    assert re.search(r"effects, chosen by their size\n.*rad/s", pgmp("info", rom).stdout)
+
+
+def test_automatic_effects_alone_are_the_terms_of_the_reduced_model() -> None:
+    scene = load_scene(FOUR_BAR, ['effects="auto"'])
+    assert (scene.effects, scene.reduction.effects) == ({}, "auto")
