@@ -64,7 +64,7 @@ COMPARED = {
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
     "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     # its deformations, 0.1 mm, are mostly the static answers to its forces, which modes of vibration have only in part
-    "slider_crank_effects": (0.2, 2e-4, 1e-3, 0.4),
+    "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.4),
 }
 
 
@@ -85,14 +85,13 @@ def test_the_reduced_model_follows_the_full_order_one(name: str) -> None:
 # --- order of the full-order model -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "duration"), [("double_pendulum", 0.4), ("four_bar", 0.3)])
+@pytest.mark.parametrize(("name", "duration"), [("double_pendulum", 0.4), ("four_bar", 0.4)])
 def test_the_full_order_model_is_of_second_order(name: str, duration: float) -> None:
     steps = (1e-3, 5e-4, 2.5e-4)
     every = [run(name, "full", duration, step) for step in steps]
     for output in every[0].outputs:
         coarse, middle, fine = (one.outputs[output][:: 2**k] for k, one in enumerate(every))
-        ratio = np.abs(coarse - middle).max() / np.abs(middle - fine).max()
-        order = np.log2(ratio)
+        order = np.log2(np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine))
         # Richardson: what is left of the finest step is a third of its difference to the middle one
         left = np.abs(middle - fine).max() / 3.0
         assert order == pytest.approx(2.0, abs=0.25), output
@@ -107,9 +106,9 @@ BALANCED = {
     "four_bar": (0.25, 2.5e-4),
     "double_pendulum": (0.4, 2.5e-4),
     "five_bar": (0.3, 2.5e-4),
-    "quick_return": (0.25, 2e-4),
+    "quick_return": (0.3, 2e-4),
     "spinning_beam": (4.0, 1.25e-3),
-    "slider_crank_effects": (0.2, 1e-4),
+    "slider_crank_effects": (0.3, 1e-4),
 }
 
 
