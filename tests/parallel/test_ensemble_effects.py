@@ -20,7 +20,7 @@ SMALL = (
 SCENES = {
     # two rigid coordinates; gravity and structural damping
     "double_pendulum": (
-        "reduction.angles=4", "reduction.modes=3", "coordinates.elbow_angle.range=[-0.9,0.9]", "simulation.duration=0.02",
+        "reduction.angles=6", "reduction.modes=3", "coordinates.elbow_angle.range=[-0.9,0.9]", "simulation.duration=0.02",
     ),
     # every effect at once; the slider goes at 0.9 m/s from 0.83 m to the stop, and is thrown back
     "slider_crank_effects": (
