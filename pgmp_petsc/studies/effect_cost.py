@@ -5,6 +5,9 @@
 The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on the
 joint of this coordinate and on its bodies. An end stop is never reached: what it costs is to look whether it is. All together
 is without the prescribed motion, which excludes torque and stop.
+
+The reduced model has effects of its own: terms of second order in the deformation, which cost something, and inertia forces
+quadratic in the velocities, which cost nothing only where they are left out.
 """
 
 from __future__ import annotations
@@ -14,15 +17,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
+from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models import FullModel, Model
+from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end
 from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -31,6 +37,14 @@ SPEED = 1.0  # rad/s: at rest the iteration of a step would have nothing to do
 NONE, ALL = "none", "all"
 DRIVE = "prescribed_motion"
 WAVE = "harmonic = { amplitude = 1e-3, frequency_hz = 1.0 }"
+SLOW, SECOND_ORDER = "without gyroscopic", "second order"
+# no part of the reduced basis may depend on the effects: their costs are to be compared
+SAME_BASIS = ("reduction.static_modes=false", "reduction.parameter_modes=0", "reduction.second_order=false")
+# entries of the reduced model alone, by the name of their line
+OF_REDUCED = {
+    SLOW: {"gyroscopic": '{ type = "gyroscopic", keep = false }'},
+    SECOND_ORDER: {"geometric_stiffening": '{ type = "geometric_stiffening" }', "mode_inertia": '{ type = "mode_inertia" }'},
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +84,7 @@ def one_of_each(scene: Scene, meshes: Mapping[str, LineMesh]) -> dict[str, str]:
 
 def with_effects(scene: Scene, effects: Mapping[str, str]) -> Scene:
     """Return a scene with other effects, for a few steps."""
-    overrides = ["effects={}", f"simulation.duration={N_STEPS * scene.simulation.step}"]
+    overrides = ["effects={}", f"simulation.duration={N_STEPS * scene.simulation.step}", *SAME_BASIS]
     moving = f"simulation.initial.{next(iter(scene.coordinates))}.velocity={SPEED}"
     overrides.append("simulation.initial={}" if DRIVE in effects else moving)
     overrides += [f"effects.{kind}={table}" for kind, table in effects.items()]
@@ -89,12 +103,34 @@ def seconds_a_step(model: Model) -> tuple[float, float]:
     return min(times[1:]) / (run.n_steps * N_SAMPLES), run.n_iterations / (run.n_steps * N_SAMPLES)
 
 
-def measure(scene: Scene, meshes: Mapping[str, LineMesh], model_of: Callable[[Scene], Model]) -> list[EffectCost]:
-    """Measure a model of the scene's mechanism without effects, with each type alone, and with all that go together."""
+def measure(
+    scene: Scene,
+    meshes: Mapping[str, LineMesh],
+    model_of: Callable[[Scene], Model],
+    further: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+) -> list[EffectCost]:
+    """Measure a model of the scene's mechanism without effects, with each type alone, and with all that go together.
+
+    Parameters
+    ----------
+    further
+        Further cases by their names: the tables of their effects, by type. All but `SLOW` are among all that go together.
+    """
     effects = one_of_each(scene, meshes)
-    cases = {NONE: {}, **{kind: {kind: table} for kind, table in effects.items()}}
-    cases[ALL] = {kind: table for kind, table in effects.items() if kind != DRIVE}
+    cases = {NONE: {}, **{kind: {kind: table} for kind, table in effects.items()}, **further}
+    together = {kind: table for kind, table in effects.items() if kind != DRIVE}
+    cases[ALL] = together | {kind: table for name, case in further.items() if name != SLOW for kind, table in case.items()}
     return [EffectCost(name, *seconds_a_step(model_of(with_effects(scene, chosen)))) for name, chosen in cases.items()]
+
+
+def of_reduced(scene: Scene) -> dict[str, dict[str, str]]:
+    """Return the cases of the reduced model alone; terms of second order are there for one coordinate."""
+    return {name: case for name, case in OF_REDUCED.items() if name != SECOND_ORDER or len(scene.coordinates) == 1}
+
+
+def reduced_model(scene: Scene, meshes: Mapping[str, LineMesh]) -> ReducedModel:
+    """Build the reduced model of a scene on this process."""
+    return ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
 
 
 def table(costs: list[EffectCost]) -> str:
@@ -108,7 +144,7 @@ def table(costs: list[EffectCost]) -> str:
 
 
 def main() -> int:
-    """Print the table for the full-order model of the scene on the command line."""
+    """Print the tables for the full-order and the reduced model of the scene on the command line."""
     if len(sys.argv) != 2:
         print("usage: python -m pgmp_petsc.studies.effect_cost SCENE", file=sys.stderr)
         return 2
@@ -117,7 +153,8 @@ def main() -> int:
     petsc4py.init([])
     try:
         scene, meshes = read_scene(Path(sys.argv[1]), (), (), MPI.COMM_SELF)
-        print(table(measure(scene, meshes, lambda changed: FullModel(changed, meshes))))
+        print(f"full-order model\n{table(measure(scene, meshes, lambda changed: FullModel(changed, meshes)))}\n")
+        print(f"reduced model\n{table(measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene)))}")
     except PgmpError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_status

@@ -1,0 +1,405 @@
+"""Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing.
+
+`test_reduced_actions` compares local effects, damping and drives with the full-order model; here are the kinds that it leaves out, and
+closed forms of all that turn a single stiff bar.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, line_meshes, line_model, scene_of
+from mpi4py import MPI
+from runs import full_model, history, samples
+from runs import reduced_model as in_memory
+from scenes import slider_crank
+from scipy.integrate import solve_ivp
+
+from pgmp_petsc.dynamics.event_location import EventLocation
+from pgmp_petsc.dynamics.reduced_equations import allocate
+from pgmp_petsc.dynamics.reduced_kernel import interpolate
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.effects import Effect, Motion
+from pgmp_petsc.effects.torque import Torque
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+G = 9.81
+STEP = 2e-3
+# so stiff that it is straight to 1e-5, with modes all the same
+STIFF = (
+    "bodies.bar.flexible=true", "bodies.bar.section.axial=1e7", "bodies.bar.section.shear=1e7",
+    "bodies.bar.section.bending=1e5", "bodies.bar.section.rotary_density=1e-4",
+)  # fmt: skip
+INERTIA = BAR_INERTIA + 1e-4
+ANGLE = """
+[outputs.angle]
+type = "angle"
+joint = "hinge"
+[reduction]
+modes = 2
+angles = 24
+interpolation = "spline"
+"""
+
+
+def build(scene: Scene) -> ReducedModel:
+    """Build the reduced model of a scene whose bodies are lines."""
+    return ReducedModel(scene, build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+
+
+def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Trajectory:
+    """Run the reduced model of the stiff bar with effects."""
+    start = "".join(f"{key} = {value}\n" for key, value in initial.items())
+    simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\nerror_indicator = false\n"
+    begin = f"[simulation.initial.theta]\n{start}" if initial else ""
+    return simulate_reduced(build(scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)), MPI.COMM_SELF)
+
+
+# --- closed forms ------------------------------------------------------------------------------------------------------
+
+
+def towards(angle: float, force: float) -> float:
+    """Return the torque of a force from the tip towards (0.3, 1.4)."""
+    x, y = np.cos(angle), np.sin(angle)
+    return force * (1.4 * x - 0.3 * y) / np.hypot(0.3 - x, 1.4 - y)
+
+
+ANCHOR = "[ground.points]\nanchor = [0.3, 1.4]\n"
+# effect, torque about the hinge of (t, angle, speed), further moment of inertia
+CLOSED: dict[str, tuple[str, Callable[[float, float, float], float], float]] = {
+    "harmonic torque": (
+        'type = "torque"\njoint = "hinge"\nscale = 1.5\n'
+        "harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }",
+        lambda t, a, w: 1.5 * (0.7 * np.sin(4.0 * np.pi * t + 0.4) + 0.2), 0.0,
+    ),
+    "fixed force": (
+        'type = "force"\npoint = "bar:tip"\ndirection = [3.0, 4.0]\ntable = [[0.0, 0.0], [0.5, 2.0]]',
+        lambda t, a, w: 4.0 * t * (0.8 * np.cos(a) - 0.6 * np.sin(a)), 0.0,
+    ),
+    "following force": (
+        'type = "force"\npoint = "bar:tip"\ndirection = [1.0, 1.0]\nfollows = true\ntable = [[0.0, 0.0], [0.5, 2.0]]',
+        lambda t, a, w: 4.0 * t * np.sqrt(0.5), 0.0,
+    ),
+    "pulling force": (
+        'type = "force"\npoint = "bar:tip"\ntowards = "ground:anchor"\ntable = [[0.0, 0.5], [0.5, 1.5]]\n' + ANCHOR,
+        lambda t, a, w: towards(a, 0.5 + 2.0 * t), 0.0,
+    ),
+    "gravity": (
+        'type = "gravity"\ndirection = [0.0, -3.0]\nacceleration = 9.0', lambda t, a, w: -4.5 * np.cos(a), 0.0,
+    ),
+    "point mass": (
+        'type = "point_mass"\npoint = "bar:tip"\nmass = 0.8\ninertia = 0.05\n[effects.weight]\ntype = "gravity"',
+        lambda t, a, w: -(0.5 + 0.8) * G * np.cos(a), 0.85,
+    ),
+    "joint damping": ('type = "joint_damping"\njoint = "hinge"\ncoefficient = 0.5', lambda t, a, w: -0.5 * w, 0.0),
+    "joint friction": (
+        'type = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.2', lambda t, a, w: -0.5 * np.tanh(w / 0.2), 0.0,
+    ),
+    "spring in a joint": (
+        'type = "spring_damper"\njoint = "hinge"\nstiffness = 8.0\ndamping = 0.2\nrest = 0.2',
+        lambda t, a, w: -8.0 * (a - 0.2) - 0.2 * w, 0.0,
+    ),
+    "spring between points": (
+        'type = "spring_damper"\npoints = ["ground:anchor", "bar:tip"]\nstiffness = 5.0\nrest = 0.9\n' + ANCHOR,
+        lambda t, a, w: towards(a, 5.0 * (np.hypot(0.3 - np.cos(a), 1.4 - np.sin(a)) - 0.9)), 0.0,
+    ),
+    "end stop": (
+        'type = "end_stop"\njoint = "hinge"\nupper = 0.3\nstiffness = 100.0\ndamping = 0.1',
+        lambda t, a, w: -100.0 * max(0.0, a - 0.3) * max(0.0, 1.0 + 0.1 * w), 0.0,
+    ),
+    "mass damping": (
+        'type = "structural_damping"\nmass = 1.5', lambda t, a, w: -1.5 * INERTIA * w, 0.0,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_stiff_bar_turns_as_a_rigid_one(name: str) -> None:
+    text, torque, further = CLOSED[name]
+    run = run_of(f"[effects.extra]\n{text}", 0.5, velocity=1.0)
+    expected = solve_ivp(
+        lambda t, y: [y[1], torque(t, *y) / (INERTIA + further)], (0.0, run.time[-1]), [0.0, 1.0],
+        t_eval=run.time, rtol=1e-10, atol=1e-12, max_step=2e-3,
+    ).y[0]  # fmt: skip
+    # the largest rate is the stop's, sqrt(100 / J) = 17 / s: (omega h)^2 / 12 = 1e-4 of the turn; forces bend the bar by 1e-5
+    np.testing.assert_allclose(run.outputs["angle"], expected, rtol=0, atol=1e-4 * max(1.0, np.ptp(expected)))
+    assert np.abs(run.balance.residual).max() < 1e-3 * run.balance.exchanged
+
+
+MOTIONS = {
+    "table": "table = [[0.0, 0.2], [0.3, 0.9], [0.8, 0.4]]",
+    "harmonic": "harmonic = { amplitude = 0.3, frequency_hz = 1.5, phase = 0.4, mean = 0.1 }",
+    "spin_up": "spin_up = { speed = 2.0, time = 0.6, start = 0.3 }",
+    "constant_speed": "constant_speed = { speed = 2.0, start = 0.3 }",
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_prescribed_motion_takes_the_torque_of_a_rigid_bar(name: str) -> None:
+    drive = f'[effects.drive]\ntype = "prescribed_motion"\ncoordinate = "theta"\n{MOTIONS[name]}\n'
+    run = run_of(drive + '[effects.weight]\ntype = "gravity"\n', 0.6)
+    motion = Motion("drive", scene_of(BAR, drive).effects["drive"])
+    angles, _, accelerations = np.array([motion.at(t) for t in run.time]).T
+    np.testing.assert_allclose(run.outputs["angle"], angles, rtol=0, atol=1e-12)
+    torque = INERTIA * accelerations + 0.5 * G * np.cos(angles)
+    work = np.concatenate([[0.0], np.cumsum(np.diff(angles) * (torque[1:] + torque[:-1]) / 2)])
+    # weight and, from a table, acceleration come suddenly: the bar swings on them, by 1e-5 but much faster than it turns
+    np.testing.assert_allclose(run.balance.work["drive"], work, rtol=0, atol=1e-2 * np.abs(work).max())
+
+
+# a beam hinged at its middle: its antisymmetric free modes feel nothing of the hinge
+SPINNER = CANTILEVER.replace('"beam:hinge"]', '"beam:middle"]').split("[effects.hold]")[0]
+DAMPED = """
+[effects.loss]
+type = "structural_damping"
+{damping}
+[reduction]
+modes = 3
+angles = 4
+interpolation = "spline"
+"""
+DECAYS = {
+    "stiffness": ("stiffness = 1e-3", lambda omega: 0.5e-3 * omega**2),
+    "mass": ("mass = 2.0", lambda omega: 1.0),
+    "both": ("mass = 1.0\nstiffness = 5e-4", lambda omega: 0.5 + 0.25e-3 * omega**2),
+    "ratios": ("ratios = [0.5, 0.03]", lambda omega: 0.03 * omega),
+}
+
+
+@pytest.mark.parametrize("name", DECAYS)
+def test_the_decay_of_a_mode(name: str) -> None:
+    """Of the second free mode, antisymmetric, from the linearised reduced equations; a rotation decays by mass alone."""
+    text, decay = DECAYS[name]
+    model = build(scene_of(SPINNER, DAMPED.format(damping=text)))
+    system, n = model.batch({}, 1), model.terms.layout.n_eta
+
+    def slopes(kind: int) -> np.ndarray:
+        columns = []
+        for i in range(n):
+            at = np.zeros((2, 3, 1, n))
+            at[:, kind, 0, i] = 1e-6, -1e-6
+            up, down = (system.residual(0.0, State(*state, np.zeros(0)))[0].copy() for state in at)
+            columns.append((up - down) / 2e-6)
+        return np.array(columns).T
+
+    stiffness, damping, mass = (slopes(kind) for kind in range(3))
+    first_order = np.block([
+        [np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
+    ])
+    roots = np.linalg.eigvals(first_order)
+    expected = 7.8532**2  # of a free beam; 8 elements: (k h)^2 / 8
+    mode = roots[np.argmin(np.abs(roots - 1j * expected))]
+    omega = np.abs(mode)
+    assert omega == pytest.approx(expected, rel=0.1)
+    assert -mode.real == pytest.approx(decay(omega), rel=1e-5)
+    rotation = sorted(np.abs(roots[np.abs(roots) < 5.0]))
+    brake = {"mass": 2.0, "both": 1.0}.get(name, 0.0)
+    np.testing.assert_allclose(rotation, [0.0, brake], rtol=0, atol=1e-4)
+
+
+# --- against the full-order model: effects of sliding joints, and those of the whole mechanism --------------------------------
+
+MODES = (
+    "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
+    'reduction.interpolation="spline"',
+)  # fmt: skip
+OUTPUTS = (
+    'outputs.angle={type="angle",joint="crank_hinge"}', 'outputs.slider={type="position",point="rod:tip",axis="x"}',
+)  # fmt: skip
+MOVING = (
+    "simulation.initial.theta.position=0.4", "effects.motor.table=[[0.0,0.0],[0.1,1.5],[1.0,1.5]]",
+    "simulation.duration=0.15", "simulation.step=1e-3",
+)  # fmt: skip
+FOLLOWED = {
+    "spring of the slider": 'effects.extra={type="spring_damper",joint="slider",stiffness=200.0,damping=2.0,rest=0.95}',
+    "friction of the slider": 'effects.extra={type="joint_friction",joint="slider",limit=2.0,speed=0.05}',
+    "stop of the slider": 'effects.extra={type="end_stop",joint="slider",lower=0.955,stiffness=5000.0,damping=0.2}',
+    "gravity": 'effects.extra={type="gravity"}',
+    "point mass": 'effects.extra={type="point_mass",point="rod:tip",mass=0.4}',
+    "fixed force": 'effects.extra={type="force",point="rod:tip",direction=[-1.0,0.0],table=[[0.0,0.0],[0.1,5.0]]}',
+}
+
+
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
+    # forces in fixed directions have static answers of every direction, of which that along a guide's normal is none
+    plain = ("reduction.static_modes=false", "reduction.modes=8") if name == "fixed force" else ()
+    scene = slider_crank(FOLLOWED[name], *MODES, *plain, *OUTPUTS, *MOVING)
+    values = samples(scene, 2, r1=np.array([5.6e-3, 5.0e-3]))
+    _, reduced = history(in_memory(scene), values, 2)
+    _, full = history(full_model(scene), values, 2)
+    bare = slider_crank(*MODES, *OUTPUTS, *MOVING)
+    _, without = history(full_model(bare), values, 2)
+    for output, expected in full.items():
+        moved = np.ptp(expected)
+        np.testing.assert_allclose(reduced[output], expected, rtol=0, atol=1e-3 * moved)
+        assert np.abs(without[output] - expected).max() > 0.02 * moved, "the effect takes part"
+
+
+# --- what is not named is not there ------------------------------------------------------------------------------------------
+
+SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\nerror_indicator = false\n"
+NAMED = {
+    "torque": 'type = "torque"\njoint = "hinge"\nharmonic = { amplitude = 1.0, frequency_hz = 1.0 }',
+    "force": 'type = "force"\npoint = "bar:tip"\ndirection = [0.0, 1.0]\nfollows = true\ntable = [[0.0, 1.0]]',
+    "gravity": 'type = "gravity"',
+    "point_mass": 'type = "point_mass"\npoint = "bar:tip"\nmass = 0.8\ninertia = 0.05',
+    "joint_damping": 'type = "joint_damping"\njoint = "hinge"\ncoefficient = 0.5',
+    "joint_friction": 'type = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.2',
+    "spring_damper": 'type = "spring_damper"\njoint = "hinge"\nstiffness = 8.0',
+    "structural_damping": 'type = "structural_damping"\nstiffness = 1e-5',
+    "prescribed_motion": 'type = "prescribed_motion"\ncoordinate = "theta"\nconstant_speed = { speed = 1.0 }',
+    "end_stop": 'type = "end_stop"\njoint = "hinge"\nupper = 0.3\nstiffness = 100.0',
+    "geometric_stiffening": 'type = "geometric_stiffening"\n[effects.other]\ntype = "mode_inertia"',
+}
+WATCHED = [
+    (Effect, "amplitude"), (Torque, "amplitude"), (Motion, "at"), (EventLocation, "repeat_steps"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
+    """Count the evaluations of everything that effects are made of outside compiled code."""
+    counted: Counter = Counter()
+    for owner, name in WATCHED:
+        original = getattr(owner, name)
+
+        def count(self: object, *args: object, _original: object = original, _name: str = f"{owner.__name__}.{name}",
+                  **given: object) -> object:
+            counted[_name] += 1
+            return _original(self, *args, **given)
+
+        monkeypatch.setattr(owner, name, count)
+    return counted
+
+
+def written(folder: Path, scene: Scene) -> dict[str, object]:
+    """Write ROM and trajectories of a scene; return shapes of all datasets, timed phases among them, and the effects with loads."""
+    found: dict[str, object] = {}
+    rom = build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    rom.write(folder / "rom.h5")
+    simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF).write(folder / "reduced.h5")
+    simulate_full(line_model(scene), MPI.COMM_SELF).write(folder / "full.h5")
+    for name in ("rom", "reduced", "full"):
+        with h5py.File(folder / f"{name}.h5") as file:
+            file.visititems(
+                lambda path, item: found.update({f"{name}:{path}": item.shape}) if isinstance(item, h5py.Dataset) else None
+            )
+            if name == "rom":
+                found["loads"] = list(file["tables/load"].attrs["effects"])
+    return found
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    """Return what the files of a scene without effects hold."""
+    return written(tmp_path_factory.mktemp("bare"), scene_of(BAR, ANGLE + SHORT, *STIFF))
+
+
+def test_files_without_effects_name_none(bare: dict[str, object]) -> None:
+    assert bare["loads"] == [] and bare["rom:tables/load"][1] == 0
+    assert not [name for name in bare if "work" in name or "second_order" in name or "curvature" in name]
+
+
+# What the files of a scene with an effect have more than those without it, but for the work in trajectories.
+ADDED = {
+    "torque": {"rom:tables/load"},
+    "gravity": {"rom:tables/load"},
+    "point_mass": {"rom:tables/mass", "rom:tables/inertia"},
+    "geometric_stiffening": {"rom:tables/second_order", "rom:curvature", "rom:timings/second order"},
+}
+
+
+@pytest.mark.parametrize("kind", NAMED)
+def test_an_effect_adds_only_what_is_its_own(bare: dict[str, object], tmp_path: Path, kind: str) -> None:
+    """And a scene without it has none of that."""
+    held = written(tmp_path, scene_of(BAR, f"{ANGLE}{SHORT}[effects.extra]\n{NAMED[kind]}\n", *STIFF))
+    assert bare.keys() <= held.keys()
+    changed = {name for name, value in held.items() if bare.get(name) != value}
+    works = {f"{model}:work/extra" for model in ("reduced", "full")}
+    has_work = kind not in ("point_mass", "geometric_stiffening")
+    assert (changed & works) == (works if has_work else set())
+    rest = changed - works - {"loads"}
+    assert all(any(name.startswith(part) for part in ADDED.get(kind, ())) for name in rest), sorted(rest)
+    assert held["loads"] == (["extra"] if kind in ("torque", "gravity") else [])
+
+
+EVALUATED = {
+    "torque": {"Torque.amplitude"},
+    "gravity": {"Effect.amplitude"},
+    "prescribed_motion": {"Motion.at"},
+    "end_stop": {"EventLocation.repeat_steps"},
+}
+
+
+@pytest.mark.parametrize("kind", ["none", *NAMED])
+def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) -> None:
+    text = f"[effects.extra]\n{NAMED[kind]}\n" if kind in NAMED else ""
+    model = build(scene_of(BAR, ANGLE + SHORT + text, *STIFF))
+    calls.clear()
+    system: ReducedSystem = model.batch({}, 1)
+    simulate_reduced(model, MPI.COMM_SELF)
+    assert set(calls) == EVALUATED.get(kind, set())
+    layout = model.terms.layout
+    equations = system._equations  # noqa: SLF001
+    local = {"force", "joint_damping", "joint_friction", "spring_damper", "end_stop"}
+    # what compiled code loops over, or skips because it is empty
+    assert len(model._actions.actions) == (kind in local)  # noqa: SLF001
+    assert equations.local.places.sides.shape[0] == (kind in local)
+    assert system.n_events == (kind == "end_stop")
+    assert (layout.damping < layout.end) == (kind == "structural_damping")
+    assert equations.mass_damping.size == 0
+    assert layout.second_order == (kind == "geometric_stiffening")
+    assert equations.tables.loads.shape[1] == (kind in ("torque", "gravity"))
+    assert equations.prescribed.any() == (kind == "prescribed_motion")
+    assert layout.quadratic
+
+
+# --- the inertia forces quadratic in the velocities ----------------------------------------------------------------------------
+
+def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:
+    """Return the bending of a slider-crank's rod at a constant speed of the crank (rad/s) over time, and the model."""
+    scene = slider_crank(
+        'effects={motor={type="prescribed_motion",coordinate="theta",constant_speed={speed=%g,start=0.4}},'
+        'weight={type="gravity"},velocities={type="gyroscopic",keep=%s}}' % (speed, str(keep).lower()),
+        *MODES, 'outputs.bend={type="deformation",point="rod:2",axis="y"}',
+        "simulation.duration=0.1", "simulation.step=1e-3",
+    )  # fmt: skip
+    model = in_memory(scene)
+    _, found = history(model, samples(scene, 1), 1)
+    return found["bend"][:, 0], model
+
+
+@pytest.mark.parametrize(("speed", "least", "most"), [(0.2, 0.0, 1e-3), (20.0, 0.5, np.inf)])
+def test_slow_motions_do_without_gyroscopic_forces_and_fast_ones_do_not(speed: float, least: float, most: float) -> None:
+    """The rod bends under its weight, and by its own inertia with the square of the speed."""
+    kept, left = (bending(speed, keep)[0] for keep in (True, False))
+    share = np.abs(left - kept).max() / np.abs(kept).max()
+    assert least <= share < most, share
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_slopes_of_the_mass_are_evaluated_only_for_gyroscopic_forces(keep: bool) -> None:
+    _, model = bending(1.0, keep)
+    layout = model.terms.layout
+    assert layout.quadratic == keep
+    system = model.batch(samples(model.scene, 1), 1)
+    work = allocate(layout)
+    interpolate(
+        system._equations, 0, 0, 1, np.full((1, layout.n_eta), 0.3), np.ones(1), system._cache, work  # noqa: SLF001
+    )
+    mass = slice(layout.n_rigid, layout.coupling)
+    assert np.abs(work.terms[mass]).max() > 0.0
+    assert work.slopes[:, mass].any() == keep
+    assert work.slopes[:, layout.coupling : layout.stiffness].any() == keep

@@ -1,0 +1,124 @@
+"""The repository's scenes: reduced against full-order model, order of the full-order one, and the balance of energy.
+
+Every scene is as it is in the repository, but shorter, and those of two coordinates have fewer configurations. What the balance
+of a whole scene leaves at its own step follows from what is measured here by the square of the step.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from mpi4py import MPI
+
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+# Configurations that a short run does not come near are left out.
+SMALLER = {
+    "double_pendulum": ("coordinates.elbow_angle.range=[-0.9,0.9]", "reduction.angles=12"),
+    "five_bar": ("reduction.angles=8",),
+    "quick_return": ("reduction.angles=48",),
+}
+
+
+def read(name: str, *overrides: str) -> tuple[Scene, dict[str, LineMesh]]:
+    """Return a scene of the repository and its meshes."""
+    plain = ("simulation.error_indicator=false", *SMALLER.get(name, ()))
+    return read_scene(ROOT / "scenes" / f"{name}.toml", (*plain, *overrides), (), MPI.COMM_SELF)
+
+
+@lru_cache(maxsize=None)
+def reduced_model(name: str) -> ReducedModel:
+    """Return the reduced model of a scene, built once."""
+    scene, meshes = read(name)
+    return ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+
+
+@lru_cache(maxsize=None)
+def run(name: str, kind: str, duration: float, step: float) -> Trajectory:
+    """Run the ``full`` or the ``reduced`` model of a scene, once, for a duration (s) with a step (s)."""
+    scene, meshes = read(name, f"simulation.duration={duration}", f"simulation.step={step}")
+    if kind == "full":
+        return simulate_full(FullModel(scene, meshes), MPI.COMM_SELF)
+    return simulate_reduced(reduced_model(name).with_loads(scene), MPI.COMM_SELF)
+
+
+# --- the reduced model -------------------------------------------------------------------------------------------------
+
+# Duration and step (s), and the largest deviation of each kind of output as a share of its largest value: coordinates and
+# positions, deformations. The step's own error is common to both models.
+COMPARED = {
+    "four_bar": (1.0, 1e-3, 1e-3, 1e-2),
+    "double_pendulum": (0.4, 1e-3, 1e-3, 1e-2),
+    "five_bar": (0.3, 1e-3, 1e-3, 1e-2),
+    # its deformation is that of the rocker where the crank's pin is; 1.5 % with 48 angles, 96, and twice the modes alike
+    "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
+    "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
+    # its deformations, 0.1 mm, are mostly the static answers to its forces, which modes of vibration have only in part
+    "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.4),
+}
+
+
+@pytest.mark.parametrize("name", COMPARED)
+def test_the_reduced_model_follows_the_full_order_one(name: str) -> None:
+    duration, step, of_motion, of_deformation = COMPARED[name]
+    reduced, full = (run(name, kind, duration, step) for kind in ("reduced", "full"))
+    scene, _ = read(name)
+    for output, expected in full.outputs.items():
+        share = np.abs(reduced.outputs[output] - expected).max() / np.abs(expected).max()
+        limit = of_deformation if scene.outputs[output].type == "deformation" else of_motion
+        assert share < limit, f"{output}: {share:.2e}"
+    for coordinate, (found, expected) in enumerate(zip(reduced.coordinates.T, full.coordinates.T)):
+        # theta of the reduced model is not the angle of the bent hinge node: a small bending between them
+        assert np.abs(found - expected).max() < 5e-3 * np.ptp(expected), coordinate
+
+
+# --- order of the full-order model -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "duration"), [("double_pendulum", 0.4), ("four_bar", 0.4)])
+def test_the_full_order_model_is_of_second_order(name: str, duration: float) -> None:
+    steps = (1e-3, 5e-4, 2.5e-4)
+    every = [run(name, "full", duration, step) for step in steps]
+    for output in every[0].outputs:
+        coarse, middle, fine = (one.outputs[output][:: 2**k] for k, one in enumerate(every))
+        order = np.log2(np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine))
+        # Richardson: what is left of the finest step is a third of its difference to the middle one
+        left = np.abs(middle - fine).max() / 3.0
+        assert order == pytest.approx(2.0, abs=0.25), output
+        # coordinates; the double pendulum's bars start to swing at once, and 1 ms is a fifth of their vibrations' radian
+        assert left < (5e-3 if output.endswith("deformation") else 1e-4) * np.abs(fine).max(), output
+
+
+# --- the balance of energy ---------------------------------------------------------------------------------------------
+
+# Duration and step (s) at which the residual of both models is below 1e-6 of the energy exchanged.
+BALANCED = {
+    "four_bar": (0.25, 2.5e-4),
+    "double_pendulum": (0.4, 2.5e-4),
+    "five_bar": (0.3, 2.5e-4),
+    "quick_return": (0.3, 2e-4),
+    "spinning_beam": (4.0, 1.25e-3),
+    "slider_crank_effects": (0.3, 1e-4),
+}
+
+
+@pytest.mark.parametrize("kind", ["full", "reduced"])
+@pytest.mark.parametrize("name", BALANCED)
+def test_the_balance_of_energy_holds(name: str, kind: str) -> None:
+    duration, step = BALANCED[name]
+    shares = []
+    for h in (2.0 * step, step):
+        balance = run(name, kind, duration, h).balance
+        shares.append(np.abs(balance.residual).max() / balance.exchanged)
+    assert shares[1] < 1e-6, shares
+    assert np.log2(shares[0] / shares[1]) > 1.8, shares
