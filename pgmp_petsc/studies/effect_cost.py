@@ -1,13 +1,13 @@
-"""What effects cost: processor time of a step and sample without any effect, with one of each type alone, and with all together.
+"""What effects cost: processor time of a step and sample without any effect, with one of each type, and with all.
 
     python -m pgmp_petsc.studies.effect_cost scenes/slider_crank.toml
 
-The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on the
-joint of this coordinate and on its bodies. An end stop is never reached: what it costs is to look whether it is. All together
+The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on
+the joint of this coordinate and on its bodies. An end stop is never reached: it costs a look whether it is. All together
 is without the prescribed motion, which excludes torque and stop.
 
-The reduced model has effects of its own: terms of second order in the deformation, which cost something, and inertia forces
-quadratic in the velocities, which cost nothing only where they are left out.
+The reduced model has effects of its own: terms of second order in the deformation, and inertia forces quadratic in the
+velocities, which are there unless a scene leaves them out.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SAME_BASIS = ("reduction.static_modes=false", "reduction.parameter_modes=0", "re
 # entries of the reduced model alone, by the name of their line
 OF_REDUCED = {
     SLOW: {"gyroscopic": '{ type = "gyroscopic", keep = false }'},
-    SECOND_ORDER: {"geometric_stiffening": '{ type = "geometric_stiffening" }', "mode_inertia": '{ type = "mode_inertia" }'},
+    SECOND_ORDER: {kind: f'{{ type = "{kind}" }}' for kind in ("geometric_stiffening", "mode_inertia")},
 }
 
 
@@ -114,12 +114,15 @@ def measure(
     Parameters
     ----------
     further
-        Further cases by their names: the tables of their effects, by type. All but `SLOW` are among all that go together.
+        Further cases by their names: tables of their effects, by type. All but `SLOW` are among those that go together.
     """
     effects = one_of_each(scene, meshes)
     cases = {NONE: {}, **{kind: {kind: table} for kind, table in effects.items()}, **further}
     together = {kind: table for kind, table in effects.items() if kind != DRIVE}
-    cases[ALL] = together | {kind: table for name, case in further.items() if name != SLOW for kind, table in case.items()}
+    for name, case in further.items():
+        if name != SLOW:
+            together |= case
+    cases[ALL] = together
     return [EffectCost(name, *seconds_a_step(model_of(with_effects(scene, chosen)))) for name, chosen in cases.items()]
 
 
@@ -137,9 +140,9 @@ def table(costs: list[EffectCost]) -> str:
     """Return the costs as text, one line an effect."""
     nothing = next(cost.seconds for cost in costs if cost.effects == NONE)
     lines = [f"{'effects':<20} {'us a step':>10} {'of none':>8} {'corrections':>12}"]
-    lines += [
-        f"{cost.effects:<20} {1e6 * cost.seconds:>10.2f} {cost.seconds / nothing:>8.2f} {cost.corrections:>12.2f}" for cost in costs
-    ]
+    for cost in costs:
+        figures = f"{1e6 * cost.seconds:>10.2f} {cost.seconds / nothing:>8.2f} {cost.corrections:>12.2f}"
+        lines.append(f"{cost.effects:<20} {figures}")
     return "\n".join(lines)
 
 
@@ -153,8 +156,10 @@ def main() -> int:
     petsc4py.init([])
     try:
         scene, meshes = read_scene(Path(sys.argv[1]), (), (), MPI.COMM_SELF)
-        print(f"full-order model\n{table(measure(scene, meshes, lambda changed: FullModel(changed, meshes)))}\n")
-        print(f"reduced model\n{table(measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene)))}")
+        full = measure(scene, meshes, lambda changed: FullModel(changed, meshes))
+        print(f"full-order model\n{table(full)}\n", flush=True)
+        reduced = measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene))
+        print(f"reduced model\n{table(reduced)}")
     except PgmpError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_status

@@ -1,4 +1,4 @@
-"""Ensembles of a scene with two coordinates, and of one with actions, a stop and a drive: the same samples on any number of ranks."""
+"""Ensembles over two coordinates, and with local effects and a stop: the same samples on any number of ranks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ SMALL = (
 SCENES = {
     # two rigid coordinates; gravity and structural damping
     "double_pendulum": (
-        "reduction.angles=6", "reduction.modes=3", "coordinates.elbow_angle.range=[-0.9,0.9]", "simulation.duration=0.02",
+        "reduction.angles=6", "reduction.modes=3", "coordinates.elbow_angle.range=[-0.9,0.9]",
+        "simulation.duration=0.02",
     ),
     # every effect at once; the slider goes at 0.9 m/s from 0.83 m to the stop, and is thrown back
     "slider_crank_effects": (

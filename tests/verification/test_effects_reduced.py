@@ -1,7 +1,7 @@
 """Effects in the reduced model against closed forms, and what a scene without an effect has of it: nothing.
 
-`test_reduced_actions` compares local effects, damping and drives with the full-order model; here are the kinds that it leaves out, and
-closed forms of all that turn a single stiff bar.
+`test_reduced_actions` compares local effects, damping and drives with the full-order model; here are the kinds that it
+leaves out, and closed forms of all that turn a single stiff bar.
 """
 
 from __future__ import annotations
@@ -63,10 +63,11 @@ def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Tra
     start = "".join(f"{key} = {value}\n" for key, value in initial.items())
     simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\nerror_indicator = false\n"
     begin = f"[simulation.initial.theta]\n{start}" if initial else ""
-    return simulate_reduced(build(scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)), MPI.COMM_SELF)
+    scene = scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)
+    return simulate_reduced(build(scene), MPI.COMM_SELF)
 
 
-# --- closed forms ------------------------------------------------------------------------------------------------------
+# --- closed forms ----------------------------------------------------------------------------------------------------
 
 
 def towards(angle: float, force: float) -> float:
@@ -104,7 +105,8 @@ CLOSED: dict[str, tuple[str, Callable[[float, float, float], float], float]] = {
     ),
     "joint damping": ('type = "joint_damping"\njoint = "hinge"\ncoefficient = 0.5', lambda t, a, w: -0.5 * w, 0.0),
     "joint friction": (
-        'type = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.2', lambda t, a, w: -0.5 * np.tanh(w / 0.2), 0.0,
+        'type = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.2',
+        lambda t, a, w: -0.5 * np.tanh(w / 0.2), 0.0,
     ),
     "spring in a joint": (
         'type = "spring_damper"\njoint = "hinge"\nstiffness = 8.0\ndamping = 0.2\nrest = 0.2',
@@ -132,7 +134,7 @@ def test_a_stiff_bar_turns_as_a_rigid_one(name: str) -> None:
         lambda t, y: [y[1], torque(t, *y) / (INERTIA + further)], (0.0, run.time[-1]), [0.0, 1.0],
         t_eval=run.time, rtol=1e-10, atol=1e-12, max_step=2e-3,
     ).y[0]  # fmt: skip
-    # the largest rate is the stop's, sqrt(100 / J) = 17 / s: (omega h)^2 / 12 = 1e-4 of the turn; forces bend the bar by 1e-5
+    # the largest rate is the stop's, sqrt(100 / J) = 17 / s: (omega h)^2 / 12 = 1e-4 of the turn; the bar bends by 1e-5
     np.testing.assert_allclose(run.outputs["angle"], expected, rtol=0, atol=1e-4 * max(1.0, np.ptp(expected)))
     assert np.abs(run.balance.residual).max() < 1e-3 * run.balance.exchanged
 
@@ -154,7 +156,7 @@ def test_a_prescribed_motion_takes_the_torque_of_a_rigid_bar(name: str) -> None:
     np.testing.assert_allclose(run.outputs["angle"], angles, rtol=0, atol=1e-12)
     torque = INERTIA * accelerations + 0.5 * G * np.cos(angles)
     work = np.concatenate([[0.0], np.cumsum(np.diff(angles) * (torque[1:] + torque[:-1]) / 2)])
-    # weight and, from a table, acceleration come suddenly: the bar swings on them, by 1e-5 but much faster than it turns
+    # weight and, from a table, acceleration come suddenly: the bar swings on them, by 1e-5 but faster than it turns
     np.testing.assert_allclose(run.balance.work["drive"], work, rtol=0, atol=1e-2 * np.abs(work).max())
 
 
@@ -179,7 +181,7 @@ DECAYS = {
 
 @pytest.mark.parametrize("name", DECAYS)
 def test_the_decay_of_a_mode(name: str) -> None:
-    """Of the second free mode, antisymmetric, from the linearised reduced equations; a rotation decays by mass alone."""
+    """Of the second free mode, antisymmetric, by the linearised equations; a rotation decays by mass alone."""
     text, decay = DECAYS[name]
     model = build(scene_of(SPINNER, DAMPED.format(damping=text)))
     system, n = model.batch({}, 1), model.terms.layout.n_eta
@@ -208,7 +210,7 @@ def test_the_decay_of_a_mode(name: str) -> None:
     np.testing.assert_allclose(rotation, [0.0, brake], rtol=0, atol=1e-4)
 
 
-# --- against the full-order model: effects of sliding joints, and those of the whole mechanism --------------------------------
+# --- against the full-order model: effects of sliding joints, and those of the whole mechanism -----------------------
 
 MODES = (
     "reduction.modes=4", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
@@ -247,7 +249,7 @@ def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
         assert np.abs(without[output] - expected).max() > 0.02 * moved, "the effect takes part"
 
 
-# --- what is not named is not there ------------------------------------------------------------------------------------------
+# --- what is not named is not there ----------------------------------------------------------------------------------
 
 SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\nerror_indicator = false\n"
 NAMED = {
@@ -285,7 +287,10 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
 
 
 def written(folder: Path, scene: Scene) -> dict[str, object]:
-    """Write ROM and trajectories of a scene; return shapes of all datasets, timed phases among them, and the effects with loads."""
+    """Write ROM and trajectories of a scene.
+
+    Return the shapes of all datasets, timed phases among them, by ``file:path``, and the effects with loads.
+    """
     found: dict[str, object] = {}
     rom = build_rom(scene, line_meshes(scene), RankGroup.split(MPI.COMM_SELF, 1))
     rom.write(folder / "rom.h5")
@@ -293,9 +298,9 @@ def written(folder: Path, scene: Scene) -> dict[str, object]:
     simulate_full(line_model(scene), MPI.COMM_SELF).write(folder / "full.h5")
     for name in ("rom", "reduced", "full"):
         with h5py.File(folder / f"{name}.h5") as file:
-            file.visititems(
-                lambda path, item: found.update({f"{name}:{path}": item.shape}) if isinstance(item, h5py.Dataset) else None
-            )
+            paths: list[str] = []
+            file.visit(paths.append)
+            found |= {f"{name}:{path}": file[path].shape for path in paths if isinstance(file[path], h5py.Dataset)}
             if name == "rom":
                 found["loads"] = list(file["tables/load"].attrs["effects"])
     return found
@@ -366,7 +371,7 @@ def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) ->
     assert layout.quadratic
 
 
-# --- the inertia forces quadratic in the velocities ----------------------------------------------------------------------------
+# --- the inertia forces quadratic in the velocities ------------------------------------------------------------------
 
 def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:
     """Return the bending of a slider-crank's rod at a constant speed of the crank (rad/s) over time, and the model."""
@@ -382,8 +387,8 @@ def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:
 
 
 @pytest.mark.parametrize(("speed", "least", "most"), [(0.2, 0.0, 1e-3), (20.0, 0.5, np.inf)])
-def test_slow_motions_do_without_gyroscopic_forces_and_fast_ones_do_not(speed: float, least: float, most: float) -> None:
-    """The rod bends under its weight, and by its own inertia with the square of the speed."""
+def test_slow_motions_do_without_gyroscopic_forces(speed: float, least: float, most: float) -> None:
+    """Fast ones do not: the rod bends under its weight, and by its own inertia with the square of the speed."""
     kept, left = (bending(speed, keep)[0] for keep in (True, False))
     share = np.abs(left - kept).max() / np.abs(kept).max()
     assert least <= share < most, share

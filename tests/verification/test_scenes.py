@@ -1,7 +1,7 @@
 """The repository's scenes: reduced against full-order model, order of the full-order one, and the balance of energy.
 
-Every scene is as it is in the repository, but shorter, and those of two coordinates have fewer configurations. What the balance
-of a whole scene leaves at its own step follows from what is measured here by the square of the step.
+Every scene is as it is in the repository, but shorter, and some have fewer configurations. What the balance leaves at
+another step follows from what is measured here by the square of the step.
 """
 
 from __future__ import annotations
@@ -52,15 +52,15 @@ def run(name: str, kind: str, duration: float, step: float) -> Trajectory:
     return simulate_reduced(reduced_model(name).with_loads(scene), MPI.COMM_SELF)
 
 
-# --- the reduced model -------------------------------------------------------------------------------------------------
+# --- the reduced model -----------------------------------------------------------------------------------------------
 
-# Duration and step (s), and the largest deviation of each kind of output as a share of its largest value: coordinates and
-# positions, deformations. The step's own error is common to both models.
+# Duration and step (s), and the largest deviations as shares of an output's largest value: of coordinates and positions,
+# and of deformations. The step's own error is common to both models.
 COMPARED = {
     "four_bar": (1.0, 1e-3, 1e-3, 1e-2),
     "double_pendulum": (0.4, 1e-3, 1e-3, 1e-2),
     "five_bar": (0.3, 1e-3, 1e-3, 1e-2),
-    # its deformation is that of the rocker where the crank's pin is; 1.5 % with 48 angles, 96, and twice the modes alike
+    # 1.5 %; with 96 angles or twice as many modes it is no less
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
     "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     # its deformations, 0.1 mm, are mostly the static answers to its forces, which modes of vibration have only in part
@@ -82,7 +82,7 @@ def test_the_reduced_model_follows_the_full_order_one(name: str) -> None:
         assert np.abs(found - expected).max() < 5e-3 * np.ptp(expected), coordinate
 
 
-# --- order of the full-order model -------------------------------------------------------------------------------------
+# --- order of the full-order model -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "duration"), [("double_pendulum", 0.4), ("four_bar", 0.4)])
@@ -95,13 +95,14 @@ def test_the_full_order_model_is_of_second_order(name: str, duration: float) -> 
         # Richardson: what is left of the finest step is a third of its difference to the middle one
         left = np.abs(middle - fine).max() / 3.0
         assert order == pytest.approx(2.0, abs=0.25), output
-        # coordinates; the double pendulum's bars start to swing at once, and 1 ms is a fifth of their vibrations' radian
+        # the double pendulum's bars vibrate from the start, and a step of 1 ms is half a radian of it
         assert left < (5e-3 if output.endswith("deformation") else 1e-4) * np.abs(fine).max(), output
 
 
-# --- the balance of energy ---------------------------------------------------------------------------------------------
+# --- the balance of energy -------------------------------------------------------------------------------------------
 
-# Duration and step (s) at which the residual of both models is below 1e-6 of the energy exchanged.
+# Duration and step (s) at which the residual of both models is below 1e-6 of the energy exchanged. Whole scenes of the
+# full-order model need 0.1 ms (four_bar, quick_return), 0.25 ms (double_pendulum), 0.28 ms (spinning_beam at full speed).
 BALANCED = {
     "four_bar": (0.25, 2.5e-4),
     "double_pendulum": (0.4, 2.5e-4),

@@ -1,7 +1,8 @@
 """The reduced model of beams that spin about their clamped end: frequencies of a rotating cantilever, and a spin-up.
 
-The fundamental frequencies in the plane of rotation are published ones (in units of ``sqrt(EI / rho A L^4)``, as is the spin);
-their squares are the flapwise ones' less the spin's. Spin-up: J. C. Simo and L. Vu-Quoc, J. Appl. Mech. 53 (1986) 855-863.
+The fundamental frequencies in the plane of rotation are published ones, in units of ``sqrt(EI / rho A L^4)``, as is the
+spin; their squares are the flapwise ones' less the spin's. The spin-up is that of J. C. Simo and L. Vu-Quoc,
+J. Appl. Mech. 53 (1986) 855-863.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ inertia_modes = true
 angles = 8
 interpolation = "spline"
 """
-MODELS = {"static": SECOND_ORDER.format(stretching="static"), "dynamic": SECOND_ORDER.format(stretching="dynamic"), "none": ""}
+MODELS = {"none": "", **{kind: SECOND_ORDER.format(stretching=kind) for kind in ("static", "dynamic")}}
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def model_of() -> Callable[[str], ReducedModel]:
 
 
 def fundamental(model: ReducedModel, spin: float) -> float:
-    """Return the lowest angular frequency (rad/s) of small vibrations about the steady state at a constant spin (rad/s).
+    """Return the lowest angular frequency (rad/s) of vibrations about the steady state at a constant spin (rad/s).
 
     ``r(delta, delta', delta'') = 0`` are the rows of the flexible coordinates; about their steady state
     ``M delta'' + C delta' + K delta = 0`` with M, C and K by central differences of r.
@@ -109,7 +110,7 @@ def test_without_stiffening_a_beam_does_not_feel_its_spin(
     assert 1.0 - found / published == pytest.approx(too_low, abs=1e-3)
 
 
-# --- spin-up -----------------------------------------------------------------------------------------------------------
+# --- spin-up ---------------------------------------------------------------------------------------------------------
 
 SPIN_UP = ROOT / "scenes" / "spinning_beam.toml"
 STRETCHED = 1.2 * 6.0**2 * 10.0**3 / (3 * 2.8e7)  # rho A Omega^2 L^3 / 3 EA = 5.143e-4 m; published 5.14e-4
