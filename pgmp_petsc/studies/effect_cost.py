@@ -3,8 +3,8 @@
     python -m pgmp_petsc.studies.effect_cost scenes/slider_crank.toml
 
 The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on
-the joint of this coordinate and on its bodies. An end stop is never reached: it costs a look whether it is. All together
-is without the prescribed motion, which excludes torque and stop.
+the joint of this coordinate and on its bodies. An end stop is never reached: it costs a look whether it is. All
+together is without the prescribed motion, which excludes torque and stop.
 
 The reduced model has effects of its own: terms of second order in the deformation, and inertia forces quadratic in the
 velocities, which are there unless a scene leaves them out.
