@@ -16,7 +16,7 @@ from pgmp_petsc.effects.joint_damping import joint_damping
 from pgmp_petsc.effects.joint_friction import joint_friction
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.motion import Motion
-from pgmp_petsc.effects.patterns import FIXED, Patterns
+from pgmp_petsc.effects.patterns import Patterns
 from pgmp_petsc.effects.spring_damper import spring_damper
 from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.effects.torque import Torque
@@ -69,7 +69,7 @@ def actions_of(effects: Sequence[Effect]) -> tuple[Action, ...]:
 def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns:
     """Return the forces that all effects are made of, for static answers to them."""
     vectors = [vector for effect in effects for vector in effect.patterns(matrices)]
-    turning = tuple(action for action in actions_of(effects) if action.measure not in FIXED)
+    turning = tuple(action for effect in effects for action in effect.turning_patterns())
     return Patterns(np.array(vectors).reshape(len(vectors), len(matrices.rows)).T, turning)
 
 

@@ -48,7 +48,14 @@ class Effect:
         return []
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return nodal vectors in body frames, for the rows of `matrices`, that span the forces in any configuration."""
+        """Return nodal vectors in body frames, for the rows of `matrices`, that span the forces in any configuration.
+
+        None of forces that `turning_patterns` returns.
+        """
+        return []
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the actions whose unit force is to be answered in the direction that it has in each configuration."""
         return []
 
 
@@ -74,4 +81,8 @@ class ActionEffect(Effect):
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the unit forces of the actions whose direction is constant in body frames."""
         return [fixed_pattern(action, matrices) for action in self._actions if action.measure in FIXED]
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the other actions."""
+        return [action for action in self._actions if action.measure not in FIXED]
 

@@ -17,6 +17,7 @@ from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.measures import DISTANCE, FOLLOWING, SLIDE
 from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import PointOnLine
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene import effects as schema
 
@@ -27,7 +28,7 @@ def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
     """Return the effect that fits the force's direction; see the module."""
     point = mechanism.attachment(entry.point, f"effects.{name}.point")
     if point.at_node and entry.towards is None and not entry.follows:
-        return FixedForce(name, entry, point)
+        return FixedForce(name, entry, point, _is_guided(mechanism, point))
     scale, amplitude = Quantity.of(entry.scale), amplitude_of(entry)
     if entry.towards is not None:
         # it makes the distance shorter
@@ -37,23 +38,41 @@ def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
     return ActionEffect(name, [Action(name, kind, GROUND_ORIGIN, point, SOURCE, (scale,), entry.direction, amplitude)])
 
 
-class FixedForce(Effect):
-    """A force on a node that keeps its direction in space."""
+def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
+    """Return whether a point slides along a line, which takes up a part of a force on it."""
+    return any(c.b.node == point.node and isinstance(c.joint, PointOnLine) for c in mechanism.connections)
 
-    def __init__(self, name: str, entry: schema.Force, point: Attachment) -> None:
+
+class FixedForce(Effect):
+    """A force on a node that keeps its direction in space.
+
+    Parameters
+    ----------
+    guided
+        Whether a guide takes up a part of it: then there is no answer to both axes of the body, but to the force as it is.
+    """
+
+    def __init__(self, name: str, entry: schema.Force, point: Attachment, guided: bool) -> None:
         super().__init__(name)
         self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
-        self._point = point
+        self._point, self._guided = point, guided
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return one term: a unit force at the node."""
         return [Load(self.name, self._scale.monomial, self._vector(matrices, self._scale.coefficient * self._direction))]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return unit forces along both axes of the body, in whose frame the direction turns."""
-        return [self._vector(matrices, axis) for axis in np.eye(2)]
+        """Return unit forces along both axes of the body, in whose frame the direction turns; none of a guided point."""
+        return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(2)]
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the force on a guided point, in its own direction."""
+        if not self._guided:
+            return []
+        direction = (float(self._direction[0]), float(self._direction[1]))
+        return [Action(self.name, SLIDE, GROUND_ORIGIN, self._point, SOURCE, (self._scale,), direction, self._amplitude)]
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the force, N."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects import Effect
+from pgmp_petsc.effects import Action, Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.indicator.quadrature import integrals
 
@@ -53,6 +53,10 @@ class SampledLoad(Effect):
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the patterns of the effect."""
         return self._effect.patterns(matrices)
+
+    def turning_patterns(self) -> list[Action]:
+        """Return the turning patterns of the effect."""
+        return self._effect.turning_patterns()
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the amplitude at the nearest evaluation."""

@@ -12,7 +12,7 @@ from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.scene.numerics import Reduction
 
-# shares of the ranges at which accelerations are compared, far from every symmetry
+# shares of the ranges at which loads are compared, far from every symmetry
 PLACES = np.array([[0.236, 0.414], [0.618, 0.732], [0.854, 0.142]])
 
 
@@ -26,7 +26,7 @@ class StaticLoads:
         Independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
         n_patterns).
     actions
-        Local effects whose force turns with the configuration: a further load each.
+        Forces that turn with the configuration, a further load each; of several that are parallel everywhere the first.
     accelerations
         Numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
         loads, shape (n_inertia,).
@@ -52,7 +52,8 @@ class StaticLoads:
         """
         wanted = patterns if reduction.static_modes else Patterns(patterns.fixed[:, :0])
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
-        loads = cls(problem.independent(wanted.fixed), wanted.turning, accelerations)
+        turning = tuple(wanted.turning[k] for k in _independent_forces(problem, wanted.turning))
+        loads = cls(problem.independent(wanted.fixed), turning, accelerations)
         n_static = loads.patterns.shape[1] + len(loads.actions) + accelerations.size
         problem.check_basis(n_static, reduction.parameter_modes)
         return loads
@@ -61,9 +62,7 @@ class StaticLoads:
         """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
         parts = [self.patterns]
         if self.actions:
-            poses = problem.kinematics.poses(modes.theta)[..., 0]
-            own = slice(problem.rows.start, problem.rows.stop)
-            parts += [turning_force(action, problem.mechanism, poses)[own, None] for action in self.actions]
+            parts.append(_forces(problem, self.actions, modes.theta))
         if self.accelerations.size:
             moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
             parts.append(problem.times_mass(moving[:, self.accelerations]))
@@ -82,14 +81,39 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
 
 
+def _forces(problem: ModalProblem, actions: tuple[Action, ...], theta: np.ndarray) -> np.ndarray:
+    """Return the unit forces of actions at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
+    poses = problem.kinematics.poses(theta)[..., 0]
+    own = slice(problem.rows.start, problem.rows.stop)
+    return np.array([turning_force(action, problem.mechanism, poses)[own] for action in actions]).T
+
+
+def _independent_forces(problem: ModalProblem, actions: tuple[Action, ...]) -> np.ndarray:
+    """Return the numbers of the actions whose force is no combination, the same everywhere, of those before them."""
+    if not actions:
+        return np.zeros(0, dtype=int)
+    forces = [_forces(problem, actions, theta) for theta in _places(problem)]
+    return _independent_columns(sum(problem.inner(force, force) for force in forces))
+
+
 def _independent(problem: ModalProblem) -> np.ndarray:
     """Return the numbers of the accelerations that are no combination, the same everywhere, of those before them."""
+    gram = 0.0
+    for theta in _places(problem):
+        moving = _accelerations(problem, *problem.rigid_motion(theta))
+        gram = gram + problem.inner(moving, problem.times_mass(moving))
+    return _independent_columns(gram)
+
+
+def _places(problem: ModalProblem) -> np.ndarray:
+    """Return configurations at which loads are compared, shape (n_places, n_theta), rad."""
     coordinates = problem.kinematics.coordinates
     lower, upper = (np.array([getattr(c, end) for c in coordinates]) for end in ("lower", "upper"))
-    gram = 0.0
-    for place in PLACES[:, : len(coordinates)]:
-        moving = _accelerations(problem, *problem.rigid_motion(lower + place * (upper - lower)))
-        gram = gram + problem.inner(moving, problem.times_mass(moving))
+    return lower + PLACES[:, : len(coordinates)] * (upper - lower)
+
+
+def _independent_columns(gram: np.ndarray) -> np.ndarray:
+    """Return the numbers of the vectors that are no combination of those before them, from their products (n, n)."""
     scale = 1.0 / np.sqrt(np.diag(gram))
     gram, chosen = gram * scale * scale[:, None], []
     for k in range(len(gram)):
