@@ -45,17 +45,30 @@ def contract(packed, first, n, x, skip, result):
     at = first
     for i in range(n):
         row_i = i * (i + 1) // 2
-        for j in range(i + 1):
+        # entries with equal indices have loops of their own, which leaves nothing to decide for every lane
+        for j in range(i):
             row_j = j * (j + 1) // 2
-            for k in range(j + 1):
+            for k in range(j):
                 for lane in range(n_lanes):
                     value = packed[at, lane]
                     result[row_i + j, lane] += value * x[skip + k, lane]
-                    if k != j:
-                        result[row_i + k, lane] += value * x[skip + j, lane]
-                    if i != j:
-                        result[row_j + k, lane] += value * x[skip + i, lane]
+                    result[row_i + k, lane] += value * x[skip + j, lane]
+                    result[row_j + k, lane] += value * x[skip + i, lane]
                 at += 1
+            for lane in range(n_lanes):
+                value = packed[at, lane]
+                result[row_i + j, lane] += value * x[skip + j, lane]
+                result[row_j + j, lane] += value * x[skip + i, lane]
+            at += 1
+        for k in range(i):
+            for lane in range(n_lanes):
+                value = packed[at, lane]
+                result[row_i + i, lane] += value * x[skip + k, lane]
+                result[row_i + k, lane] += value * x[skip + i, lane]
+            at += 1
+        for lane in range(n_lanes):
+            result[row_i + i, lane] += packed[at, lane] * x[skip + i, lane]
+        at += 1
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -114,28 +114,31 @@ class Work(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def allocate(layout):
-    """Return work arrays; what is not evaluated in them stays zero."""
+    """Return work arrays; zero is what depends on velocities and slopes that are left out, and nothing else."""
     r, n = len(layout.rigid), layout.n_eta
     m = n - r
-    n_packed = m * (m + 1) // 2
-    rate = np.zeros((n, LANES))
-    return Work(
-        np.zeros((n, LANES)),
+    rate = np.empty((n, LANES))
+    work = Work(
+        np.empty((n, LANES)),
         rate if layout.quadratic else np.zeros((n, LANES)),
-        np.zeros((n, LANES)),
+        np.empty((n, LANES)),
         rate,
-        np.zeros((layout.end, LANES)),
-        np.zeros((r, layout.end, LANES)),
-        np.zeros((layout.load_end, LANES)),
-        np.zeros((r, layout.load_end, LANES)),
-        np.zeros((n, LANES)),
-        np.zeros((r, n, LANES)),
-        np.zeros((r, m, LANES)),
-        np.zeros((n_packed, LANES)),
-        np.zeros((m, LANES)),
-        np.zeros((m, LANES)),
-        np.zeros((n, LANES)),
+        np.empty((layout.end, LANES)),
+        np.empty((r, layout.end, LANES)),
+        np.empty((layout.load_end, LANES)),
+        np.empty((r, layout.load_end, LANES)),
+        np.empty((n, LANES)),
+        np.empty((r, n, LANES)),
+        np.empty((r, m, LANES)),
+        np.empty((m * (m + 1) // 2, LANES)),
+        np.empty((m, LANES)),
+        np.empty((m, LANES)),
+        np.empty((n, LANES)),
     )
+    if not layout.quadratic:
+        work.slopes[:] = 0.0
+        work.moved[:] = 0.0
+    return work
 
 
 @njit(inline="always")
