@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import STOP, law
 from pgmp_petsc.effects.measures import ROTATION, measure
@@ -81,7 +81,7 @@ class Acting(NamedTuple):
     @classmethod
     def empty(cls, n_blocks: int, n_eta: int) -> Acting:
         """Return what is zero so far."""
-        return cls(np.zeros((n_blocks, n_eta, LANES)), np.zeros((n_blocks, n_eta, n_eta, LANES)))
+        return cls(aligned_zeros((n_blocks, n_eta, LANES)), aligned_zeros((n_blocks, n_eta, n_eta, LANES)))
 
 
 class LocalWork(NamedTuple):

@@ -93,6 +93,11 @@ class Work(NamedTuple):
         Of the terms of second order; see `second_order_kernel`.
     braked
         ``D eta'``, shape (n_eta, LANES).
+    place, fine_place, fine_cells
+        Places in the cells of the tables, and places and cells on the grid of the rigid inertia, shapes
+        (n_theta, LANES) and (LANES,).
+    unit, unit_slope
+        A unit of one effect's load, and its derivatives, of the shapes of `load` and `load_slope`.
     """
 
     q: np.ndarray
@@ -110,6 +115,11 @@ class Work(NamedTuple):
     swung: np.ndarray
     skewed: np.ndarray
     braked: np.ndarray
+    place: np.ndarray
+    fine_place: np.ndarray
+    fine_cells: np.ndarray
+    unit: np.ndarray
+    unit_slope: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -134,6 +144,11 @@ def allocate(layout):
         np.empty((m, LANES)),
         np.empty((m, LANES)),
         np.empty((n, LANES)),
+        np.empty((r, LANES)),
+        np.empty((r, LANES)),
+        np.empty(LANES, dtype=np.int64),
+        np.empty((layout.load_end, LANES)),
+        np.empty((r, layout.load_end, LANES)),
     )
     if not layout.quadratic:
         work.slopes[:] = 0.0

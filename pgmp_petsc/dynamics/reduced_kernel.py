@@ -79,18 +79,18 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
     cells, kept_terms, kept_loads = cache
     terms, slopes, load, load_slope = work.terms, work.slopes, work.load, work.load_slope
     r, n_lanes = len(grid), terms.shape[1]
-    place, fine_place = np.empty((r, LANES)), np.empty((r, LANES))
-    none = np.zeros(of_terms.shape[1], dtype=np.int64)
+    place, fine_place, fine_cells = work.place, work.fine_place, work.fine_cells
     for lane in range(n_lanes):
         b = first + min(lane, count - 1)
         cell = locate_all(q, b, grid, lane, place)
         if cell != cells[block, lane]:
             cells[block, lane] = cell
+            none = np.zeros(of_terms.shape[1], dtype=np.int64)
             refill(polynomials, cell, of_terms[b], none, layout.end, lane, kept_terms[block])
             if amplitudes.size > 0:
                 refill(loads, cell, of_loads[b], effects, layout.load_end, lane, kept_loads[block])
-        cell = locate_all(q, b, fine, lane, fine_place)
-        evaluate_directly(rigid, cell, fine, of_terms[b], lane, fine_place, terms, slopes)
+        fine_cells[lane] = locate_all(q, b, fine, lane, fine_place)
+    evaluate_directly(rigid, fine_cells, fine, of_terms, first, count, fine_place, terms, slopes)
     n_rigid = r * (r + 1) // 2
     if layout.quadratic:
         evaluate(kept_terms[block], n_rigid, layout.end, place, grid, terms, slopes)
@@ -99,7 +99,7 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
         evaluate(kept_terms[block], layout.stiffness, layout.end, place, grid, terms, slopes)
     load[:] = 0.0
     load_slope[:] = 0.0
-    value, slope = np.empty((layout.load_end, LANES)), np.empty((r, layout.load_end, LANES))
+    value, slope = work.unit, work.unit_slope
     for effect in range(amplitudes.size):
         kept = kept_loads[block, effect * layout.load_end :]
         evaluate(kept, 0, layout.load_end, place, grid, value, slope)
@@ -110,9 +110,12 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
                     load_slope[k, i, lane] += amplitudes[effect] * slope[k, i, lane]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always")
 def evaluate_balance(equations, block, first, count, amplitudes, acting, state, cache, work):
-    """Evaluate the residual of one block of samples into ``work.balance``."""
+    """Evaluate the residual of one block of samples into ``work.balance``.
+
+    Inlined, because a function between `correct` and the others makes the compiler optimise those once more.
+    """
     layout, mass_damping = equations.layout, equations.mass_damping
     positions, velocities, accelerations = state
     q, a, rate = work.q, work.a, work.rate
@@ -228,7 +231,10 @@ def _hold_prescribed(equations, border):
 
 @njit(cache=True, error_model="numpy")
 def evaluate_residual(equations, amplitudes, acting, state, cache, result):
-    """Evaluate the residual of every sample, shape (n_samples, n_eta): of prescribed coordinates, their driving force."""
+    """Evaluate the residual of every sample, shape (n_samples, n_eta).
+
+    Of prescribed coordinates it is the driving force.
+    """
     work = allocate(equations.layout)
     for block in range(cache.cells.shape[0]):
         first = block * LANES

@@ -13,7 +13,7 @@ from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED, Acting, eval
 from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
@@ -86,8 +86,8 @@ class ReducedSystem:
         )
         n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
         self._factors = (
-            np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
-            np.empty((n_blocks, r * r + 2 * r * n_delta, LANES)),
+            aligned_zeros((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
+            aligned_zeros((n_blocks, r * r + 2 * r * n_delta, LANES)),
         )
         self._local = self._actions.of_samples(values, n_samples)
         n_actions = len(self._actions.actions)
@@ -193,8 +193,9 @@ class ReducedSystem:
         if self._actions.actions:
             amplitudes = amplitudes_of(self._actions.actions, time)
             evaluate_local(
-                self._local, self._grids, amplitudes, (state.q, state.v), gain_v, active, with_tangent, self._acting, self._known
-            )
+                self._local, self._grids, amplitudes, (state.q, state.v), gain_v, active, with_tangent,
+                self._acting, self._known,
+            )  # fmt: skip
 
     def _act_on_all(self, time: float, state: State) -> None:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
