@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import STOP, law
 from pgmp_petsc.effects.measures import ROTATION, measure
@@ -64,13 +64,33 @@ class LocalEffects(NamedTuple):
     actions: Actions
 
 
+class Acting(NamedTuple):
+    """What the actions on a batch add to its equations of motion; empty where there are none.
+
+    Attributes
+    ----------
+    balance
+        ``- J^T F g`` of all actions, shape (n_blocks, n_eta, LANES).
+    tangent
+        Its derivative with eta, shape (n_blocks, n_eta, n_eta, LANES).
+    """
+
+    balance: np.ndarray
+    tangent: np.ndarray
+
+    @classmethod
+    def empty(cls, n_blocks: int, n_eta: int) -> Acting:
+        """Return what is zero so far."""
+        return cls(aligned_zeros((n_blocks, n_eta, LANES)), aligned_zeros((n_blocks, n_eta, n_eta, LANES)))
+
+
 class LocalWork(NamedTuple):
-    """Work arrays of local effects.
+    """Work arrays of local effects, for one sample.
 
     Attributes
     ----------
     place
-        In the cells, shape (n_theta, LANES).
+        In the cells, shape (n_theta, 1).
     rigid, rigid_slopes, shapes, shape_slopes
         Tables at one theta, and their derivatives.
     frames, jacobians
@@ -83,8 +103,6 @@ class LocalWork(NamedTuple):
         Of its frames, J and h J, shape (6, n_eta).
     projected
         ``J^T g``, shape (n_eta,).
-    tangent
-        Of all actions, shape (n_eta, n_eta, LANES).
     """
 
     place: np.ndarray
@@ -101,30 +119,27 @@ class LocalWork(NamedTuple):
     jacobian: np.ndarray
     bent: np.ndarray
     projected: np.ndarray
-    tangent: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
 def allocate_local(places, r, n_eta):
-    """Return work arrays; the large ones are empty where there are no actions."""
+    """Return work arrays."""
     n_nodes, n_entries = places.winding.shape[0], places.shapes.shape[2]
-    size = n_eta if n_nodes > 0 else 0
     return LocalWork(
-        np.zeros((r, LANES)),
+        np.zeros((r, 1)),
         np.zeros(N_FRAME * n_nodes),
         np.zeros((r, N_FRAME * n_nodes)),
         np.zeros(n_entries),
         np.zeros((r, n_entries)),
         np.zeros((n_nodes, N_FRAME)),
-        np.zeros((n_nodes, N_FRAME, size)),
+        np.zeros((n_nodes, N_FRAME, n_eta)),
         np.zeros(N_PAIR),
         np.zeros(N_PAIR),
         np.zeros(N_PAIR),
         np.zeros((N_PAIR, N_PAIR)),
-        np.zeros((N_PAIR, size)),
-        np.zeros((N_PAIR, size)),
-        np.zeros(size),
-        np.zeros((size, size, LANES)),
+        np.zeros((N_PAIR, n_eta)),
+        np.zeros((N_PAIR, n_eta)),
+        np.zeros(n_eta),
     )
 
 
@@ -224,8 +239,8 @@ def _attach(places, action, work):
 
 
 @njit(cache=True, error_model="numpy")
-def add_actions(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tangent, work, balance, known):
-    """Take the forces of all actions on one sample from its lane of the balance (n_eta, LANES).
+def evaluate_local(local, grids, amplitudes, state, gain_v, active, with_tangent, acting, known):
+    """Evaluate all actions on the active samples.
 
     Parameters
     ----------
@@ -233,21 +248,38 @@ def add_actions(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tange
         Cells of the rigid kinematics and of the tables.
     amplitudes
         Of the actions now, shape (n_actions,).
-    q, v
-        Shape (n_samples, n_eta).
+    state
+        ``(q, v)``, each of shape (n_samples, n_eta).
+    active
+        Shape (n_samples,).
     with_tangent
-        Whether `work.tangent` is wanted.
+        Whether `acting.tangent` is wanted.
+    acting
+        Result.
     known
-        Result: power of what is not elastic (W), potential energy (J) and depth in a stop, NaN for other laws; shape (3,
-        n_actions).
+        Result: power of what is not elastic (W), potential energy (J) and depth in a stop, NaN for other laws; shape
+        (n_samples, 3, n_actions).
     """
+    work = allocate_local(local.places, len(grids[0]), state[0].shape[1])
+    for sample in range(active.size):
+        if active[sample]:
+            block, lane = divmod(sample, LANES)
+            acting.balance[block, :, lane] = 0.0
+            if with_tangent:
+                acting.tangent[block, :, :, lane] = 0.0
+            _act(
+                local, grids, amplitudes, state, sample, gain_v, with_tangent, work,
+                acting.balance[block], acting.tangent[block], known[sample],
+            )  # fmt: skip
+
+
+@njit(inline="always")
+def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, balance, tangent, known):
+    """Add all actions on one sample to its lane of balance (n_eta, LANES) and tangent (n_eta, n_eta, LANES)."""
     places, actions = local
-    n = q.shape[1]
+    q, v = state
+    n, lane = q.shape[1], sample % LANES
     place_nodes(places, grids, q, sample, work)
-    if with_tangent:
-        for i in range(n):
-            for j in range(n):
-                work.tangent[i, j, lane] = 0.0
     for action in range(places.sides.shape[0]):
         _attach(places, action, work)
         kind, p = actions.measures[action], actions.parameters[action, sample]
@@ -265,16 +297,16 @@ def add_actions(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tange
         for i in range(n):
             balance[i, lane] -= force * work.projected[i]
         if with_tangent:
-            _add_tangent(kind, stiffness + gain_v * damping, force, lane, work)
+            _add_tangent(kind, stiffness + gain_v * damping, force, lane, work, tangent)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_tangent(kind, stiffness, force, lane, work):
-    """Add ``J^T (stiffness g g^T - F h) J`` to one lane of ``work.tangent``."""
+def _add_tangent(kind, stiffness, force, lane, work, tangent):
+    """Add ``J^T (stiffness g g^T - F h) J`` to one lane of the tangent (n_eta, n_eta, LANES)."""
     n = work.projected.size
     for i in range(n):
         for j in range(n):
-            work.tangent[i, j, lane] += stiffness * work.projected[i] * work.projected[j]
+            tangent[i, j, lane] += stiffness * work.projected[i] * work.projected[j]
     if kind == ROTATION:
         return
     for c in range(N_PAIR):
@@ -286,7 +318,7 @@ def _add_tangent(kind, stiffness, force, lane, work):
     for i in range(n):
         for c in range(N_PAIR):
             for j in range(n):
-                work.tangent[i, j, lane] -= work.jacobian[c, i] * work.bent[c, j]
+                tangent[i, j, lane] -= work.jacobian[c, i] * work.bent[c, j]
 
 
 @njit(cache=True, error_model="numpy")

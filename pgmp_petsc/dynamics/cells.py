@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 
 N_COEFFICIENTS = 4  # along each coordinate
 
@@ -50,8 +50,8 @@ class Cache(NamedTuple):
         n_coefficients = N_COEFFICIENTS**n_theta
         return cls(
             np.full((n_blocks, LANES), -1, dtype=np.int64),
-            np.zeros((n_blocks, n_entries, n_coefficients, LANES)),
-            np.zeros((n_blocks, n_load_entries, n_coefficients, LANES)),
+            aligned_zeros((n_blocks, n_entries, n_coefficients, LANES)),
+            aligned_zeros((n_blocks, n_load_entries, n_coefficients, LANES)),
         )
 
 
@@ -175,41 +175,47 @@ def evaluate_values(kept, first, end, place, grid, values):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def evaluate_directly(table, cell, grid, weights, lane, place, values, slopes):
-    """Evaluate all entries of a table (n_cells, n_terms, 4**n_theta, n_entries), weighted, in a cell, for one lane.
+def evaluate_directly(table, cells, grid, weights, first, count, place, values, slopes):
+    """Evaluate all entries of a table (n_cells, n_terms, 4**n_theta, n_entries), weighted, lane by lane.
 
     For few entries on a grid so fine that nothing is gained by keeping its cells.
 
     Parameters
     ----------
+    cells
+        Cell of every lane, shape (LANES,).
+    weights
+        Of the terms, shape (n_samples, n_terms); the lanes have samples first to first + count - 1, the last one again
+        in all lanes that are left.
     place
         In the cell, shape (n_theta, LANES).
     values, slopes
         Results, shapes (n_entries or more, LANES) and (n_theta, n_entries or more, LANES).
     """
-    s, t = place[0, lane], place[-1, lane]
     rate, other_rate = 1.0 / grid[0].step, 1.0 / grid[-1].step
-    for e in range(table.shape[3]):
-        value, slope, other_slope = 0.0, 0.0, 0.0
-        for term in range(weights.size):
-            c, weight = table[cell, term], weights[term]
-            if len(grid) == 1:
-                value += weight * _cubic(c[0, e], c[1, e], c[2, e], c[3, e], s)
-                slope += weight * _cubic_slope(c[1, e], c[2, e], c[3, e], s)
-            else:
-                p0 = _cubic(c[0, e], c[1, e], c[2, e], c[3, e], t)
-                p1 = _cubic(c[4, e], c[5, e], c[6, e], c[7, e], t)
-                p2 = _cubic(c[8, e], c[9, e], c[10, e], c[11, e], t)
-                p3 = _cubic(c[12, e], c[13, e], c[14, e], c[15, e], t)
-                d0, d1 = _cubic_slope(c[1, e], c[2, e], c[3, e], t), _cubic_slope(c[5, e], c[6, e], c[7, e], t)
-                d2, d3 = _cubic_slope(c[9, e], c[10, e], c[11, e], t), _cubic_slope(c[13, e], c[14, e], c[15, e], t)
-                value += weight * _cubic(p0, p1, p2, p3, s)
-                slope += weight * _cubic_slope(p1, p2, p3, s)
-                other_slope += weight * _cubic(d0, d1, d2, d3, s)
-        values[e, lane] = value
-        slopes[0, e, lane] = slope * rate
-        if len(grid) == 2:
-            slopes[-1, e, lane] = other_slope * other_rate
+    for lane in range(values.shape[1]):
+        s, t, cell, sample = place[0, lane], place[-1, lane], cells[lane], first + min(lane, count - 1)
+        for e in range(table.shape[3]):
+            value, slope, other_slope = 0.0, 0.0, 0.0
+            for term in range(weights.shape[1]):
+                c, weight = table[cell, term], weights[sample, term]
+                if len(grid) == 1:
+                    value += weight * _cubic(c[0, e], c[1, e], c[2, e], c[3, e], s)
+                    slope += weight * _cubic_slope(c[1, e], c[2, e], c[3, e], s)
+                else:
+                    p0 = _cubic(c[0, e], c[1, e], c[2, e], c[3, e], t)
+                    p1 = _cubic(c[4, e], c[5, e], c[6, e], c[7, e], t)
+                    p2 = _cubic(c[8, e], c[9, e], c[10, e], c[11, e], t)
+                    p3 = _cubic(c[12, e], c[13, e], c[14, e], c[15, e], t)
+                    d0, d1 = _cubic_slope(c[1, e], c[2, e], c[3, e], t), _cubic_slope(c[5, e], c[6, e], c[7, e], t)
+                    d2, d3 = _cubic_slope(c[9, e], c[10, e], c[11, e], t), _cubic_slope(c[13, e], c[14, e], c[15, e], t)
+                    value += weight * _cubic(p0, p1, p2, p3, s)
+                    slope += weight * _cubic_slope(p1, p2, p3, s)
+                    other_slope += weight * _cubic(d0, d1, d2, d3, s)
+            values[e, lane] = value
+            slopes[0, e, lane] = slope * rate
+            if len(grid) == 2:
+                slopes[-1, e, lane] = other_slope * other_rate
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

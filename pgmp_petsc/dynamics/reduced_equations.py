@@ -93,6 +93,11 @@ class Work(NamedTuple):
         Of the terms of second order; see `second_order_kernel`.
     braked
         ``D eta'``, shape (n_eta, LANES).
+    place, fine_place, fine_cells
+        Places in the cells of the tables, and places and cells on the grid of the rigid inertia, shapes
+        (n_theta, LANES) and (LANES,).
+    unit, unit_slope
+        A unit of one effect's load, and its derivatives, of the shapes of `load` and `load_slope`.
     """
 
     q: np.ndarray
@@ -110,32 +115,45 @@ class Work(NamedTuple):
     swung: np.ndarray
     skewed: np.ndarray
     braked: np.ndarray
+    place: np.ndarray
+    fine_place: np.ndarray
+    fine_cells: np.ndarray
+    unit: np.ndarray
+    unit_slope: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
 def allocate(layout):
-    """Return work arrays; what is not evaluated in them stays zero."""
+    """Return work arrays; zero is what depends on velocities and slopes that are left out, and nothing else."""
     r, n = len(layout.rigid), layout.n_eta
     m = n - r
-    n_packed = m * (m + 1) // 2
-    rate = np.zeros((n, LANES))
-    return Work(
-        np.zeros((n, LANES)),
+    rate = np.empty((n, LANES))
+    work = Work(
+        np.empty((n, LANES)),
         rate if layout.quadratic else np.zeros((n, LANES)),
-        np.zeros((n, LANES)),
+        np.empty((n, LANES)),
         rate,
-        np.zeros((layout.end, LANES)),
-        np.zeros((r, layout.end, LANES)),
-        np.zeros((layout.load_end, LANES)),
-        np.zeros((r, layout.load_end, LANES)),
-        np.zeros((n, LANES)),
-        np.zeros((r, n, LANES)),
-        np.zeros((r, m, LANES)),
-        np.zeros((n_packed, LANES)),
-        np.zeros((m, LANES)),
-        np.zeros((m, LANES)),
-        np.zeros((n, LANES)),
+        np.empty((layout.end, LANES)),
+        np.empty((r, layout.end, LANES)),
+        np.empty((layout.load_end, LANES)),
+        np.empty((r, layout.load_end, LANES)),
+        np.empty((n, LANES)),
+        np.empty((r, n, LANES)),
+        np.empty((r, m, LANES)),
+        np.empty((m * (m + 1) // 2, LANES)),
+        np.empty((m, LANES)),
+        np.empty((m, LANES)),
+        np.empty((n, LANES)),
+        np.empty((r, LANES)),
+        np.empty((r, LANES)),
+        np.empty(LANES, dtype=np.int64),
+        np.empty((layout.load_end, LANES)),
+        np.empty((r, layout.load_end, LANES)),
     )
+    if not layout.quadratic:
+        work.slopes[:] = 0.0
+        work.moved[:] = 0.0
+    return work
 
 
 @njit(inline="always")

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from pgmp_petsc.dynamics.action_kernel import LocalEffects, add_actions, add_tangents, allocate_local
+from pgmp_petsc.dynamics.action_kernel import add_tangents
 from pgmp_petsc.dynamics.cells import Grid, evaluate, evaluate_directly, evaluate_values, locate_all, refill
 from pgmp_petsc.dynamics.lanes import LANES, eliminate_border, solve_bordered
 from pgmp_petsc.dynamics.reduced_equations import Layout, add_damping, allocate, iteration_matrix, residual
@@ -58,8 +58,6 @@ class Equations(NamedTuple):
         Whether a coordinate's motion is given, shape (n_theta,).
     scale
         Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
-    local
-        Local effects.
     """
 
     layout: Layout
@@ -70,14 +68,6 @@ class Equations(NamedTuple):
     mass_damping: np.ndarray
     prescribed: np.ndarray
     scale: np.ndarray
-    local: LocalEffects
-
-
-class Strengths(NamedTuple):
-    """Amplitudes at one time, of the effects with loads and of the actions."""
-
-    loads: np.ndarray
-    actions: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -89,18 +79,18 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
     cells, kept_terms, kept_loads = cache
     terms, slopes, load, load_slope = work.terms, work.slopes, work.load, work.load_slope
     r, n_lanes = len(grid), terms.shape[1]
-    place, fine_place = np.empty((r, LANES)), np.empty((r, LANES))
-    none = np.zeros(of_terms.shape[1], dtype=np.int64)
+    place, fine_place, fine_cells = work.place, work.fine_place, work.fine_cells
     for lane in range(n_lanes):
         b = first + min(lane, count - 1)
         cell = locate_all(q, b, grid, lane, place)
         if cell != cells[block, lane]:
             cells[block, lane] = cell
+            none = np.zeros(of_terms.shape[1], dtype=np.int64)
             refill(polynomials, cell, of_terms[b], none, layout.end, lane, kept_terms[block])
             if amplitudes.size > 0:
                 refill(loads, cell, of_loads[b], effects, layout.load_end, lane, kept_loads[block])
-        cell = locate_all(q, b, fine, lane, fine_place)
-        evaluate_directly(rigid, cell, fine, of_terms[b], lane, fine_place, terms, slopes)
+        fine_cells[lane] = locate_all(q, b, fine, lane, fine_place)
+    evaluate_directly(rigid, fine_cells, fine, of_terms, first, count, fine_place, terms, slopes)
     n_rigid = r * (r + 1) // 2
     if layout.quadratic:
         evaluate(kept_terms[block], n_rigid, layout.end, place, grid, terms, slopes)
@@ -109,7 +99,7 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
         evaluate(kept_terms[block], layout.stiffness, layout.end, place, grid, terms, slopes)
     load[:] = 0.0
     load_slope[:] = 0.0
-    value, slope = np.empty((layout.load_end, LANES)), np.empty((r, layout.load_end, LANES))
+    value, slope = work.unit, work.unit_slope
     for effect in range(amplitudes.size):
         kept = kept_loads[block, effect * layout.load_end :]
         evaluate(kept, 0, layout.load_end, place, grid, value, slope)
@@ -120,9 +110,12 @@ def interpolate(equations, block, first, count, q, amplitudes, cache, work):
                     load_slope[k, i, lane] += amplitudes[effect] * slope[k, i, lane]
 
 
-@njit(cache=True, error_model="numpy")
-def evaluate_balance(equations, block, first, count, amplitudes, state, cache, work):
-    """Evaluate the residual of one block of samples, but for its local effects, into ``work.balance``."""
+@njit(inline="always")
+def evaluate_balance(equations, block, first, count, amplitudes, acting, state, cache, work):
+    """Evaluate the residual of one block of samples into ``work.balance``.
+
+    Inlined, because a function between `correct` and the others makes the compiler optimise those once more.
+    """
     layout, mass_damping = equations.layout, equations.mass_damping
     positions, velocities, accelerations = state
     q, a, rate = work.q, work.a, work.rate
@@ -141,18 +134,24 @@ def evaluate_balance(equations, block, first, count, amplitudes, state, cache, w
         add_second_order(layout, work, loaded)
     if layout.damping < layout.end:
         add_damping(layout, work)
+    if acting.balance.size > 0:
+        for i in range(layout.n_eta):
+            for lane in range(LANES):
+                work.balance[i, lane] += acting.balance[block, i, lane]
 
 
 @njit(cache=True, error_model="numpy")
-def correct(equations, strengths, state, gains, active, fresh, factors, cache, size):
+def correct(equations, amplitudes, acting, state, gains, active, fresh, factors, cache, size):
     """Do one Newton correction of every active sample in place.
 
     Parameters
     ----------
     equations
         See `Equations`.
-    strengths
-        Amplitudes at the end of the step.
+    amplitudes
+        Of the effects with loads at the end of the step, shape (n_effects,).
+    acting
+        What local effects add; see `action_kernel.Acting`.
     state
         ``(q, v, a)``, each of shape (n_samples, n_eta).
     gains
@@ -174,22 +173,13 @@ def correct(equations, strengths, state, gains, active, fresh, factors, cache, s
     gain_v, gain_a = gains
     work = allocate(layout)
     gain_of_lane = np.empty(LANES)
-    n_actions = strengths.actions.size
-    grids, local_work = (equations.fine, equations.grid), allocate_local(equations.local.places, r, n)
-    known = np.empty((3, n_actions))
     for block in range(factors[0].shape[0]):
         first = block * LANES
         count = min(LANES, size.size - first)
         size[first : first + count] = 0.0
         if not active[first : first + count].any():
             continue
-        evaluate_balance(equations, block, first, count, strengths.loads, state, cache, work)
-        if n_actions > 0:
-            for lane in range(LANES):
-                add_actions(
-                    equations.local, grids, strengths.actions, positions, velocities, first + min(lane, count - 1), lane,
-                    gain_v, fresh, local_work, work.balance, known,
-                )  # fmt: skip
+        evaluate_balance(equations, block, first, count, amplitudes, acting, state, cache, work)
         factor, border = factors[0][block], factors[1][block]
         if fresh:
             gain_of_lane[:] = gain_a
@@ -199,8 +189,8 @@ def correct(equations, strengths, state, gains, active, fresh, factors, cache, s
             iteration_matrix(layout, work, gain_v, gain_of_lane, factor, border)
             if layout.cubic < layout.damping:
                 add_second_order_tangent(layout, work, gain_v, gain_of_lane, factor, border)
-            if n_actions > 0:
-                add_tangents(local_work.tangent, r, factor, border)
+            if acting.tangent.size > 0:
+                add_tangents(acting.tangent[block], r, factor, border)
             _hold_prescribed(equations, border)
             eliminate_border(factor, border, r, n - r)
         for k in range(r):
@@ -212,6 +202,7 @@ def correct(equations, strengths, state, gains, active, fresh, factors, cache, s
         for lane in range(count):
             b = first + lane
             if active[b]:
+                largest = 0.0
                 for i in range(n):
                     step = correction[i, lane]
                     positions[b, i] -= step
@@ -219,8 +210,9 @@ def correct(equations, strengths, state, gains, active, fresh, factors, cache, s
                     accelerations[b, i] -= gain_a * step
                     displacement = abs(step) * scale[i]
                     # written so that a NaN is kept
-                    if not displacement <= size[b]:
-                        size[b] = displacement
+                    if not displacement <= largest:
+                        largest = displacement
+                size[b] = largest
 
 
 @njit(cache=True, error_model="numpy")
@@ -238,38 +230,16 @@ def _hold_prescribed(equations, border):
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate_residual(equations, strengths, state, cache, result, known):
-    """Evaluate the residual of every sample, shape (n_samples, n_eta): of prescribed coordinates, their driving force.
+def evaluate_residual(equations, amplitudes, acting, state, cache, result):
+    """Evaluate the residual of every sample, shape (n_samples, n_eta).
 
-    What is known of the actions beside their forces is left in `known`, shape (n_samples, 3, n_actions); see `add_actions`.
+    Of prescribed coordinates it is the driving force.
     """
-    layout, n_actions = equations.layout, strengths.actions.size
-    work = allocate(layout)
-    grids = (equations.fine, equations.grid)
-    local_work = allocate_local(equations.local.places, len(layout.rigid), layout.n_eta)
+    work = allocate(equations.layout)
     for block in range(cache.cells.shape[0]):
         first = block * LANES
         count = min(LANES, len(result) - first)
-        evaluate_balance(equations, block, first, count, strengths.loads, state, cache, work)
+        evaluate_balance(equations, block, first, count, amplitudes, acting, state, cache, work)
         for lane in range(count):
-            if n_actions > 0:
-                add_actions(
-                    equations.local, grids, strengths.actions, state[0], state[1], first + lane, lane,
-                    0.0, False, local_work, work.balance, known[first + lane],
-                )  # fmt: skip
-            for i in range(layout.n_eta):
+            for i in range(equations.layout.n_eta):
                 result[first + lane, i] = work.balance[i, lane]
-
-
-@njit(cache=True, error_model="numpy")
-def evaluate_depths(equations, strengths, state, known):
-    """Evaluate what is known of the actions beside their forces, shape (n_samples, 3, n_actions); see `add_actions`."""
-    layout = equations.layout
-    grids = (equations.fine, equations.grid)
-    local_work = allocate_local(equations.local.places, len(layout.rigid), layout.n_eta)
-    balance = np.zeros((layout.n_eta, 1))
-    for sample in range(len(known)):
-        add_actions(
-            equations.local, grids, strengths.actions, state[0], state[1], sample, 0,
-            0.0, False, local_work, balance, known[sample],
-        )  # fmt: skip

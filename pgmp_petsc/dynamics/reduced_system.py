@@ -9,14 +9,14 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED, Acting, evaluate_local
 from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.dynamics.reduced_kernel import Equations, Strengths, Weights, correct, evaluate_depths, evaluate_residual
+from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
@@ -73,22 +73,26 @@ class ReducedSystem:
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
         r = len(layout.rigid)
         self._actions = actions or ReducedActions.none(r)
+        self._grids = terms.grids
         alpha = 0.0 if terms.damping is None else terms.damping.mass
         self._equations = Equations(
             layout,
-            *terms.grids,
+            *self._grids,
             terms.polynomials,
             Weights(of_terms, of_loads, effects_of_loads),
             np.full(n_samples if alpha else 0, alpha),
             np.array([k in self._motions for k in layout.rigid]),
             terms.scale,
-            self._actions.of_samples(values, n_samples),
         )
         n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
         self._factors = (
-            np.empty((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
-            np.empty((n_blocks, r * r + 2 * r * n_delta, LANES)),
+            aligned_zeros((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
+            aligned_zeros((n_blocks, r * r + 2 * r * n_delta, LANES)),
         )
+        self._local = self._actions.of_samples(values, n_samples)
+        n_actions = len(self._actions.actions)
+        self._acting = Acting.empty(n_blocks if n_actions else 0, layout.n_eta)
+        self._known = np.empty((n_samples, 3, n_actions))
         self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
         self._size = np.empty(n_samples)
 
@@ -116,9 +120,11 @@ class ReducedSystem:
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         self._prescribe(time, state, active)
+        self._act(time, state, scheme.gain_v, active, fresh)
         correct(
             self._equations,
-            self._strengths(time),
+            self._amplitudes(time),
+            self._acting,
             (state.q, state.v, state.a),
             (scheme.gain_v, scheme.gain_a),
             active,
@@ -134,7 +140,12 @@ class ReducedSystem:
 
         In the rows of prescribed coordinates it is the force (N m) that drives them.
         """
-        return self._evaluate(time, state)[0]
+        self._act_on_all(time, state)
+        result = np.empty_like(state.q)
+        evaluate_residual(
+            self._equations, self._amplitudes(time), self._acting, (state.q, state.v, state.a), self._cache, result
+        )
+        return result
 
     @property
     def n_events(self) -> int:
@@ -143,15 +154,14 @@ class ReducedSystem:
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        known = self._known()
-        evaluate_depths(self._equations, self._strengths(time), (state.q, state.v, state.a), known)
-        return known[:, DEPTH, self._actions.edges].T
+        self._act_on_all(time, state)
+        return self._known[:, DEPTH, self._actions.edges].T
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
-        residual, known = self._evaluate(time, state)
+        residual = self.residual(time, state)
         energies = Energies(*reduced_energy(self._terms, self._values, state.q, state.v))
-        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
+        for action, power, stored in zip(self._actions.actions, self._known[:, POWER].T, self._known[:, STORED].T):
             energies.add_power(action.effect, power)
             energies.add_potential(action.effect, stored)
         loads = load_powers(self._terms, self._values, state.q, state.v)
@@ -178,16 +188,18 @@ class ReducedSystem:
         for k, motion in self._motions.items():
             state.q[samples, k], state.v[samples, k], state.a[samples, k] = motion.at(time)
 
-    def _evaluate(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Return the residual, and what is known of the actions beside their forces."""
-        result, known = np.empty_like(state.q), self._known()
-        state_arrays = (state.q, state.v, state.a)
-        evaluate_residual(self._equations, self._strengths(time), state_arrays, self._cache, result, known)
-        return result, known
+    def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
+        """Evaluate the actions on the active samples, and what is known of them beside their forces."""
+        if self._actions.actions:
+            amplitudes = amplitudes_of(self._actions.actions, time)
+            evaluate_local(
+                self._local, self._grids, amplitudes, (state.q, state.v), gain_v, active, with_tangent,
+                self._acting, self._known,
+            )  # fmt: skip
 
-    def _known(self) -> np.ndarray:
-        return np.empty((self.n_samples, 3, len(self._actions.actions)))
+    def _act_on_all(self, time: float, state: State) -> None:
+        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
 
-    def _strengths(self, time: float) -> Strengths:
-        loads = np.array([effect.amplitude(time) for effect in self._load_effects])
-        return Strengths(loads, amplitudes_of(self._actions.actions, time))
+    def _amplitudes(self, time: float) -> np.ndarray:
+        """Return the amplitudes of the effects with loads."""
+        return np.array([effect.amplitude(time) for effect in self._load_effects])

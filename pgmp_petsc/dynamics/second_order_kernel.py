@@ -92,10 +92,6 @@ def add_second_order(layout, work, loaded):
             r[1 + i, lane] += v[0, lane] * v[0, lane] * swung[i, lane]
             rate = a[0, lane] * q[1 + i, lane] + 2.0 * v[0, lane] * v[1 + i, lane]
             r[0, lane] -= rate * swung[i, lane]
-    multiply_skew(terms, layout.gyroscopic, m, a, 1, skewed)
-    for i in range(m):
-        for lane in range(n_lanes):
-            r[0, lane] += q[1 + i, lane] * skewed[i, lane]
     multiply_skew(slopes, layout.gyroscopic, m, q, 1, skewed)
     for i in range(m):
         for lane in range(n_lanes):
@@ -107,6 +103,7 @@ def add_second_order(layout, work, loaded):
     multiply_skew(terms, layout.gyroscopic, m, q, 1, skewed)
     for i in range(m):
         for lane in range(n_lanes):
+            r[0, lane] -= a[1 + i, lane] * skewed[i, lane]
             r[1 + i, lane] -= a[0, lane] * skewed[i, lane]
     for entry in range(m * (m + 1) // 2):
         for lane in range(n_lanes):
