@@ -38,8 +38,8 @@ def build(
     """Compute modes at the sampled configurations of SCENE and write the reduced model (ROM.h5).
 
     With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
-    error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left out,
-    and terms of the reduced model that do are added; the estimate is printed and kept too.
+    error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
+    out, and terms of the reduced model that do are added; the estimate is printed and kept too.
     """
     comm = context.obj.comm
     on_root(comm, check_writable, output)

@@ -1,8 +1,8 @@
 """Steps that end where a law has an edge, such as the contact with an end stop.
 
-A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back to the
-beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from there; all others keep
-their step, so that the samples of a batch meet again at its end.
+A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back
+to the beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from
+there; all others keep their step, so that the samples of a batch meet again at its end.
 """
 
 from __future__ import annotations
@@ -97,7 +97,9 @@ class EventLocation:
 
         def depth(duration: float) -> float:
             there = self._advance(moment, start + duration, duration, alone)
-            return np.nan if there is None else sign * float(self._system.depths(start + duration, there[0])[edge, alone][0])
+            if there is None:
+                return np.nan
+            return sign * float(self._system.depths(start + duration, there[0])[edge, alone][0])
 
         earliest = SHORTEST * left
         if not depth(earliest) < 0.0:

@@ -1,7 +1,7 @@
 """A force on a point of a body: along a direction of the ground, of the body, or towards another point.
 
-A force with a direction of the ground on a node is a load; one that turns with its body, one that pulls towards a point, and any force on
-a rigid body away from its centre of mass depend on the state, and are actions.
+A force with a direction of the ground on a node is a load; one that turns with its body, one that pulls towards a
+point, and any force on a rigid body away from its centre of mass depend on the state, and are actions.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class FixedForce(Effect):
     Parameters
     ----------
     guided
-        Whether a guide takes up a part of it: then there is no answer to both axes of the body, but to the force as it is.
+        Whether a guide takes up a part of it: then there is no answer to both axes of the body, but to the force as it
+        is.
     """
 
     def __init__(self, name: str, entry: schema.Force, point: Attachment, guided: bool) -> None:
@@ -61,7 +62,8 @@ class FixedForce(Effect):
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return one term: a unit force at the node."""
-        return [Load(self.name, self._scale.monomial, self._vector(matrices, self._scale.coefficient * self._direction))]
+        vector = self._vector(matrices, self._scale.coefficient * self._direction)
+        return [Load(self.name, self._scale.monomial, vector)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return unit forces along both axes of the body, in whose frame the direction turns; none of a guided point."""

@@ -1,8 +1,8 @@
 """Scalar measures of two frames ``(x, y, phi)``, on which local effects act; compiled.
 
-A measure gives a scalar ``s(a, b)``, its gradient g in the six frame unknowns and the derivative h of the gradient. A law
-(`laws`) makes of s and its rate ``s' = g.(a', b')`` a generalised force F on it; the frames then feel ``F g``, and the power
-is ``F s'`` in every model alike.
+A measure gives a scalar ``s(a, b)``, its gradient g in the six frame unknowns and the derivative h of the gradient. A
+law (`laws`) makes of s and its rate ``s' = g.(a', b')`` a generalised force F on it; the frames then feel ``F g``, and
+the power is ``F s'`` in every model alike.
 
 =============== ================================================================================================
 ``ROTATION``    ``phi_b - phi_a``

@@ -1,14 +1,15 @@
 """Damping within the bodies.
 
-Rayleigh's: stresses follow ``eps + beta eps'`` instead of the strains eps (Kelvin and Voigt), and the momentum is braken at the
-rate alpha, forces ``-alpha M q'``. With eps' the rate of the beam's own strains, a rigid motion is not damped by beta. Modal:
-ratios ``zeta_i`` of the elastic modes phi_i of each free body,
+Rayleigh's: stresses follow ``eps + beta eps'`` instead of the strains eps (Kelvin and Voigt), and the momentum is
+braken at the rate alpha, forces ``-alpha M q'``. With eps' the rate of the beam's own strains, a rigid motion is not
+damped by beta. Modal: ratios ``zeta_i`` of the elastic modes phi_i of each free body,
 
     -sum_i 2 zeta_i omega_i M phi_i phi_i^T M R^T q',
 
-in the body's frame, whose rotation R is the mass-weighted mean of its nodes' rotations; the modes are M-orthogonal to rigid
-motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so that each
-correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small steps.
+in the body's frame, whose rotation R is the mass-weighted mean of its nodes' rotations; the modes are M-orthogonal to
+rigid motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so
+that each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small
+steps.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ class Attachment:
     point
         Coordinates in the body's (or the ground's) frame, shape (2,), m.
     arm
-        From the node to the point, in the body's frame, shape (2,), m: zero but for rigid bodies, whose only node is their
-        centre of mass.
+        From the node to the point, in the body's frame, shape (2,), m: zero but for rigid bodies, whose only node is
+        their centre of mass.
     """
 
     body: int
@@ -101,11 +101,13 @@ def place_points(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
     return frames
 
 
-def onto_nodes(sides: tuple[Attachment, Attachment], q: np.ndarray, gradient: np.ndarray, hessian: np.ndarray | None = None) -> None:
+def onto_nodes(
+    sides: tuple[Attachment, Attachment], q: np.ndarray, gradient: np.ndarray, hessian: np.ndarray | None = None
+) -> None:
     """Turn derivatives in two frames into derivatives in the unknowns of their nodes, in place.
 
-    A point at the arm r of a node moves with it as ``x = X + R(phi) r``, so that ``dx/dphi`` is R r turned by a right angle and
-    ``d2x/dphi2 = -R r``.
+    A point at the arm r of a node moves with it as ``x = X + R(phi) r``, so that ``dx/dphi`` is R r turned by a right
+    angle and ``d2x/dphi2 = -R r``.
 
     Parameters
     ----------

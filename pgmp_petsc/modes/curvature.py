@@ -11,11 +11,12 @@ static modes the loads that they were made of. chi continues this answer to seco
 
 with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero but
 for joints that turn with a body). So the manifold holds, to second order, the nonlinear static answers to all loads
-that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
+M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
 
 Where a vector of Psi stretches the bodies, chi may keep its part (`static_stretching`): bending shortens a beam without
-stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples the
-two, is unbounded at moderate deflections.
+stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy,
+which then couples the two, is unbounded at moderate deflections.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ class CurvatureProblem:
         shape
             The flexible vectors of the basis, local rows, shape (n_local, m).
         answered
-            The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is known
-            (joints then take of its elastic forces what they can), shape (n_local, m).
+            The load that each of them answers, as from `answered_loads` and combinations of them, zero where none is
+            known (joints then take of its elastic forces what they can), shape (n_local, m).
 
         Raises
         ------
@@ -107,8 +108,8 @@ class CurvatureProblem:
     def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return of components along Psi (m, n_pairs) those that bend the bodies; what only stretches them is left to chi.
 
-        The share of stretching is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi`` with eigenvalues from 0 to 1, made steeper
-        by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.
+        The share of stretching is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi`` with eigenvalues from 0 to 1,
+        made steeper by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.
         """
         problem, everywhere = self._problem, self._problem.all_rows(shape)
         stiffness = problem.inner(shape, times(problem.stiffness, shape))

@@ -2,9 +2,9 @@
 
     kinetic + strain = (kinetic + strain at the start) + sum over effects of their work + residual
 
-An effect's work is the loss of its potential energy, if it has one, and the integral over time of its other power, taken by the
-trapezoidal rule over the steps: the residual falls with the square of the step, and so does the scheme's numerical damping, which is
-part of it.
+An effect's work is the loss of its potential energy, if it has one, and the integral over time of its other power,
+taken by the trapezoidal rule over the steps: the residual falls with the square of the step, and so does the scheme's
+numerical damping, which is part of it.
 
 Layout within a trajectory file:
 

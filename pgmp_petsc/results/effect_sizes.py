@@ -1,7 +1,8 @@
 """Sizes of effects, as estimated before a build: what to keep and what to leave.
 
-In a reduced model whose effects were chosen (``effects = "auto"``) they are the group ``effects``: ``shares`` (n), with the attributes
-``tolerance``, ``exchanged`` (J), ``names``, ``kinds``, ``keeps``, ``measures``, ``speeds`` (rad/s) and ``warnings``, all JSON.
+In a reduced model whose effects were chosen (``effects = "auto"``) they are the group ``effects``: ``shares`` (n), with
+the attributes ``tolerance``, ``exchanged`` (J), ``names``, ``kinds``, ``keeps``, ``measures``, ``speeds`` (rad/s) and
+``warnings``, all JSON.
 """
 
 from __future__ import annotations

@@ -199,8 +199,8 @@ def _alone(scene: Scene) -> Iterator[str]:
 def _halves(scene: Scene) -> Iterator[str]:
     """Refuse half of what is of second order in the deformation: each half alone is wrong where bodies spin.
 
-    Without the stiffness by inertia forces a spinning beam softens and buckles at a speed where it does not (Kane, Ryan and
-    Banerjee 1987); without the inertia of the turning shapes it is stiffer in the plane than it is.
+    Without the stiffness by inertia forces a spinning beam softens and buckles at a speed where it does not (Kane, Ryan
+    and Banerjee 1987); without the inertia of the turning shapes it is stiffer in the plane than it is.
     """
     found = {type(effect): name for name, effect in scene.effects.items()}
     halves = (kinds.GeometricStiffening, kinds.ModeInertia)

@@ -1,14 +1,16 @@
 """Which effects matter: an estimate of the size of every available effect, before any reduction.
 
-The scene's mechanism runs once with rigid bodies (`rigid_run`). A named effect is as large as its work is beside all energy that is
-moved around. Of terms that only a flexible reduced model has, sizes follow from a few configurations of that run:
+The scene's mechanism runs once with rigid bodies (`rigid_run`). A named effect is as large as its work is beside all
+energy that is moved around. Of terms that only a flexible reduced model has, sizes follow from a few configurations of
+that run:
 
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
 - geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under loads and inertia
   forces, beside its eigenvalue,
 - inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on vibrations.
 
-For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it would matter.
+For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it
+would matter.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from mpi4py import MPI
-from scipy.integrate import trapezoid
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
@@ -75,7 +77,8 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
         if effect.type in TERMS:
             continue
         if effect.type == "structural_damping":
-            sizes.append(EffectSize(name, effect.type, np.nan, True, "acts on vibrations, which a rigid mechanism has not"))
+            about = "acts on vibrations, which a rigid mechanism has not"
+            sizes.append(EffectSize(name, effect.type, np.nan, True, about))
         elif effect.type == "point_mass":
             share = scene.number(effect.mass) / run.mass
             sizes.append(EffectSize(name, effect.type, share, True, "of all masses"))
@@ -154,12 +157,13 @@ def _shares_of_terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun
 
 
 def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
-    """Return steps evenly over the run and those of the extreme speeds, where the coordinates are within their range."""
+    """Return steps evenly over the run and those of extreme speeds, where the coordinates are within their range."""
     inside = np.flatnonzero(kinematics.within_reach(run.theta))
     if not inside.size:
         return []
     even = inside[np.linspace(0, inside.size - 1, min(N_INSTANTS, inside.size)).astype(int)]
-    fastest = [inside[np.argmax(np.abs(part[inside, k]))] for part in (run.speed, run.acceleration) for k in range(part.shape[1])]
+    columns = [column for part in (run.speed, run.acceleration) for column in part.T]
+    fastest = [inside[np.argmax(np.abs(column[inside]))] for column in columns]
     return sorted({int(k) for k in (*even, *fastest)})
 
 
@@ -171,13 +175,15 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
     if "gravity" not in here:
         height = run.heights[:, 1] - run.heights[0, 1]
         share = STANDARD_GRAVITY * float(np.max(np.abs(height))) / exchanged if exchanged else np.inf
-        sizes.append(EffectSize("", "gravity", share, share > tolerance, "work of weights along -y, of the energy moved around"))
+        about = "work of weights along -y, of the energy moved around"
+        sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
     if exchanged and joints:
         budget = tolerance * exchanged
-        damping = {name: budget / max(float(trapezoid(rate**2, run.time)), 1e-300) for name, rate in joints.items()}
-        friction = {name: budget / max(float(trapezoid(np.abs(rate), run.time)), 1e-300) for name, rate in joints.items()}
-        spread = {name: np.ptp(np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(run.time))])) for name, rate in joints.items()}
-        spring = {name: 2.0 * budget / max(float(value) ** 2, 1e-300) for name, value in spread.items()}
+        # a damper's work is c int s'^2, a friction's limit int |s'|, a spring's energy k s^2 / 2
+        damping = {name: budget / max(trapezoid(rate**2, run.time), 1e-300) for name, rate in joints.items()}
+        friction = {name: budget / max(trapezoid(np.abs(rate), run.time), 1e-300) for name, rate in joints.items()}
+        moved = {name: np.ptp(cumulative_trapezoid(rate, run.time, initial=0.0)) for name, rate in joints.items()}
+        spring = {name: 2.0 * budget / max(path**2, 1e-300) for name, path in moved.items()}
         for kind, found, unit in (
             ("joint_damping", damping, "Nm s/rad or N s/m"),
             ("joint_friction", friction, "Nm or N"),
@@ -185,17 +191,20 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
         ):
             if kind not in here:
                 joint = min(found, key=found.get)
-                sizes.append(EffectSize("", kind, np.nan, False, f"would matter from {found[joint]:.2g} {unit} on ({joint})"))
+                about = f"would matter from {found[joint]:.2g} {unit} on ({joint})"
+                sizes.append(EffectSize("", kind, np.nan, False, about))
     if "point_mass" not in here:
         sizes.append(EffectSize("", "point_mass", np.nan, False, f"would matter from {tolerance * run.mass:.2g} kg on"))
     if "end_stop" not in here:
-        theta = [f"{name} from {run.theta[:, k].min():.3g} to {run.theta[:, k].max():.3g} rad" for k, name in enumerate(scene.coordinates)]
-        sizes.append(EffectSize("", "end_stop", np.nan, False, f"would matter where the motion ends: {', '.join(theta)}"))
+        ranges = [
+            f"{name} from {path.min():.3g} to {path.max():.3g} rad" for name, path in zip(scene.coordinates, run.theta.T)
+        ]
+        about = f"would matter where the motion ends: {', '.join(ranges)}"
+        sizes.append(EffectSize("", "end_stop", np.nan, False, about))
     if "structural_damping" not in here:
         duration = scene.simulation.duration
-        sizes.append(
-            EffectSize("", "structural_damping", np.nan, False, f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on")
-        )
+        about = f"for vibrations that last: ratios from {tolerance:g} / (2 pi f {duration:g} s) on"
+        sizes.append(EffectSize("", "structural_damping", np.nan, False, about))
     return sizes
 
 
