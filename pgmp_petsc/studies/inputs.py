@@ -18,7 +18,16 @@ from pgmp_petsc.scene.numerics import Simulation
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
-OF_TORQUE = ("table",)
+OVER_TIME = ("table", "harmonic")
+OF_EFFECTS = {
+    "torque": OVER_TIME,
+    "force": OVER_TIME,
+    "joint_damping": ("coefficient",),
+    "joint_friction": ("limit", "speed"),
+    "spring_damper": ("stiffness", "damping", "rest"),
+    "end_stop": ("lower", "upper", "stiffness", "damping"),
+    "prescribed_motion": (*OVER_TIME, "spin_up", "constant_speed"),
+}
 
 
 def read_scene(
@@ -77,8 +86,8 @@ def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
     if built.effects.keys() != scene.effects.keys():
         _refuse("effects", path)
     for name, effect in scene.effects.items():
-        free = {key: getattr(effect, key) for key in OF_TORQUE if hasattr(effect, key)}
-        if built.effects[name].model_copy(update=free) != effect:
+        free = {key: getattr(effect, key) for key in OF_EFFECTS.get(effect.type, ())}
+        if type(built.effects[name]) is not type(effect) or built.effects[name].model_copy(update=free) != effect:
             _refuse(f"effects.{name}", path)
     if built.parameters.keys() != scene.parameters.keys():
         _refuse("parameters", path)
@@ -90,6 +99,6 @@ def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
 def _refuse(entry: str, path: Path) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
-        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the tables "
-        "of torques may be changed"
+        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the "
+        "numbers of loads, joints' forces and motions may be changed"
     )
