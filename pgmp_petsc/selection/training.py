@@ -85,7 +85,7 @@ class Training:
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")
         if len(loads) == 1:
-            remarks.append("no torque acts: loads are not varied")
+            remarks.append("no torque acts by a table: loads are not varied")
         return cls(values, n_samples, loads, tuple(remarks))
 
     def sample_text(self, sample: int) -> str:
@@ -94,8 +94,9 @@ class Training:
 
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
-    """Return the variants of the loads, the scene's own first."""
-    own = {name: effect.table for name, effect in scene.effects.items() if isinstance(effect, Torque)}
+    """Return the variants of the loads, the scene's own first; of torques by tables alone."""
+    torques = {name: effect for name, effect in scene.effects.items() if isinstance(effect, Torque)}
+    own = {name: torque.table for name, torque in torques.items() if torque.table is not None}
     peaks = {name: max((value for _, value in table), key=abs) for name, table in own.items()}
     loads = [Load("own", "the scene's own loads", own, True)]
     if not any(peaks.values()):
