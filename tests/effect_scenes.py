@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
 
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -16,6 +20,9 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.balance import balance_of
+
+G = 9.81  # m/s2
+STEP = 2e-3  # s
 
 # a uniform bar of 1 kg and 1 m that turns about its end: J = 1/3 kg m2
 BAR = """
@@ -206,3 +213,45 @@ def _push(system: object, start: np.ndarray | None) -> None:
         state = system.start()
         q, v = (system.unpack(part)[:, 0] for part in (state.q, state.v))
         system.start = lambda: system.consistent(q, v + start)
+
+
+def run_of(duration: float, step: float = STEP, spectral_radius: float = 1.0, **initial: float) -> str:
+    """Return the table of a simulation, without numerical damping unless told."""
+    start = "".join(f"\n{key} = {value}" for key, value in initial.items())
+    begin = f"[simulation.initial.theta]{start}\n" if initial else ""
+    return f"""
+[simulation]
+duration = {duration}
+step = {step}
+spectral_radius = {spectral_radius}
+{begin}"""
+
+
+def bar(effects: str, duration: float, step: float = STEP, **initial: float) -> Scene:
+    """Return a rigid bar of 1 kg and 1 m that turns about its end."""
+    return scene_of(BAR, effects + run_of(duration, step, **initial))
+
+
+def turning(
+    torque: Callable[[float, float, float], float], time: np.ndarray, position: float = 0.0, velocity: float = 0.0,
+    inertia: float = BAR_INERTIA,
+) -> np.ndarray:
+    """Return the angle of a rigid bar under a torque of (t, angle, speed), good to ten digits."""
+    found = solve_ivp(
+        lambda t, y: [y[1], torque(t, *y) / inertia], (0.0, time[-1]), [position, velocity],
+        t_eval=time, rtol=1e-11, atol=1e-12, max_step=5e-3,
+    )  # fmt: skip
+    return found.y[0]
+
+
+def linear_mode(scene: Scene, clamped: int, number: int) -> tuple[float, np.ndarray]:
+    """Return angular frequency and shape (n_dofs,) of a mode of a single beam at rest, the unknowns `clamped` held."""
+    model = line_model(scene)
+    n = model.kinematics.mechanism.n_dofs
+    matrices = assemble(model.kinematics.mechanism.bodies, range(n))
+    free = np.setdiff1d(np.arange(n), clamped)
+    mass, stiffness = (weighted_sum(m, scene.values).toarray()[np.ix_(free, free)] for m in (matrices.mass, matrices.stiffness))
+    squares, vectors = eigh(stiffness, mass)
+    shape = np.zeros(n)
+    shape[free] = vectors[:, number]
+    return float(np.sqrt(squares[number])), shape / np.abs(shape).max()
