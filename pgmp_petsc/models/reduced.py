@@ -35,6 +35,13 @@ class ReducedModel:
     kinematics
         The mechanism's, where it is at hand; made from the scene otherwise.
 
+    Attributes
+    ----------
+    effects
+        Effects that act by forces.
+    start
+        Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+
     Raises
     ------
     InputError
@@ -49,19 +56,18 @@ class ReducedModel:
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
         mechanism = self.kinematics.mechanism
         scheme = scene.reduction.interpolation
-        self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
-        self._start = start_of(scene, mechanism)
+        self.effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
+        self.start = start_of(scene, mechanism)
         self._check_start(rom.tables.samples)
-        self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
-        damping = ReducedDamping.of(self._effects, self.kinematics, rom)
-        quadratic = all(entry.keep for entry in scene.effects.values() if entry.type == "gyroscopic")
-        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, quadratic)
-        self._actions = ReducedActions.of(actions_of(self._effects), self.kinematics, rom, scheme)
+        self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
+        damping = ReducedDamping.of(self.effects, self.kinematics, rom)
+        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic)
+        self._actions = ReducedActions.of(actions_of(self.effects), self.kinematics, rom, scheme)
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
 
     def _check_start(self, grid: SampleGrid) -> None:
-        for axis, position, coordinate in zip(grid.axes, self._start[0], self.kinematics.mechanism.coordinates):
+        for axis, position, coordinate in zip(grid.axes, self.start[0], self.kinematics.mechanism.coordinates):
             if not axis.contains(position):
                 raise InputError(
                     f"simulation.initial.{coordinate.name}.position = {position:g}: outside the sampled range "
@@ -71,12 +77,12 @@ class ReducedModel:
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
         other = copy(self)
-        other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         return other
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        return ReducedSystem(self.terms, self._effects, values, self._start, n_samples, self._motions, self._actions)
+        return ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)
 
     def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""

@@ -13,7 +13,7 @@ dataset                       shape      content
 ============================= ========== ===========================================================================
 ``/energy/kinetic``           (n_t)      J
 ``/energy/strain``            (n_t)      J
-``/energy/potential``         (n_t)      of springs, stops and, in the full-order model, weights, J
+``/energy/potential``         (n_t)      of weights, springs and stops, J
 ``/energy/residual``          (n_t)      J; attribute ``exchanged``: the most that was moved around at any time, J
 ``/work/<effect>``            (n_t)      work done by each effect since the start, J
 ============================= ========== ===========================================================================

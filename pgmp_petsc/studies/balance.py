@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.effects import loads_of
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.balance import Balance
 
 
@@ -30,3 +34,21 @@ def balance_of(time: np.ndarray, instants: Sequence[Energies]) -> Balance:
         np.array([float(np.ravel(getattr(instant, part))[0]) for instant in instants]) for part in ("kinetic", "strain")
     )
     return Balance(kinetic, strain, potential, work)
+
+
+def with_weights(balance: Balance, model: ReducedModel) -> Balance:
+    """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
+
+    It is that of the undeformed start less the work done since: the same integral as in the residual, which does not change.
+    """
+    effects = [effect for effect in model.effects if effect.conservative]
+    if not effects:
+        return balance
+    mechanism = model.kinematics.mechanism
+    start = mechanism.place(model.kinematics.poses(model.start[0]))[:, 0]
+    potential = balance.potential
+    for effect in effects:
+        loads = loads_of([effect], assemble(mechanism.bodies, range(mechanism.n_dofs)))
+        lifted = sum(float(load.weight.evaluate(model.scene.values)) * float(load.vector @ start) for load in loads)
+        potential = potential - float(effect.amplitude(0.0)) * lifted - balance.work[effect.name]
+    return replace(balance, potential=potential)

@@ -20,7 +20,7 @@ from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
-from pgmp_petsc.studies.balance import balance_of
+from pgmp_petsc.studies.balance import balance_of, with_weights
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
@@ -125,8 +125,9 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
+    balance = with_weights(balance_of(time, energies), model)
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, balance_of(time, energies), estimate
+        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, balance, estimate
     )
 
 

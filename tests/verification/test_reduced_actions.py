@@ -84,7 +84,7 @@ def test_forces_do_the_work_that_frames_do(models, effect: str, second_order: bo
         state.q[:, 0] = 0.95
     values = samples(model.scene, n)
     system = model.batch(values, n)
-    without = system.__class__(model.terms, model._effects, values, model._start, n)
+    without = system.__class__(model.terms, model.effects, values, model.start, n)
     force = without.residual(0.03, state) - system.residual(0.03, state)
     energies = system.energies(0.03, state)
     power = np.einsum("ni,ni->n", force, state.v)
