@@ -123,3 +123,10 @@ def test_the_balance_of_energy_holds(name: str, kind: str) -> None:
         shares.append(np.abs(balance.residual).max() / balance.exchanged)
     assert shares[1] < 1e-6, shares
     assert np.log2(shares[0] / shares[1]) > 1.8, shares
+
+
+def test_both_models_have_the_potential_energy_of_weights() -> None:
+    duration, step = BALANCED["double_pendulum"]
+    reduced, full = (run("double_pendulum", kind, duration, step).balance for kind in ("reduced", "full"))
+    # the two motions differ by 2e-4 rad
+    np.testing.assert_allclose(reduced.potential, full.potential, rtol=0, atol=1e-3 * np.ptp(full.potential))
