@@ -6,9 +6,9 @@ An effect contributes what its kind calls for, and nothing else:
 - actions: force laws on a measure of two frames (`action`),
 - patterns: nodal vectors that its forces are made of, whose static answers extend the reduced basis.
 
-The full-order model adds them to its nodes; the reduced model projects them. Point masses are parts of the mass matrix from the start
-(`mechanism.composition`), prescribed motions constraints (`motion`), structural damping a property of bodies
-(`structural_damping`).
+The full-order model adds them to its nodes; the reduced model projects them. Point masses are parts of the mass matrix
+from the start (`mechanism.composition`), prescribed motions constraints (`motion`), structural damping a property of
+bodies (`structural_damping`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.patterns import FIXED, fixed_pattern
+
 
 class Effect:
     """An effect of a scene without any contribution; kinds of effects override what they contribute.
@@ -85,4 +86,3 @@ class ActionEffect(Effect):
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""
         return [action for action in self._actions if action.measure not in FIXED]
-

@@ -31,76 +31,60 @@ class Joint(Protocol):
         """Return the second derivatives of c, shape (n_constraints, 6, 6, ...)."""
 
 
-class Revolute:
-    """Equal positions: ``x_a = x_b``, ``y_a = y_b``."""
+class _SharedUnknowns:
+    """Frames that have some of their unknowns in common: ``b_i - a_i`` for each of them, m or rad; linear."""
 
-    n_constraints = 2
     linear = True
+    unknowns: tuple[int, ...]
+
+    @property
+    def n_constraints(self) -> int:
+        """Number of constraints."""
+        return len(self.unknowns)
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return ``b - a`` of the positions, m."""
-        return b[:2] - a[:2]
+        """Return the differences, m and rad."""
+        chosen = list(self.unknowns)
+        return b[chosen] - a[chosen]
 
     def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the constant Jacobian."""
-        jacobian = np.zeros((2, N_PAIR, *a.shape[1:]))
-        for i in range(2):
-            jacobian[i, i] = -1.0
-            jacobian[i, N_FRAME + i] = 1.0
+        jacobian = np.zeros((self.n_constraints, N_PAIR, *a.shape[1:]))
+        for row, unknown in enumerate(self.unknowns):
+            jacobian[row, unknown] = -1.0
+            jacobian[row, N_FRAME + unknown] = 1.0
         return jacobian
 
     def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return zeros."""
-        return np.zeros((2, N_PAIR, N_PAIR, *a.shape[1:]))
+        return np.zeros((self.n_constraints, N_PAIR, N_PAIR, *a.shape[1:]))
 
 
-class Fixed:
+class Revolute(_SharedUnknowns):
+    """Equal positions: ``x_a = x_b``, ``y_a = y_b``."""
+
+    unknowns = (0, 1)
+
+
+class Fixed(_SharedUnknowns):
     """Equal positions and a fixed relative rotation: ``x_a = x_b``, ``y_a = y_b``, ``phi_b - phi_a = angle`` (rad)."""
 
-    n_constraints = 3
-    linear = True
+    unknowns = (0, 1, 2)
 
     def __init__(self, angle: float) -> None:
         self._angle = angle
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return ``b - a``, the angle taken off, m and rad."""
-        gap = b - a
+        gap = super().residual(a, b)
         gap[2] -= self._angle
         return gap
 
-    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the constant Jacobian."""
-        jacobian = np.zeros((3, N_PAIR, *a.shape[1:]))
-        for i in range(3):
-            jacobian[i, i] = -1.0
-            jacobian[i, N_FRAME + i] = 1.0
-        return jacobian
 
-    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return zeros."""
-        return np.zeros((3, N_PAIR, N_PAIR, *a.shape[1:]))
-
-
-class Driver:
+class Driver(_SharedUnknowns):
     """The relative rotation ``phi_b - phi_a``, to be held at a given angle by whoever takes its residual."""
 
-    n_constraints = 1
-    linear = True
-
-    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the relative rotation, rad."""
-        return (b[2] - a[2])[None]
-
-    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the constant Jacobian."""
-        jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
-        jacobian[0, 2], jacobian[0, 5] = -1.0, 1.0
-        return jacobian
-
-    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return zeros."""
-        return np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
+    unknowns = (2,)
 
 
 class PointOnLine:
