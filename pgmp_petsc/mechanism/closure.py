@@ -44,6 +44,10 @@ class LoopClosure:
         self.mechanism = mechanism
         self.size = max(float(np.max(np.ptp(body.shape.nodes, axis=0))) for body in mechanism.bodies)
         self.n_coordinates = len(mechanism.coordinates)
+        # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
+        self._connections = [
+            Connection(c.name, c.joint, _on_pose(c.a), _on_pose(c.b), c.rows) for c in mechanism.connections
+        ]
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
@@ -52,7 +56,9 @@ class LoopClosure:
 
     def measured(self, poses: np.ndarray) -> np.ndarray:
         """Return the coordinates at poses (n_bodies, 3, n), shape (n_theta, n)."""
-        return np.array([c.measure(*_frames(c.connection, poses)) for c in self.mechanism.coordinates])
+        coordinates = self.mechanism.coordinates
+        frames = [[side.frame_of_pose(poses) for side in c.connection.sides] for c in coordinates]
+        return np.array([c.measure(*pair) for c, pair in zip(coordinates, frames)])
 
     def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return closure and driving residuals at theta (n, n_theta), shape (n_constraints + n_theta, n)."""
@@ -60,20 +66,15 @@ class LoopClosure:
 
     def jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return d(residual)/dP, shape (n_constraints + n_theta, 3 n_bodies, n)."""
-        n_constraints = self.mechanism.n_constraints
-        n_rows = n_constraints + self.n_coordinates
-        jacobian = np.zeros((n_rows, len(self.mechanism.bodies), N_FRAME, poses.shape[2]))
-        for c in self.mechanism.connections:
-            frames = c.joint.jacobian(*_frames(c, poses))
-            for offset, side in ((0, c.a), (N_FRAME, c.b)):
-                if not side.on_ground:
-                    block = frames[:, offset : offset + N_FRAME]
-                    jacobian[c.rows, side.body] += np.einsum("cfn,fpn->cpn", block, _frame_gradient(side, poses))
+        n_constraints, unknowns = self.mechanism.n_constraints, _unknowns(poses)
+        jacobian = np.zeros((n_constraints + self.n_coordinates, *unknowns.shape))
+        for c in self._connections:
+            jacobian[c.rows, c.dofs] = c.jacobian(unknowns)[:, c.moving_columns]
         for row, coordinate in enumerate(self.mechanism.coordinates, n_constraints):
-            for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
+            for sign, side in zip((-1.0, 1.0), coordinate.connection.sides):
                 if not side.on_ground:
-                    jacobian[row, side.body, 2] += sign
-        return jacobian.reshape(n_rows, -1, poses.shape[2])
+                    jacobian[row, N_FRAME * side.body + 2] += sign
+        return jacobian
 
     def scaled_jacobian(self, poses: np.ndarray) -> np.ndarray:
         """Return J with lengths scaled by the size, so that singular values do not depend on the unit.
@@ -100,16 +101,13 @@ class LoopClosure:
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, 3, n_theta, n_theta, n)."""
-        n, n_theta = poses.shape[2], self.n_coordinates
+        n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
         jacobian = self.jacobian(poses)
         right = np.zeros((jacobian.shape[0], n_theta, n_theta, n))
-        for connection in self.mechanism.connections:
-            sides, frames = (connection.a, connection.b), _frames(connection, poses)
-            first = np.concatenate([_push(side, poses, rates) for side in sides])  # (6, n_theta, n)
-            second = np.concatenate([_push_curvature(side, poses, rates) for side in sides])  # (6, n_theta, n_theta, n)
-            right[connection.rows] = np.einsum(
-                "cijn,ikn,jln->ckln", connection.joint.hessian(*frames), first, first
-            ) + np.einsum("cin,ikln->ckln", connection.joint.jacobian(*frames), second)
+        moving = rates.reshape(-1, n_theta, n)
+        for c in self._connections:
+            hessian = c.hessian(unknowns)[:, c.moving_columns][:, :, c.moving_columns]
+            right[c.rows] = np.einsum("cijn,ikn,jln->ckln", hessian, moving[c.dofs], moving[c.dofs])
         inverse = np.linalg.pinv(np.moveaxis(jacobian, -1, 0))
         result = -np.einsum("npc,ckln->pkln", inverse, right)
         return result.reshape(-1, N_FRAME, n_theta, n_theta, n)
@@ -146,9 +144,8 @@ class LoopClosure:
         return np.einsum("npc,cn->pn", inverse, residual).reshape(poses.shape)
 
     def _gaps(self, poses: np.ndarray) -> np.ndarray:
-        parts = [np.empty((0, poses.shape[2]))]
-        parts += [c.joint.residual(*_frames(c, poses)) for c in self.mechanism.connections]
-        return np.concatenate(parts)
+        unknowns = _unknowns(poses)
+        return np.concatenate([np.empty((0, poses.shape[2])), *(c.residual(unknowns) for c in self._connections)])
 
     def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return poses, residual and the largest scaled entry of each; undriven where no theta is given."""
@@ -170,35 +167,11 @@ class LoopClosure:
         return poses, residual, gap
 
 
-def _frames(connection: Connection, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return connection.a.frame_of_pose(poses), connection.b.frame_of_pose(poses)
+def _on_pose(side: Attachment) -> Attachment:
+    """Return an attachment whose node is the pose of its body: the point is then at an arm of it."""
+    return side if side.on_ground else Attachment(side.body, side.body, side.point, side.point)
 
 
-def _frame_gradient(side: Attachment, poses: np.ndarray) -> np.ndarray:
-    """Return d(frame)/d(pose), shape (3, 3, n)."""
-    gradient = np.zeros((N_FRAME, N_FRAME, poses.shape[2]))
-    for i in range(N_FRAME):
-        gradient[i, i] = 1.0
-    angle = poses[side.body, 2]
-    x, y = side.point
-    gradient[0, 2] = -np.sin(angle) * x - np.cos(angle) * y
-    gradient[1, 2] = np.cos(angle) * x - np.sin(angle) * y
-    return gradient
-
-
-def _push(side: Attachment, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the frame's derivatives with theta, shape (3, n_theta, n)."""
-    if side.on_ground:
-        return np.zeros((N_FRAME, *rates.shape[2:]))
-    return np.einsum("fpn,pkn->fkn", _frame_gradient(side, poses), rates[side.body])
-
-
-def _push_curvature(side: Attachment, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the frame's second derivatives with theta at straight poses, shape (3, n_theta, n_theta, n)."""
-    n_theta, n = rates.shape[2:]
-    second = np.zeros((N_FRAME, n_theta, n_theta, n))
-    if not side.on_ground:
-        arm = side.frame_of_pose(poses)[:2] - poses[side.body, :2]
-        turn = rates[side.body, 2]
-        second[:2] = -np.einsum("fn,kn,ln->fkln", arm, turn, turn)
-    return second
+def _unknowns(poses: np.ndarray) -> np.ndarray:
+    """Return the poses (n_bodies, 3, n) of all bodies one after the other, shape (3 n_bodies, n)."""
+    return poses.reshape(-1, poses.shape[2])
