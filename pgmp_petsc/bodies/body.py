@@ -6,6 +6,7 @@ so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +28,12 @@ class LumpedMass:
 
     def __add__(self, other: LumpedMass) -> LumpedMass:
         return LumpedMass(self.mass + other.mass, self.inertia + other.inertia)
+
+
+def joined(lumps: Mapping[Monomial, LumpedMass], more: Mapping[Monomial, LumpedMass]) -> dict[Monomial, LumpedMass]:
+    """Return the masses of a node with further ones, those of the same weight together."""
+    nothing = LumpedMass(0.0, 0.0)
+    return {weight: lumps.get(weight, nothing) + more.get(weight, nothing) for weight in {**lumps, **more}}
 
 
 @dataclass(frozen=True)
@@ -74,8 +81,7 @@ class Body:
         line, rotary = section.line_density, section.rotary_density
         lumps = {line.monomial: LumpedMass(line.coefficient * lengths.sum(), line.coefficient * float(lengths @ arms))}
         if rotary.coefficient:
-            turning = LumpedMass(0.0, rotary.coefficient * lengths.sum())
-            lumps[rotary.monomial] = lumps.get(rotary.monomial, LumpedMass(0.0, 0.0)) + turning
+            lumps = joined(lumps, {rotary.monomial: LumpedMass(0.0, rotary.coefficient * lengths.sum())})
         return cls(name, LineMesh(centre[None], np.empty((0, 2), dtype=int)), section, mesh, {0: lumps})
 
     @classmethod
@@ -96,10 +102,7 @@ class Body:
 
     def with_lumps(self, node: int, lumps: dict[Monomial, LumpedMass]) -> Body:
         """Return the body with further masses at a node."""
-        here = dict(self.lumps.get(node, {}))
-        for weight, lump in lumps.items():
-            here[weight] = here.get(weight, LumpedMass(0.0, 0.0)) + lump
-        return replace(self, lumps={**self.lumps, node: here})
+        return replace(self, lumps={**self.lumps, node: joined(self.lumps.get(node, {}), lumps)})
 
     def from_node(self, first_node: int) -> Body:
         """Return the body with its place in the numbering of all nodes."""

@@ -23,7 +23,7 @@ from numba import njit
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
-from pgmp_petsc.effects.laws import STOP, law
+from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.effects.measures import ROTATION, measure
 
 N_FRAME, N_PAIR = 3, 6
@@ -293,7 +293,7 @@ def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, ba
             rate += projected * v[sample, i]
         force, stiffness, damping, elastic, potential = law(actions.laws[action], p, amplitudes[action], s, rate)
         known[POWER, action], known[STORED, action] = (force - elastic) * rate, potential
-        known[DEPTH, action] = p[3] * (s - p[2]) if actions.laws[action] == STOP else np.nan
+        known[DEPTH, action] = depth(actions.laws[action], p, s)
         for i in range(n):
             balance[i, lane] -= force * work.projected[i]
         if with_tangent:

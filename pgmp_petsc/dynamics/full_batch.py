@@ -20,7 +20,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.lumped_masses import lumped_masses
-from pgmp_petsc.effects import Effect, Motion, actions_of, loads_of
+from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
@@ -85,12 +85,7 @@ class FullBatch:
 
     def start(self) -> State:
         """Return the undeformed start with consistent accelerations and multipliers."""
-        positions, velocities = self._initial
-        poses = self._kinematics.poses(positions)
-        rates = self._kinematics.rates(poses)
-        mechanism = self._kinematics.mechanism
-        q = mechanism.place(poses)[:, 0]
-        return self.consistent(q, mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities)
+        return self.consistent(*self._kinematics.undeformed(*self._initial))
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
@@ -104,15 +99,13 @@ class FullBatch:
         # acceleration and multipliers enter linearly: one correction with the mass alone solves
         # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
         trial = state.copy()
-        driven = np.array([motion.at(0.0)[2] for motion in self._motions])
-        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v), driven)
+        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v), driven(self._motions, 0.0).acceleration)
         self._correct(0.0, trial, (0.0, 1.0, 0.0), _lanes_first(drift), self._everyone(), True)
         return State(state.q, state.v, trial.a, trial.multipliers)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        driven = np.array([motion.at(time)[0] for motion in self._motions])
-        residual = _lanes_first(self._constraints.residual(_lanes_last(state.q), driven))
+        residual = _lanes_first(self._constraints.residual(_lanes_last(state.q), driven(self._motions, time).angle))
         gains = (scheme.gain_v, scheme.gain_a, 1.0)
         return self._correct(time, state, gains, residual, self._fill(active), fresh)
 

@@ -30,7 +30,7 @@ from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.rank_elements import RankElements
-from pgmp_petsc.effects import Effect, Motion, actions_of, loads_of
+from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import RunError
@@ -112,19 +112,13 @@ class FullDistributed:
 
     def start(self) -> State:
         """Return the undeformed start with consistent accelerations and multipliers."""
-        positions, velocities = self._initial
-        poses = self._kinematics.poses(positions)
-        rates = self._kinematics.rates(poses)
-        mechanism = self._kinematics.mechanism
-        q = mechanism.place(poses)[:, 0]
-        return self.consistent(q, mechanism.place_rates(poses[..., 0], rates[..., 0]) @ velocities)
+        return self.consistent(*self._kinematics.undeformed(*self._initial))
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
         own = slice(self.rows.start, self.rows.stop)
         state = State(q[own], v[own], np.zeros(len(self.rows)), np.zeros(self._n_multipliers))
-        driven = np.array([motion.at(0.0)[2] for motion in self._motions])
-        drift = self._constraints.drift(q[:, None], v[:, None], driven)[:, 0]
+        drift = self._constraints.drift(q[:, None], v[:, None], driven(self._motions, 0.0).acceleration)[:, 0]
         step, multipliers = self._solve(0.0, state, (0.0, 1.0, 0.0), drift, fresh=True)
         return State(state.q, state.v, state.a - step, state.multipliers - multipliers)
 
@@ -177,7 +171,7 @@ class FullDistributed:
         self._mass.mult(self._a, self._ma)
         kinetic = 0.5 * float(state.v @ self._ma.getArray(readonly=True))
         # what each rank knows of its own rows and elements; the rest is known to all
-        parts = {("kinetic", ""): kinetic, ("strain", ""): float(elements.strain[owned].sum())}
+        parts = {("kinetic", ""): kinetic, ("strain", ""): self._elements.strain_energy(q)}
         for number, name in self._damping.effects.items():
             own = owned & (self._elements.body == number)
             braked = self._elements.lumped_body == number
@@ -224,8 +218,7 @@ class FullDistributed:
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
-            driven = np.array([motion.at(time)[0] for motion in self._motions])
-            constraint = self._constraints.residual(everywhere, driven)[:, 0]
+                constraint = self._constraints.residual(everywhere, driven(self._motions, time).angle)[:, 0]
         rows, columns = self._constraints.jacobian_pattern
         residual = np.zeros(self.n_dofs)
         np.add.at(residual, self._elements.dofs.ravel(), elements.forces.ravel())

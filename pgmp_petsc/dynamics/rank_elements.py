@@ -32,15 +32,12 @@ class ElementState:
         Internal and damping forces, shape (n_e, 6).
     tangents
         Their packed derivatives, shape (n_e, 21).
-    strain
-        Strain energy, shape (n_e,), J.
     powers
         Power of the structural damping, shape (n_e,), W.
     """
 
     forces: np.ndarray
     tangents: np.ndarray
-    strain: np.ndarray
     powers: np.ndarray
 
 
@@ -107,10 +104,10 @@ class RankElements:
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> ElementState:
         """Evaluate all elements for unknowns and velocities (n_dofs,), valid where the elements are."""
         n = len(self.dofs)
-        state = ElementState(np.empty((n, 6)), np.empty((n, N_PACKED)), np.empty(n), np.zeros(n))
+        state = ElementState(np.empty((n, 6)), np.empty((n, N_PACKED)), np.zeros(n))
         _evaluate(
             self.dofs, self._lengths, self._directions, self._sections, q, v, gain_v, self._damped,
-            state.forces, state.tangents, state.strain, state.powers,
+            state.forces, state.tangents, state.powers,
         )  # fmt: skip
         if self._damped:
             local = v[self.dofs]
@@ -118,6 +115,13 @@ class RankElements:
             state.forces[:] += braking
             state.powers[:] -= np.sum(braking * local, axis=1)
         return state
+
+    def strain_energy(self, q: np.ndarray) -> float:
+        """Return the strain energy of the elements that are counted here, J, for unknowns q (n_dofs,)."""
+        return sum(
+            strain_energy(q[self.dofs[e]], self._lengths[e], self._directions[e], self._sections[e])
+            for e in np.flatnonzero(self.owned)
+        )
 
     def lumped_forces(self, v: np.ndarray) -> np.ndarray:
         """Return the braking forces on the masses of nodes, shape (n_lumped,)."""
@@ -139,8 +143,8 @@ class RankElements:
 
 
 @njit(cache=True, error_model="numpy")
-def _evaluate(dofs, lengths, directions, sections, q, v, gain_v, damped, forces, tangents, strain, powers):
-    """Evaluate force (n_e, 6), packed tangent (n_e, 21), strain energy and damping power (n_e,) of every element."""
+def _evaluate(dofs, lengths, directions, sections, q, v, gain_v, damped, forces, tangents, powers):
+    """Evaluate force (n_e, 6), packed tangent (n_e, 21) and damping power (n_e,) of every element."""
     u, rate, force, power = np.empty((6, 1)), np.empty((6, 1)), np.empty((6, 1)), np.empty(1)
     section, tangent = np.empty((3, 1)), np.empty((N_PACKED, 1))
     for e in range(len(lengths)):
@@ -149,7 +153,6 @@ def _evaluate(dofs, lengths, directions, sections, q, v, gain_v, damped, forces,
         for i in range(3):
             section[i, 0] = sections[e, i]
         force_and_tangent(u, lengths[e], directions[e], section, force, tangent)
-        strain[e] = strain_energy(u[:, 0], lengths[e], directions[e], sections[e])
         if damped:
             for i in range(6):
                 rate[i, 0] = v[dofs[e, i]]

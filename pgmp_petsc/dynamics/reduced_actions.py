@@ -53,7 +53,7 @@ class ReducedActions:
             shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
         fine = fine_grid(rom.tables.samples)
         winding = _winding(kinematics, fine)
-        bodies = _bodies_of(kinematics, nodes)
+        bodies = [kinematics.mechanism.body_of(node) for node in nodes]
         rigid = np.empty((fine.n, len(nodes), N_FRAME))
         if nodes:
             poses = kinematics.poses(fine.theta)
@@ -93,14 +93,3 @@ def _winding(kinematics: RigidKinematics, fine: SampleGrid) -> np.ndarray:
     ranges = np.diag([axis.upper - axis.lower if axis.periodic else 0.0 for axis in fine.axes])
     angles = kinematics.poses(np.stack([lower, *(lower + ranges)]))[:, 2]
     return np.rint((angles[:, 1:] - angles[:, :1]) / (2 * np.pi)) * 2 * np.pi / [a.upper - a.lower for a in fine.axes]
-
-
-def _bodies_of(kinematics: RigidKinematics, nodes: Sequence[int]) -> list[tuple[int, np.ndarray]]:
-    """Return number of the body and place in its frame of every node."""
-    found = []
-    for node in nodes:
-        number, body = next(
-            (i, b) for i, b in enumerate(kinematics.mechanism.bodies) if b.nodes.start <= node < b.nodes.stop
-        )
-        found.append((number, body.mesh.nodes[node - body.first_node]))
-    return found

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.laws import N_PARAMETERS, STOP, law
+from pgmp_petsc.effects.laws import N_PARAMETERS, STOP, depth, law
 from pgmp_petsc.effects.measures import COLUMNS, measure
 from pgmp_petsc.mechanism.joints import N_FRAME, N_PAIR
 from pgmp_petsc.mechanism.mechanism import Attachment
@@ -59,6 +59,11 @@ class Action:
         return self.a, self.b
 
     @property
+    def unit_direction(self) -> np.ndarray:
+        """The direction with length 1, shape (2,)."""
+        return np.asarray(self.direction, dtype=float) / np.hypot(*self.direction)
+
+    @property
     def columns(self) -> tuple[int, ...]:
         """Which of the six frame unknowns move the measure: those of its kind that are not on the ground."""
         moving = [not side.on_ground for side in self.sides]
@@ -95,11 +100,10 @@ def compile_actions(actions: Sequence[Action], values: Mapping[str, np.ndarray],
     for action, table in zip(actions, parameters):
         for k, quantity in enumerate(action.parameters):
             table[:, k] = quantity.coefficient * np.asarray(quantity.monomial.evaluate(values))
-    directions = np.array([action.direction for action in actions], dtype=float).reshape(-1, 2)
     return Actions(
         np.array([action.measure for action in actions], dtype=np.int64),
         np.array([action.law for action in actions], dtype=np.int64),
-        directions / np.linalg.norm(directions, axis=1, keepdims=True),
+        np.array([action.unit_direction for action in actions]).reshape(-1, 2),
         parameters,
     )
 
@@ -140,7 +144,7 @@ def evaluate_actions(actions, amplitudes, z, rates, gain_v, forces, tangents, po
             force, stiffness, damping, elastic, potential = law(actions.laws[k], p, amplitudes[k], s, rate)
             powers[k, sample] = (force - elastic) * rate
             stored[k, sample] = potential
-            depths[k, sample] = p[3] * (s - p[2]) if actions.laws[k] == STOP else np.nan
+            depths[k, sample] = depth(actions.laws[k], p, s)
             for i in range(N_PAIR):
                 forces[k, i, sample] = force * gradient[i]
                 for j in range(N_PAIR):

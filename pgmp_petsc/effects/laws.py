@@ -23,6 +23,12 @@ N_PARAMETERS = 4
 
 
 @njit(cache=True, error_model="numpy")
+def depth(kind, p, s):
+    """Return how deep a stop is entered (negative: how far it is), NaN for other laws."""
+    return p[3] * (s - p[2]) if kind == STOP else np.nan
+
+
+@njit(cache=True, error_model="numpy")
 def law(kind, p, amplitude, s, rate):
     """Evaluate a law.
 
@@ -51,12 +57,11 @@ def law(kind, p, amplitude, s, rate):
     if kind == FRICTION:
         bent = np.tanh(rate / p[1])
         return -p[0] * bent, 0.0, p[0] * (1.0 - bent * bent) / p[1], 0.0, 0.0
-    side = p[3]
-    depth = side * (s - p[2])
-    if depth <= 0.0:
+    side, entered = p[3], depth(kind, p, s)
+    if entered <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0
     braking = 1.0 + p[1] * side * rate
-    elastic, stored = -side * p[0] * depth, 0.5 * p[0] * depth * depth
+    elastic, stored = -side * p[0] * entered, 0.5 * p[0] * entered * entered
     if braking <= 0.0:
         return 0.0, 0.0, 0.0, elastic, stored
-    return elastic * braking, p[0] * braking, p[0] * p[1] * depth, elastic, stored
+    return elastic * braking, p[0] * braking, p[0] * p[1] * entered, elastic, stored

@@ -10,7 +10,8 @@ where they end; all others go on for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,7 +19,15 @@ from scipy.interpolate import CubicSpline
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
 
-Instant = tuple[float, float, float]
+Numbers = tuple[float, float, float]
+
+
+class Instant(NamedTuple):
+    """A motion at an instant, or several, each entry then of shape (n_motions,): rad, rad/s, rad/s2."""
+
+    angle: float | np.ndarray
+    speed: float | np.ndarray
+    acceleration: float | np.ndarray
 
 
 class Motion:
@@ -39,15 +48,20 @@ class Motion:
         self._at = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
 
     def at(self, time: float) -> Instant:
-        """Return angle (rad), speed (rad/s) and acceleration (rad/s2) at a time (s)."""
-        return self._at(time)
+        """Return the motion at a time (s)."""
+        return Instant(*self._at(time))
 
 
-def _table(rows: TimeTable) -> Callable[[float], Instant]:
+def driven(motions: Sequence[Motion], time: float) -> Instant:
+    """Return several motions at a time (s)."""
+    return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
+
+
+def _table(rows: TimeTable) -> Callable[[float], Numbers]:
     times, angles = np.array(rows, dtype=float).T
     spline = CubicSpline(times, angles, bc_type="clamped")
 
-    def at(time: float) -> Instant:
+    def at(time: float) -> Numbers:
         if time <= times[0] or time >= times[-1]:
             return float(angles[0] if time <= times[0] else angles[-1]), 0.0, 0.0
         return float(spline(time)), float(spline(time, 1)), float(spline(time, 2))
@@ -55,10 +69,10 @@ def _table(rows: TimeTable) -> Callable[[float], Instant]:
     return at
 
 
-def _harmonic(wave: Harmonic) -> Callable[[float], Instant]:
+def _harmonic(wave: Harmonic) -> Callable[[float], Numbers]:
     rate = 2.0 * np.pi * wave.frequency_hz
 
-    def at(time: float) -> Instant:
+    def at(time: float) -> Numbers:
         sin, cos = np.sin(rate * time + wave.phase), np.cos(rate * time + wave.phase)
         swing = wave.amplitude
         return wave.mean + swing * sin, swing * rate * cos, -swing * rate**2 * sin
@@ -66,10 +80,10 @@ def _harmonic(wave: Harmonic) -> Callable[[float], Instant]:
     return at
 
 
-def _spin_up(entry: SpinUp) -> Callable[[float], Instant]:
+def _spin_up(entry: SpinUp) -> Callable[[float], Numbers]:
     end, rate = entry.time, 2.0 * np.pi / entry.time
 
-    def at(time: float) -> Instant:
+    def at(time: float) -> Numbers:
         if time >= end:
             return entry.start + entry.speed * (time - 0.5 * end), entry.speed, 0.0
         gain = entry.speed / end
@@ -79,5 +93,5 @@ def _spin_up(entry: SpinUp) -> Callable[[float], Instant]:
     return at
 
 
-def _constant_speed(entry: ConstantSpeed) -> Callable[[float], Instant]:
+def _constant_speed(entry: ConstantSpeed) -> Callable[[float], Numbers]:
     return lambda time: (entry.start + entry.speed * time, entry.speed, 0.0)

@@ -55,8 +55,7 @@ def turning_force(action: Action, mechanism: Mechanism, poses: np.ndarray) -> np
     q = mechanism.place(poses)
     z = np.concatenate([side.frame_of_node(q) for side in action.sides])
     gradient, hessian = np.empty(N_PAIR), np.empty((N_PAIR, N_PAIR))
-    direction = np.asarray(action.direction) / np.hypot(*action.direction)
-    measure(action.measure, direction, z, gradient, hessian)
+    measure(action.measure, action.unit_direction, z, gradient, hessian)
     gradient = gradient[None]
     onto_nodes(action.sides, q, gradient)
     total = np.zeros(mechanism.n_dofs)

@@ -20,7 +20,8 @@ from PIL import Image
 from pgmp_petsc.figures.shapes import Shapes, TimeColours
 from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, save, styled, top_legend
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.runtime.errors import InputError, PgmpError
+from pgmp_petsc.runtime.ending import guarded
+from pgmp_petsc.runtime.errors import InputError
 
 WIDTH, HEIGHT = 5.4, 2.65
 # Shares of the width that the mechanism may take.
@@ -177,13 +178,7 @@ def main() -> int:
     if len(sys.argv) != 3:
         print("usage: python -m pgmp_petsc.figures.gallery RUNS IMAGES", file=sys.stderr)
         return 2
-    try:
-        for path in draw(*map(Path, sys.argv[1:])):
-            print(path)
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return guarded(lambda: print(*draw(*map(Path, sys.argv[1:])), sep="\n"))
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.style import REDUCED_COLOUR, axis_unit, save, styled
 from pgmp_petsc.figures.trajectories import paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
-from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.ending import guarded
 
 RADII = ("0.9", "1.0", "1.1")  # of the crank, over the nominal one
 LABELS = tuple(f"r1 = {factor} r_ref" for factor in RADII)
@@ -80,13 +80,7 @@ def main() -> int:
     if len(sys.argv) != 2:
         print("usage: python -m pgmp_petsc.figures.paper DIRECTORY", file=sys.stderr)
         return 2
-    try:
-        for path in draw(Path(sys.argv[1])):
-            print(path)
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return guarded(lambda: print(*draw(Path(sys.argv[1])), sep="\n"))
 
 
 if __name__ == "__main__":

@@ -104,7 +104,7 @@ class LoopClosure:
         n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
         jacobian = self.jacobian(poses)
         right = np.zeros((jacobian.shape[0], n_theta, n_theta, n))
-        moving = rates.reshape(-1, n_theta, n)
+        moving = rates.reshape(len(unknowns), n_theta, n)
         for c in self._connections:
             hessian = c.hessian(unknowns)[:, c.moving_columns][:, :, c.moving_columns]
             right[c.rows] = np.einsum("cijn,ikn,jln->ckln", hessian, moving[c.dofs], moving[c.dofs])
@@ -174,4 +174,4 @@ def _on_pose(side: Attachment) -> Attachment:
 
 def _unknowns(poses: np.ndarray) -> np.ndarray:
     """Return the poses (n_bodies, 3, n) of all bodies one after the other, shape (3 n_bodies, n)."""
-    return poses.reshape(-1, poses.shape[2])
+    return poses.reshape(poses.shape[0] * N_FRAME, poses.shape[2])

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.body import Body, LumpedMass
+from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.connection import Connection
@@ -152,7 +152,7 @@ def _lumps(effect: PointMass) -> dict[Monomial, LumpedMass]:
     mass = Quantity.of(effect.mass)
     lumps = {mass.monomial: LumpedMass(mass.coefficient, 0.0)}
     if effect.inertia:
-        lumps[Monomial()] = lumps.get(Monomial(), LumpedMass(0.0, 0.0)) + LumpedMass(0.0, effect.inertia)
+        return joined(lumps, {Monomial(): LumpedMass(0.0, effect.inertia)})
     return lumps
 
 

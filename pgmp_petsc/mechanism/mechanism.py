@@ -113,6 +113,12 @@ class Mechanism:
             for row, c in enumerate(driven, self.n_constraints)
         )
 
+    def body_of(self, node: int) -> tuple[int, np.ndarray]:
+        """Return the number of a node's body, and the node's place in the body's frame, shape (2,), m."""
+        number = next(i for i, body in enumerate(self.bodies) if body.nodes.start <= node < body.nodes.stop)
+        body = self.bodies[number]
+        return number, body.mesh.nodes[node - body.first_node]
+
     def place(self, poses: np.ndarray) -> np.ndarray:
         """Place the undeformed bodies: rho of eq. (4).
 

@@ -1,10 +1,13 @@
-"""The end of a process that used PETSc."""
+"""The end of a program: its exit status, and what PETSc still holds."""
 
 from __future__ import annotations
 
 import gc
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
+
+from pgmp_petsc.runtime.errors import PgmpError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -24,6 +27,16 @@ def release_petsc(comm: MPI.Comm) -> None:
 
         gc.collect()
         PETSc.garbage_cleanup()
+
+
+def guarded(work: Callable[[], None]) -> int:
+    """Run a program's work and return its exit status; errors of the user's go to stderr."""
+    try:
+        work()
+    except PgmpError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_status
+    return 0
 
 
 def end(status: int) -> NoReturn:

@@ -26,8 +26,7 @@ from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end
-from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
@@ -146,6 +145,15 @@ def table(costs: list[EffectCost]) -> str:
     return "\n".join(lines)
 
 
+def print_tables(path: Path) -> None:
+    """Measure the full-order and the reduced model of a scene, and print both tables."""
+    scene, meshes = read_scene(path, (), (), MPI.COMM_SELF)
+    full = measure(scene, meshes, lambda changed: FullModel(changed, meshes))
+    print(f"full-order model\n{table(full)}\n", flush=True)
+    reduced = measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene))
+    print(f"reduced model\n{table(reduced)}")
+
+
 def main() -> int:
     """Print the tables for the full-order and the reduced model of the scene on the command line."""
     if len(sys.argv) != 2:
@@ -154,16 +162,7 @@ def main() -> int:
     import petsc4py
 
     petsc4py.init([])
-    try:
-        scene, meshes = read_scene(Path(sys.argv[1]), (), (), MPI.COMM_SELF)
-        full = measure(scene, meshes, lambda changed: FullModel(changed, meshes))
-        print(f"full-order model\n{table(full)}\n", flush=True)
-        reduced = measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene))
-        print(f"reduced model\n{table(reduced)}")
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return guarded(lambda: print_tables(Path(sys.argv[1])))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ as the run. `surely` counts the samples within the factor for any true error tha
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,8 +30,7 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.runtime.ending import end
-from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.paper_tables import Table
@@ -261,6 +259,13 @@ def cost_table(times: Sequence[Cost], n_samples: int) -> Table:
     return Table("Cost of the error indicator", header, rows, words)
 
 
+def print_tables(given: argparse.Namespace) -> None:
+    """Measure what is asked for on the command line, and print both tables."""
+    results, times = measure(given.scene, given.samples, given.refinement, (), given.torque, given.seed)
+    print(table(results, given.samples, given.refinement).markdown(), end="\n\n")
+    print(cost_table(times, given.samples).markdown())
+
+
 def main() -> int:
     """Print the tables as Markdown."""
     parser = argparse.ArgumentParser(prog="python -m pgmp_petsc.studies.effectivity", description=__doc__.split("\n")[0])
@@ -276,14 +281,7 @@ def main() -> int:
     import petsc4py
 
     petsc4py.init([])
-    try:
-        results, times = measure(given.scene, given.samples, given.refinement, (), given.torque, given.seed)
-        print(table(results, given.samples, given.refinement).markdown(), end="\n\n")
-        print(cost_table(times, given.samples).markdown())
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return guarded(lambda: print_tables(given))
 
 
 if __name__ == "__main__":

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
-from pgmp_petsc.runtime.ending import end
-from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.studies.paper_results import PaperResults
 from pgmp_petsc.studies.paper_tables import Table, number
 
@@ -102,6 +101,12 @@ def verdicts(tables: Sequence[Table]) -> dict[str, int]:
     return {"ok": sum(row.startswith("ok") for row in rows), "all": len(rows)}
 
 
+def write(path: Path) -> None:
+    """Write the summary of a path's directory, and print the path."""
+    path.write_text(summarise(path.parent), encoding="utf-8")
+    print(path)
+
+
 def main() -> int:
     """Write the summary into the directory on the command line."""
     if len(sys.argv) != 2:
@@ -110,14 +115,7 @@ def main() -> int:
     import petsc4py
 
     petsc4py.init([])
-    path = Path(sys.argv[1]) / "summary.md"
-    try:
-        path.write_text(summarise(path.parent), encoding="utf-8")
-    except PgmpError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    print(path)
-    return 0
+    return guarded(lambda: write(Path(sys.argv[1]) / "summary.md"))
 
 
 if __name__ == "__main__":

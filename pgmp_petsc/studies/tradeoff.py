@@ -31,7 +31,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.tradeoff_advice import advise
 from pgmp_petsc.studies.tradeoff_dealing import Dealer, ReferenceRun, Task, tasks_of
-from pgmp_petsc.studies.tradeoff_history import History, largest_errors
+from pgmp_petsc.studies.tradeoff_history import largest_errors
 from pgmp_petsc.studies.tradeoff_measurement import FAILURES, Bench, Measured
 from pgmp_petsc.studies.tradeoff_reference import ReferenceSequence
 from pgmp_petsc.studies.tradeoff_settings import (

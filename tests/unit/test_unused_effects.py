@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from counting import count_calls
 from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
 from mpi4py import MPI
 
@@ -30,21 +31,11 @@ MOTOR = '[effects.motor]\ntype = "torque"\njoint = "hub"\nharmonic = { amplitude
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """Count the evaluations of everything that effects are made of."""
-    counted: Counter = Counter()
     watched = [
         (LocalForces, "evaluate"), (BodyDampings, "add_modal_forces"), (Motion, "at"), (EventLocation, "repeat_steps"),
         (Effect, "amplitude"), (Torque, "amplitude"), (Gravity, "loads"),
     ]  # fmt: skip
-    for owner, name in watched:
-        original = getattr(owner, name)
-
-        def count(self: object, *args: object, _original: object = original, _name: str = f"{owner.__name__}.{name}",
-                  **given: object) -> object:
-            counted[_name] += 1
-            return _original(self, *args, **given)
-
-        monkeypatch.setattr(owner, name, count)
-    return counted
+    return count_calls(monkeypatch, watched)
 
 
 def run_both(scene: Scene) -> None:

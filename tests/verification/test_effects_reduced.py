@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from counting import count_calls
 from effect_scenes import BAR, BAR_INERTIA, CANTILEVER, line_meshes, line_model, scene_of
 from mpi4py import MPI
 from runs import full_model, history, samples
@@ -271,17 +272,7 @@ WATCHED = [
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """Count the evaluations of everything that effects are made of outside compiled code."""
-    counted: Counter = Counter()
-    for owner, name in WATCHED:
-        original = getattr(owner, name)
-
-        def count(self: object, *args: object, _original: object = original, _name: str = f"{owner.__name__}.{name}",
-                  **given: object) -> object:
-            counted[_name] += 1
-            return _original(self, *args, **given)
-
-        monkeypatch.setattr(owner, name, count)
-    return counted
+    return count_calls(monkeypatch, WATCHED)
 
 
 def written(folder: Path, scene: Scene) -> dict[str, object]:
