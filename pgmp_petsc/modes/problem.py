@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times

@@ -14,8 +14,9 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
-from pgmp_petsc.modes import eigensolver, problem as problem_module
-from pgmp_petsc.modes.eigensolver import ShiftInvertSolver
+from pgmp_petsc.modes import problem as problem_module
+from pgmp_petsc.solvers import shift_invert
+from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.errors import InputError, RunError
 
@@ -285,7 +286,7 @@ def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: obje
 def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: object) -> None:
     from petsc4py import PETSc
 
-    options[f"{eigensolver.PREFIX}eps_ncv"] = 37
+    options[f"{shift_invert.PREFIX}eps_ncv"] = 37
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
     solver.solve(*pencil[:2], 1, 5, "here")
     assert solver._eps.getDimensions()[1] == 37

@@ -1,0 +1,65 @@
+"""A continuum body condensed to the frames of its face groups and internal coordinates (a superelement).
+
+The displacements of the mesh's nodes in the body's frame are ``u = T y``, with ``y`` the small displacements and rotations
+of the frames, one after the other, and after them the internal coordinates. Frames and internal coordinates span the
+free motion of the body, its interface's answers over the frequencies asked for, and its elastic modes
+(`component_modes`); so whatever the frames are joined to, at any configuration, mass and stiffness are ``T^T M T`` and
+``T^T K T``, constant and small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A condensed body.
+
+    Attributes
+    ----------
+    frames
+        Name and number (from 0) of every frame.
+    centres
+        Of the frames in the body's frame, shape (n_frames, d), m.
+    mass, stiffness
+        ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n).
+    fields
+        What of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
+        ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
+    probes
+        ``T^T M w`` for fixed fields w of the mesh, shape (n, n_probes): what tells modes apart whatever T is.
+    n_mesh_dofs
+        Number of unknowns of the mesh.
+    error
+        Estimated relative error of the interface's answers over the frequencies asked for.
+    """
+
+    frames: dict[str, int]
+    centres: np.ndarray
+    mass: dict[Monomial, np.ndarray]
+    stiffness: dict[Monomial, np.ndarray]
+    fields: np.ndarray
+    probes: np.ndarray
+    n_mesh_dofs: int
+    error: float
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return len(self.fields)
+
+    @property
+    def n_frame_dofs(self) -> int:
+        """Number of unknowns of all frames."""
+        d = self.centres.shape[1]
+        return len(self.frames) * (3 if d == 2 else 6)
+
+    @property
+    def n_internal(self) -> int:
+        """Number of internal coordinates."""
+        return self.n - self.n_frame_dofs

@@ -1,0 +1,176 @@
+"""A continuum body: its mesh, its materials, and its affine matrices in its own frame.
+
+The unknowns are the displacements (or positions) of the nodes, ``d n_nodes`` of them. Young's modulus, density and, in
+plane stress, the thickness are factors of the elements' matrices, so that
+
+    K = sum_regions  E t K_region,    M = sum_regions  rho t M_region
+
+is affine in them, and the weights of terms are their products (`Quantity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies import elasticity
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.elasticity import Geometry, Lame
+from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+
+ENTRIES_AT_ONCE = 2_000_000  # of element matrices: 16 MB, which stays near the processor and bounds the memory
+
+
+@dataclass(frozen=True)
+class Region:
+    """Cells of one material.
+
+    Attributes
+    ----------
+    cells
+        Numbers of the cells, shape (n,).
+    modulus, density
+        Young's modulus (Pa) and density (kg/m3); in plane stress times the thickness (N/m, kg/m2).
+    nu
+        Poisson's ratio.
+    """
+
+    cells: np.ndarray
+    modulus: Quantity
+    density: Quantity
+    nu: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A continuum body.
+
+    Attributes
+    ----------
+    name
+        Name in the scene.
+    mesh
+        Of one kind of cells, in the body's frame, m.
+    regions
+        Materials; every cell is in one of them.
+    """
+
+    name: str
+    mesh: SolidMesh
+    regions: tuple[Region, ...]
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of unknowns."""
+        return self.mesh.dimension * self.mesh.n_nodes
+
+    def stiffness(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:
+        """Return the rows of K that belong to nodes, shape (d n, n_dofs), by weight, in one pattern."""
+
+        def entries(region: Region, places: np.ndarray) -> np.ndarray:
+            lame = Lame.of(region.nu, self.mesh.dimension == 2)
+            return elasticity.stiffness(Geometry.of(places, self._element.stiffness), lame)
+
+        return self._assemble(nodes, lambda region: region.modulus, entries)
+
+    def mass(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:
+        """Return the rows of the consistent mass that belong to nodes, as `stiffness`."""
+        eye, rule = np.eye(self.mesh.dimension), self._element.mass
+
+        def entries(region: Region, places: np.ndarray) -> np.ndarray:
+            return np.einsum("eab,ij->eaibj", elasticity.mass(elasticity.volumes_of(places, rule), rule), eye)
+
+        return self._assemble(nodes, lambda region: region.density, entries)
+
+    @property
+    def _element(self):
+        return reference_element(self.mesh.kind)
+
+    def _assemble(
+        self,
+        nodes: range,
+        factor_of: Callable[[Region], Quantity],
+        entries: Callable[[Region, np.ndarray], np.ndarray],
+    ) -> dict[Monomial, sp.csr_matrix]:
+        pattern = BlockPattern(self.mesh.cells, nodes, self.mesh.n_nodes)
+        d = self.mesh.dimension
+        terms: dict[Monomial, np.ndarray] = {}
+        for region in self.regions:
+            factor = factor_of(region)
+            data = terms.setdefault(factor.monomial, np.zeros((pattern.n_blocks, d, d)))
+            for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
+                places = self.mesh.nodes[self.mesh.cells[chosen]]
+                pattern.add(data, self.mesh.cells[chosen], factor.coefficient * entries(region, places))
+        return {weight: pattern.matrix(data) for weight, data in terms.items()}
+
+
+class BlockPattern:
+    """The nonzero pattern of a share of rows, one block a pair of nodes.
+
+    Parameters
+    ----------
+    cells
+        All cells, shape (n_cells, n_cell_nodes).
+    nodes
+        The share: a range of node numbers.
+    n_nodes
+        Number of all nodes.
+    """
+
+    def __init__(self, cells: np.ndarray, nodes: range, n_nodes: int) -> None:
+        self._nodes, self._n_nodes = nodes, n_nodes
+        self._touching = self._mine(cells).any(axis=1)
+        keys = [np.zeros(0, dtype=np.int64)]
+        # few keys repeat within a share of cells, and most do between all of them: unite as we go
+        for chosen in _shares(np.flatnonzero(self._touching), cells.shape[1]):
+            keys.append(np.unique(self._keys(cells[chosen])[self._rows_mine(cells[chosen])]))
+        self._blocks = np.unique(np.concatenate(keys))
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks."""
+        return self._blocks.size
+
+    def touches(self, cells: np.ndarray) -> np.ndarray:
+        """Return which of the numbered cells have a node of the share."""
+        return self._touching[cells]
+
+    def add(self, data: np.ndarray, cells: np.ndarray, entries: np.ndarray) -> None:
+        """Add element matrices (n_e, n_a, d, n_b, d) of cells (n_e, n_a) to blocks (n_blocks, d, d)."""
+        mine = self._rows_mine(cells)
+        place = np.searchsorted(self._blocks, self._keys(cells)[mine])
+        blocks = entries.swapaxes(2, 3)[mine]
+        for i in range(data.shape[1]):
+            for j in range(data.shape[2]):
+                data[:, i, j] += np.bincount(place, weights=blocks[:, i, j], minlength=self.n_blocks)
+
+    def matrix(self, data: np.ndarray) -> sp.csr_matrix:
+        """Return blocks (n_blocks, d, d) as a matrix of shape (d n, d n_nodes)."""
+        row, column = np.divmod(self._blocks, self._n_nodes)
+        starts = np.searchsorted(row, np.arange(len(self._nodes) + 1))
+        d = data.shape[1]
+        shape = (d * len(self._nodes), d * self._n_nodes)
+        return sp.bsr_matrix((data, column, starts), shape=shape).tocsr()
+
+    def _mine(self, nodes: np.ndarray) -> np.ndarray:
+        return (nodes >= self._nodes.start) & (nodes < self._nodes.stop)
+
+    def _rows_mine(self, cells: np.ndarray) -> np.ndarray:
+        """Return which pairs of nodes (n_e, n_a, n_b) have their row in the share."""
+        n = cells.shape[1]
+        return np.broadcast_to(self._mine(cells)[:, :, None], (len(cells), n, n))
+
+    def _keys(self, cells: np.ndarray) -> np.ndarray:
+        """Number the pairs of nodes of cells by row and column, shape (n_e, n_a, n_b)."""
+        return (cells[:, :, None].astype(np.int64) - self._nodes.start) * self._n_nodes + cells[:, None, :]
+
+
+def _shares(numbers: np.ndarray, n_unknowns: int) -> Iterator[np.ndarray]:
+    """Split numbers of cells with n_unknowns each so that the matrices of a share stay small."""
+    step = max(1, ENTRIES_AT_ONCE // n_unknowns**2)
+    for first in range(0, numbers.size, step):
+        yield numbers[first : first + step]

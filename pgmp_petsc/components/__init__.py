@@ -1,0 +1,1 @@
+"""Continuum bodies condensed to few unknowns: the frames of their faces, and component modes."""

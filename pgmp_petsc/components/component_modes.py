@@ -1,0 +1,287 @@
+"""Component modes: the few displacement fields that stand for a continuum body, whatever its frames are joined to.
+
+The bodies of a mechanism are coupled by the frames of their joints alone. At an eigenvalue lambda of the mechanism a body
+therefore moves either in an elastic mode of its own that no frame feels, or as its interface answers,
+
+    (K - lambda M) u = P^T f,
+
+with P the frames' mean displacements and rotations. The first are elastic modes of the free body, which SLEPc finds. The
+second form a family with lambda alone, the same for every configuration of the mechanism. A subspace V of it is grown
+until it answers at all test values of lambda up to the highest one wanted: where the Galerkin answer ``V x`` leaves the
+residual R, its compliance ``P u`` misses ``R^T (K - lambda M)^-1 R``, of which ``R^T (K - sigma M)^-1 R`` is an estimate for
+R far above lambda, and ``(K - sigma M)^-1 R`` is the direction to add. It takes one factorisation with one shift sigma.
+
+A mechanism's n-th eigenvalue is at most that of any of its bodies' n-th elastic one: the constraints of the joints take
+away no more low eigenvalues than the bodies' rigid motions add. So the free body's first n modes say how far to go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh, null_space
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.matrices import weighted_sum
+from pgmp_petsc.bodies.solid import Solid
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.components.subspace import Subspace
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.matrices import aij_matrix, times
+from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    import scipy.sparse as sp
+
+TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mode shapes its root
+MAX_ROUNDS = 12
+N_TESTS = 5  # values of lambda at which the interface's answers are tried
+N_PROBES = 64
+
+
+class BodyProblem:
+    """A free body's matrices and solver at given parameter values. Collective on `comm`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        This rank's rows by weight.
+    values
+        Parameter values.
+    n_rigid
+        Number of rigid motions.
+    comm
+        Ranks that share the body.
+    """
+
+    def __init__(
+        self,
+        mass: Mapping[Monomial, sp.csr_matrix],
+        stiffness: Mapping[Monomial, sp.csr_matrix],
+        values: Mapping[str, float],
+        n_rigid: int,
+        comm: MPI.Comm,
+    ) -> None:
+        self.comm, self._n_rigid = comm, n_rigid
+        n_local = next(iter(mass.values())).shape[0]
+        self.mass = aij_matrix(weighted_sum(mass, values), comm, n_local)
+        self.stiffness = aij_matrix(weighted_sum(stiffness, values), comm, n_local)
+        for matrix in (self.mass, self.stiffness):
+            matrix.setOption(matrix.Option.SYMMETRIC, True)
+        self._solver: ShiftInvertSolver | None = None
+
+    def modes(self, n_modes: int, where: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body."""
+        guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
+        trial = ShiftInvertSolver(self.mass.getComm(), -guess)
+        first = trial.solve(self.stiffness, self.mass, self._n_rigid, 1, where).values[-1]
+        trial.close()
+        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * first)
+        pairs = self._solver.solve(self.stiffness, self.mass, self._n_rigid, n_modes, where)
+        return pairs.values[self._n_rigid :], pairs.vectors[:, self._n_rigid :]
+
+    def answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `modes`."""
+        return self._solver.apply_inverse(loads)
+
+    def close(self) -> None:
+        """Destroy the PETSc objects."""
+        if self._solver is not None:
+            self._solver.close()
+        self.mass.destroy()
+        self.stiffness.destroy()
+
+
+def condense(
+    solid: Solid,
+    frames: Mapping[str, FaceFrame],
+    points: Sequence[Mapping[str, float]],
+    n_modes: int,
+    comm: MPI.Comm,
+) -> tuple[Component, np.ndarray]:
+    """Condense a body. Collective on `comm`.
+
+    Parameters
+    ----------
+    solid
+        The body.
+    frames
+        Where joints, effects and outputs hold it, by name.
+    points
+        Parameter values that the subspace is to serve, the nominal ones first.
+    n_modes
+        Number of flexible modes that the mechanism's basis takes.
+    comm
+        Ranks that share the body.
+
+    Returns
+    -------
+    component
+        The condensed body, on all ranks.
+    recovery
+        T, local rows, shape (n_local, n).
+
+    Raises
+    ------
+    RunError
+        If an eigenproblem fails, or the interface's answers do not settle.
+    """
+    d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
+    nodes = range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
+    own = slice(d * nodes.start, d * nodes.stop)
+    stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
+    interface = [frame.functionals(n_nodes) for frame in frames.values()]
+    loads = np.vstack([functionals.toarray() for functionals in interface])[:, own].T
+    fields = linear_fields(solid.mesh.nodes[nodes.start : nodes.stop])
+    subspace, error = None, 0.0
+    for values in points:
+        problem = BodyProblem(mass, stiffness, values, n_rigid=d * (d + 1) // 2, comm=comm)
+        try:
+            if subspace is None:
+                subspace = Subspace(problem.mass, problem.stiffness, comm)
+                subspace.add(fields)
+            else:
+                subspace.turn_to(problem.mass, problem.stiffness)
+            error = max(error, _serve(problem, subspace, loads, n_modes, solid.name))
+        finally:
+            problem.close()
+    return _condensed(solid, frames, points[0], subspace, loads, fields, (mass, stiffness), nodes, error)
+
+
+def linear_fields(places: np.ndarray) -> np.ndarray:
+    """Return the displacement fields that are linear in the place, in the order of `Component.fields`.
+
+    Parameters
+    ----------
+    places
+        Shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n d, d (d + 1))
+    """
+    n, d = places.shape
+    fields = np.zeros((n, d, d + d * d))
+    for i in range(d):
+        fields[:, i, i] = 1.0
+        fields[:, i, d + d * i : d + d * (i + 1)] = places
+    return fields.reshape(n * d, -1)
+
+
+def _serve(problem: BodyProblem, subspace: Subspace, loads: np.ndarray, n_modes: int, name: str) -> float:
+    """Grow the subspace until it answers at the problem's parameters; return the error that is left."""
+    values, modes = problem.modes(n_modes, f"body {name}")
+    first = problem.answers(loads)
+    subspace.add(np.hstack([modes, first]))
+    scale = np.diag(subspace.inner(loads, first))
+    # the highest value asks for most; what serves it as a rule serves the others
+    waiting, largest = list(_tests(values)), 0.0
+    for _ in range(MAX_ROUNDS + len(waiting)):
+        residual = _residual(subspace, loads, waiting[-1])
+        answer = problem.answers(residual)
+        error = float(np.max(np.abs(np.diag(subspace.inner(residual, answer))) / scale))
+        if error < TOLERANCE:
+            waiting.pop()
+            largest = max(largest, error)
+            if not waiting:
+                return largest
+        elif subspace.add(answer) == 0:
+            break
+    raise RunError(
+        f"bodies.{name}: the answers of its frames are still {error:.2g} off with {subspace.n} vectors; the mesh may be too "
+        "fine for double precision"
+    )
+
+
+def _tests(values: np.ndarray) -> np.ndarray:
+    """Choose values of lambda up to the highest eigenvalue, in the middle between eigenvalues, where answers stay finite."""
+    distinct = np.concatenate([[0.0], values[np.diff(values, prepend=0.0) > 1e-3 * values]])
+    middles = 0.5 * (distinct[1:] + distinct[:-1])
+    chosen = np.unique(np.linspace(0, middles.size - 1, min(N_TESTS, middles.size)).round().astype(int))
+    return middles[chosen]
+
+
+def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
+    """Return ``P^T - (K - lambda M) V x`` with the Galerkin answer x, local rows."""
+    v = subspace
+    reduced = v.inner(v.vectors, v.stiffness_vectors) - test * np.eye(v.n)
+    x = np.linalg.solve(reduced, v.inner(v.vectors, loads))
+    return loads - (v.stiffness_vectors @ x - test * (v.mass_vectors @ x))
+
+
+def _condensed(
+    solid: Solid,
+    frames: Mapping[str, FaceFrame],
+    values: Mapping[str, float],
+    subspace: Subspace,
+    loads: np.ndarray,
+    fields: np.ndarray,
+    matrices: tuple[Mapping[Monomial, sp.csr_matrix], Mapping[Monomial, sp.csr_matrix]],
+    nodes: range,
+    error: float,
+) -> tuple[Component, np.ndarray]:
+    """Turn a subspace's coordinates into those of the frames and internal ones."""
+    d, comm = solid.mesh.dimension, subspace.comm
+    vectors = subspace.vectors
+    masses = {weight: _projected(matrix, vectors, comm) for weight, matrix in matrices[0].items()}
+    rigid = _rigid(d, subspace.inner(subspace.mass_vectors, fields))
+    keep = np.eye(subspace.n) - rigid @ rigid.T  # what is exactly zero is not left to round-off
+    stiffnesses = {weight: keep @ _projected(matrix, vectors, comm) @ keep for weight, matrix in matrices[1].items()}
+    frame_of = subspace.inner(loads, vectors)  # P V
+    total_mass, total = weighted_sum_dense(masses, values), weighted_sum_dense(stiffnesses, values)
+    shapes = _frame_shapes(total, frame_of)
+    rest = null_space(frame_of)
+    _, modes = eigh(rest.T @ total @ rest, rest.T @ total_mass @ rest)
+    turn = np.hstack([shapes, rest @ modes])
+    back = np.linalg.inv(turn)
+    rows = d * nodes.start + np.arange(d * len(nodes))
+    component = Component(
+        {name: number for number, name in enumerate(frames)},
+        np.array([frame.centre for frame in frames.values()]),
+        {weight: turn.T @ matrix @ turn for weight, matrix in masses.items()},
+        {weight: turn.T @ matrix @ turn for weight, matrix in stiffnesses.items()},
+        back @ subspace.inner(subspace.mass_vectors, fields),
+        turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
+        solid.n_dofs,
+        error,
+    )
+    return component, vectors @ turn
+
+
+def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
+    """Return ``sum_i w_i A_i``."""
+    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
+
+
+def _projected(matrix: sp.csr_matrix, vectors: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+    """Return ``V^T A V`` for local rows of A and V."""
+    from mpi4py import MPI
+
+    distributed = aij_matrix(matrix, comm, len(vectors))
+    product = comm.allreduce(vectors.T @ times(distributed, vectors), op=MPI.SUM)
+    distributed.destroy()
+    return 0.5 * (product + product.T)
+
+
+def _rigid(d: int, fields: np.ndarray) -> np.ndarray:
+    """Return orthonormal coordinates of the rigid motions, shape (n, n_rigid), from those of the linear fields."""
+    spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
+    return np.linalg.qr(np.column_stack([fields[:, :d], *spins]))[0]
+
+
+def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
+    """Return what has the least strain energy among all that moves one unknown of the frames by 1, shape (n, n_frame)."""
+    n_frame, n = frame_of.shape
+    scale = np.linalg.norm(stiffness) / np.linalg.norm(frame_of) ** 2  # both parts of one size, for the pivots' sake
+    saddle = np.block([[stiffness, scale * frame_of.T], [scale * frame_of, np.zeros((n_frame, n_frame))]])
+    right = np.vstack([np.zeros((n, n_frame)), scale * np.eye(n_frame)])
+    return np.linalg.solve(saddle, right)[:n]
+
+
+def _waves(rows: np.ndarray, n: int) -> np.ndarray:
+    """Return incommensurate waves over the unknowns: no mode shape is orthogonal to its own one but by accident."""
+    return np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, N_PROBES + 1)))
