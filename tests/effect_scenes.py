@@ -250,7 +250,9 @@ def linear_mode(scene: Scene, clamped: int, number: int) -> tuple[float, np.ndar
     n = model.kinematics.mechanism.n_dofs
     matrices = assemble(model.kinematics.mechanism.bodies, range(n))
     free = np.setdiff1d(np.arange(n), clamped)
-    mass, stiffness = (weighted_sum(m, scene.values).toarray()[np.ix_(free, free)] for m in (matrices.mass, matrices.stiffness))
+    mass, stiffness = (
+        weighted_sum(m, scene.values).toarray()[np.ix_(free, free)] for m in (matrices.mass, matrices.stiffness)
+    )
     squares, vectors = eigh(stiffness, mass)
     shape = np.zeros(n)
     shape[free] = vectors[:, number]

@@ -33,7 +33,18 @@ TINY = Sweep(
     reference_halvings=(4, 3),
 )
 # the scene's own setting and the full order: five tasks
-LEAST = replace(TINY, modes=(), angles=(), schemes=(), parameter_modes=(), tensor_modes=(), refinements=(), finest=2, surfaces=0, finer=0)
+LEAST = replace(
+    TINY,
+    modes=(),
+    angles=(),
+    schemes=(),
+    parameter_modes=(),
+    tensor_modes=(),
+    refinements=(),
+    finest=2,
+    surfaces=0,
+    finer=0,
+)
 OUTPUTS = """
 [outputs.crank_angle]
 type = "angle"

@@ -100,8 +100,8 @@ def force_and_tangent(u, length, alpha, section, force, tangent):
 def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, power):
     """Add the forces of Kelvin-Voigt damping: stresses by ``beta`` times the rates of the strains.
 
-    The rates are ``b v`` with the gradient b of each strain; the tangent holds ``gain_v beta L S b b^T`` and leaves out the
-    change of b.
+    The rates are ``b v`` with the gradient b of each strain; the tangent holds ``gain_v beta L S b b^T`` and leaves out
+    the change of b.
 
     Parameters
     ----------
@@ -124,7 +124,14 @@ def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, powe
         cos, sin = np.cos(psi), np.sin(psi)
         dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
         stretch, gamma = (cos * dx + sin * dy) / length, (cos * dy - sin * dx) / length
-        b[0, 0], b[0, 1], b[0, 2], b[0, 3], b[0, 4], b[0, 5] = -cos, -sin, 0.5 * length * gamma, cos, sin, 0.5 * length * gamma
+        b[0, 0], b[0, 1], b[0, 2], b[0, 3], b[0, 4], b[0, 5] = (
+            -cos,
+            -sin,
+            0.5 * length * gamma,
+            cos,
+            sin,
+            0.5 * length * gamma,
+        )
         turning = -0.5 * length * stretch
         b[1, 0], b[1, 1], b[1, 2], b[1, 3], b[1, 4], b[1, 5] = sin, -cos, turning, -sin, cos, turning
         b[2, 0], b[2, 1], b[2, 2], b[2, 3], b[2, 4], b[2, 5] = 0.0, 0.0, -1.0, 0.0, 0.0, 1.0

@@ -91,10 +91,10 @@ class Body:
         return cls(name, mesh, None, mesh, {0: lumps})
 
     def lend_inertia(self) -> tuple[Body, dict[Monomial, LumpedMass]]:
-        """Return a rigid body with half of its moment of inertia, and the other half, by weight, for what is welded to it.
+        """Return a rigid body with half its moment of inertia, and the other half, by weight, for what is welded to it.
 
-        Both turn as one, so that nothing changes; but a particle without any moment of inertia would make the mass matrix
-        singular.
+        Both turn as one, so that nothing changes; but a particle without any moment of inertia would make the mass
+        matrix singular.
         """
         own = {weight: LumpedMass(lump.mass, 0.5 * lump.inertia) for weight, lump in self.lumps[0].items()}
         lent = {weight: LumpedMass(0.0, lump.inertia) for weight, lump in own.items() if lump.inertia}

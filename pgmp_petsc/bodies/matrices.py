@@ -97,7 +97,7 @@ def _assemble_terms(
 
 
 def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
-    """Return the unknowns of a body's nodes that have masses of their own, and these masses by weight, each (n_lumped,)."""
+    """Return the unknowns of a body's nodes with masses of their own, and these masses by weight, each (n_lumped,)."""
     nodes = np.array(list(body.lumps), dtype=int)
     weights = {weight for lumps in body.lumps.values() for weight in lumps}
     values = {weight: np.zeros((nodes.size, DOFS_PER_NODE)) for weight in sorted(weights)}

@@ -91,7 +91,9 @@ def beside_modes(rom: ReducedOrderModel) -> str:
     """Name what a basis has besides modes."""
     n_parameter = rom.n_parameter
     n_static = rom.tables.n_modes - rom.frequencies_hz.shape[1] - n_parameter
-    return (f", {n_static} static" if n_static else "") + (f", {n_parameter} of other parameters" if n_parameter else "")
+    return (f", {n_static} static" if n_static else "") + (
+        f", {n_parameter} of other parameters" if n_parameter else ""
+    )
 
 
 def points_report(rom: ReducedOrderModel) -> list[str]:
@@ -104,5 +106,6 @@ def points_report(rom: ReducedOrderModel) -> list[str]:
     first, last = rom.points.missed[[0, -1]]
     return [
         f"  modes at other parameters: {places}",
-        f"  at the worst parameters tried, the basis misses {last:.2g} of the modes' energy norm instead of {first:.2g}",
+        f"  at the worst parameters tried, the basis misses {last:.2g} of the modes' energy norm instead of "
+        f"{first:.2g}",
     ]

@@ -17,7 +17,10 @@ from pgmp_petsc.studies.inputs import read_scene
 @click.command()
 @click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
 @click.option(
-    "--effects", "sizes", is_flag=True, help="Also estimate the size of every available effect: what to keep, what to leave."
+    "--effects",
+    "sizes",
+    is_flag=True,
+    help="Also estimate the size of every available effect: what to keep, what to leave.",
 )
 @scene_options
 @click.pass_context

@@ -24,7 +24,9 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
     n_checked = int(np.sum(np.isfinite(ensemble.validity["elastic_rotation"])))
     if n_checked == 0:
         return ["  no sample's errors were estimated"]
-    lines = [f"  estimated errors over the run, of the reduction and the time step; {n_checked} samples: median, largest"]
+    lines = [
+        f"  estimated errors over the run, of the reduction and the time step; {n_checked} samples: median, largest"
+    ]
     for name, found in ensemble.errors.items():
         known = found[np.isfinite(found)]
         if known.size:

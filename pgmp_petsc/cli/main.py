@@ -35,7 +35,9 @@ COMMANDS = {
     "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
     "simulate": LazyCommand("pgmp_petsc.cli.simulate:simulate", "One run over time, reduced or full-order."),
     "montecarlo": LazyCommand("pgmp_petsc.cli.montecarlo:montecarlo", "Many samples and their distributions."),
-    "tradeoff": LazyCommand("pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."),
+    "tradeoff": LazyCommand(
+        "pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."
+    ),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
     "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),

@@ -24,7 +24,10 @@ SHOWN = 6
 @output_option
 @click.option("--rom", metavar="ROM.h5", type=click.Path(path_type=Path), help="Add this model's frequencies.")
 @click.option(
-    "--angles", metavar="N", type=click.IntRange(min=2), help="Angles of each coordinate; reduction.angles if not given."
+    "--angles",
+    metavar="N",
+    type=click.IntRange(min=2),
+    help="Angles of each coordinate; reduction.angles if not given.",
 )
 @ranks_per_angle_option
 @scene_options
@@ -53,7 +56,10 @@ def modes(
 
 def report(table: ModesTable, path: Path) -> str:
     """Return the range of every frequency, and how far the reduced ones are from it."""
-    lines = [f"{path}: {len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}", "  mode     lowest Hz    highest Hz   reduced, largest difference"]
+    lines = [
+        f"{path}: {len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}",
+        "  mode     lowest Hz    highest Hz   reduced, largest difference",
+    ]
     for mode in range(min(SHOWN, table.full_hz.shape[1])):
         full = table.full_hz[:, mode]
         line = f"  {mode + 1:4d} {full.min():13.6g} {full.max():13.6g}"

@@ -4,9 +4,9 @@ The frame ``zeta = (x, y, phi)`` of a node is that of the reconstruction (`reduc
 
     zeta = z(theta) + R(Phi(theta)) u,     u = Psi(theta) delta + 1/2 chi(theta) delta delta,
 
-with z and the body's angle Phi from the rigid kinematics on a fine grid, and Psi, chi in the body's frame; J is the exact derivative of
-what is interpolated. An action (`effects.action`) with the measure s, its gradient g and second derivative h in the
-frames then adds to the equations of motion
+with z and the body's angle Phi from the rigid kinematics on a fine grid, and Psi, chi in the body's frame; J is the
+exact derivative of what is interpolated. An action (`effects.action`) with the measure s, its gradient g and second
+derivative h in the frames then adds to the equations of motion
 
     r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 

@@ -1,4 +1,4 @@
-"""One step of the generalised-alpha scheme: prediction, and Newton's iteration of every sample to its own convergence."""
+"""A step of the generalised-alpha scheme: prediction, and Newton's iteration of every sample to its own convergence."""
 
 from __future__ import annotations
 
@@ -101,8 +101,8 @@ class AlphaStep:
     ) -> tuple[State, np.ndarray]:
         """Run Newton's iteration with limited corrections; return the state and the samples that failed.
 
-        A load that sets in at once may throw the first corrections far beyond the range in which the equations look like
-        their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
+        A load that sets in at once may throw the first corrections far beyond the range in which the equations look
+        like their linearisation: nodes turn by half a revolution. A correction is shortened to `LONGEST`.
         """
         active, lost = alive.copy(), np.zeros_like(alive)
         for _ in range(CAREFUL_ITERATIONS):

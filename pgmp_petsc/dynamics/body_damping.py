@@ -85,5 +85,7 @@ class BodyDampings:
 def _turned(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Turn nodal vectors (n_dofs, n) by angles (n,)."""
     turned = vectors.copy()
-    turned[0::DOFS_PER_NODE], turned[1::DOFS_PER_NODE] = rotate(angle, np.array([vectors[0::DOFS_PER_NODE], vectors[1::DOFS_PER_NODE]]))
+    turned[0::DOFS_PER_NODE], turned[1::DOFS_PER_NODE] = rotate(
+        angle, np.array([vectors[0::DOFS_PER_NODE], vectors[1::DOFS_PER_NODE]])
+    )
     return turned

@@ -1,8 +1,8 @@
 """Interpolated tables at LANES configurations at once: a polynomial in each cell of the grid, compiled.
 
 A sample stays in one cell of a table for many steps. Its polynomial there, cubic in each rigid coordinate, all terms
-already weighted with the sample's own parameters, is kept until it leaves the cell; evaluating it is then the same short
-loop for every lane. The number of coordinates, one or two, is the length of a grid, which the compiler knows.
+already weighted with the sample's own parameters, is kept until it leaves the cell; evaluating it is then the same
+short loop for every lane. The number of coordinates, one or two, is the length of a grid, which the compiler knows.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Cache(NamedTuple):
     terms
         Shape (n_blocks, n_entries, 4**n_theta, LANES).
     loads
-        A unit of every effect's amplitude, effect after effect, shape (n_blocks, n_effects * n_load_entries, 4**n_theta,
-        LANES).
+        A unit of every effect's amplitude, effect after effect, shape (n_blocks, n_effects * n_load_entries,
+        4**n_theta, LANES).
     """
 
     cells: np.ndarray
@@ -68,9 +68,10 @@ def locate(theta, grid):
 
 @njit(inline="always")
 def locate_all(q, sample, grid, lane, place):
-    """Return the number of the cell of a sample's q (n_samples, n_eta); fill its place in it, a lane of `place` (n_theta, LANES).
+    """Return the number of the cell of a sample's q (n_samples, n_eta); fill its place in it.
 
-    What is not a number, or out of all measure, is put at the lower end: the sample is lost, but has a cell.
+    The place is a lane of `place` (n_theta, LANES). What is not a number, or out of all measure, is put at the lower
+    end: the sample is lost, but has a cell.
     """
     cell = 0
     for k in range(len(grid)):

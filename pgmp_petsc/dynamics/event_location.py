@@ -116,7 +116,7 @@ class EventLocation:
 
 
 def _put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:
-    """Copy state and auxiliary accelerations of some samples; a system alone knows where its samples are in an array."""
+    """Copy state and auxiliary accelerations of some samples; a system alone knows where its samples are in arrays."""
     (to, to_auxiliary), (state, auxiliary) = target, source
     system.restore(to, state, samples)
     behind, ahead = to.copy(), state.copy()

@@ -99,7 +99,9 @@ class FullBatch:
         # acceleration and multipliers enter linearly: one correction with the mass alone solves
         # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
         trial = state.copy()
-        drift = self._constraints.drift(_lanes_last(state.q), _lanes_last(state.v), driven(self._motions, 0.0).acceleration)
+        drift = self._constraints.drift(
+            _lanes_last(state.q), _lanes_last(state.v), driven(self._motions, 0.0).acceleration
+        )
         self._correct(0.0, trial, (0.0, 1.0, 0.0), _lanes_first(drift), self._everyone(), True)
         return State(state.q, state.v, trial.a, trial.multipliers)
 
@@ -208,7 +210,7 @@ class FullBatch:
         return tuple(_lanes_first(part.reshape(-1, self.n_blocks, LANES)) for part in (total, tangents))
 
     def _sections(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES)."""
+        """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body (n_blocks, n_bodies, 7, LANES)."""
         bodies = self._kinematics.mechanism.bodies
         table = np.zeros((len(bodies), 7, self.n_samples))
         for number, (body, row) in enumerate(zip(bodies, table)):

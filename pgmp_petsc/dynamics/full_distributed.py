@@ -263,7 +263,9 @@ class FullDistributed:
         modal = [np.arange(3 * b.nodes.start, 3 * b.nodes.stop) for b in self._modal_bodies()]
         off_diagonal = curved_rows != curved_columns
         self._mirrored = off_diagonal
-        self._needed_dofs = np.unique(np.concatenate([dofs.ravel(), columns, curved_rows, curved_columns, lumped, *modal]))
+        self._needed_dofs = np.unique(
+            np.concatenate([dofs.ravel(), columns, curved_rows, curved_columns, lumped, *modal])
+        )
         i = np.concatenate(
             [
                 np.repeat(dofs, 6, axis=1).ravel(), columns, self.n_dofs + rows,

@@ -24,7 +24,7 @@ from pgmp_petsc.dynamics.lanes import LANES
 
 
 class Elements(NamedTuple):
-    """Beam elements: unknowns (n_e, 6), length, direction, body, where their 21 entries are stored, and whether any damps."""
+    """Beam elements: unknowns (n_e, 6), length, direction, body, where their 21 entries lie, and whether any damps."""
 
     dofs: np.ndarray
     length: np.ndarray
@@ -35,7 +35,7 @@ class Elements(NamedTuple):
 
 
 class Lumps(NamedTuple):
-    """Masses of nodes: unknown, body and where the entry on the diagonal is stored (n_lumped,); and the masses, by lane.
+    """Masses of nodes: unknown, body and where the diagonal entry is stored (n_lumped,); and the masses, by lane.
 
     `mass` has shape (n_blocks, n_lumped, LANES).
     """
@@ -101,7 +101,9 @@ def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, l
                     acceleration[i, lane] += properties[6, lane] * v[dof, lane]
             for lane in range(n_lanes):
                 gain_m[lane] += properties[6, lane] * gain_v
-            add_damping(u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power)
+            add_damping(
+                u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power
+            )
         for i in range(6):
             density = properties[3] if i % 3 < 2 else properties[4]
             other = (i + 3) % 6
@@ -174,8 +176,8 @@ def correct(
     elements, pattern
         Structure of the problem.
     section
-        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES); the last two
-        are those of structural damping.
+        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES); the last
+        two are those of structural damping.
     lumps
         Masses of nodes.
     jacobian, curvature
@@ -226,7 +228,17 @@ def correct(
             elements, section[block], q[block], v[block], a[block], gains, fresh, x, pattern.place, diagonal, lower
         )
         add_lumps(
-            lumps, lumps.mass[block], section[block], v[block], a[block], gains, fresh, x, pattern.place, diagonal, lower
+            lumps,
+            lumps.mass[block],
+            section[block],
+            v[block],
+            a[block],
+            gains,
+            fresh,
+            x,
+            pattern.place,
+            diagonal,
+            lower,
         )
         for dof in range(local.shape[1]):
             at = pattern.place[dof]

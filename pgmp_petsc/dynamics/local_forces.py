@@ -66,7 +66,10 @@ class LocalForces:
         self._compiled = compile_actions(self.actions, values, n_samples)
         ground = np.full(N_FRAME, -1)
         self.dofs = np.array(
-            [np.concatenate([ground if side.on_ground else side.dofs for side in action.sides]) for action in self.actions],
+            [
+                np.concatenate([ground if side.on_ground else side.dofs for side in action.sides])
+                for action in self.actions
+            ],
             dtype=int,
         ).reshape(self.n_actions, N_PAIR)
         self._entries = []

@@ -34,7 +34,9 @@ def lumped_masses(bodies: Sequence[Body], values: Mapping[str, np.ndarray], n_sa
     for number, body in enumerate(bodies):
         if body.lumps:
             unknowns, entries = lumped_entries(body)
-            weighted = [np.outer(part, weight.evaluate(values) * np.ones(n_samples)) for weight, part in entries.items()]
+            weighted = [
+                np.outer(part, weight.evaluate(values) * np.ones(n_samples)) for weight, part in entries.items()
+            ]
             dofs.append(unknowns)
             owners.append(np.full(unknowns.size, number))
             masses.append(sum(weighted))

@@ -50,7 +50,7 @@ def reduced_energy(
 def load_powers(
     terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the power of a unit of every effect's amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
+    """Return each effect's power per unit amplitude, ``Q.eta' + sum_k theta_k' (d_k Q_delta).delta``, shape (n,), W."""
     tables, r, n_eta = terms.tables, terms.tables.n_coordinates, terms.layout.n_eta
     theta, delta, rate = q[:, :r], q[:, r:], v[:, r:]
     load, slopes = terms.load(theta), [terms.load.slope(theta, k) for k in range(r)]

@@ -7,19 +7,20 @@ Residual (Naets et al. 2015, eqs. (11)-(12)), eta = [theta, delta], for one or t
                      + sum_lm (2 d_m b_kl - d_k b_lm).delta theta_l' theta_m'
                      + 1/2 delta^T (d_k K) delta - (d_k Q_delta).delta)
 
-with ``d_k = d/d theta_k`` and e_k, e_delta the rows of theta_k and of delta. The terms of b and the last line are missing in
-the paper. b belongs to the kinetic energy ``sum_kl theta_k' theta_l' b_kl(theta).delta`` of first order in delta, with
-``b_kl`` the symmetric part of ``(d_k rho)^T M (d_l Psi)``: the inertia forces of the rigid motion, which bend the bodies, and
-the change of the rigid inertia with their bending. Without it the modes are blind to inertia loads, because their mass
-coupling with theta vanishes identically. The last line is the work of loads and elastic forces on the change of the modes
-with theta: of second order in the loads, both together or none. With all of them the system is Lagrangian in the
-interpolated tables and conserves energy.
+with ``d_k = d/d theta_k`` and e_k, e_delta the rows of theta_k and of delta. The terms of b and the last line are
+missing in the paper. b belongs to the kinetic energy ``sum_kl theta_k' theta_l' b_kl(theta).delta`` of first order in
+delta, with ``b_kl`` the symmetric part of ``(d_k rho)^T M (d_l Psi)``: the inertia forces of the rigid motion, which
+bend the bodies, and the change of the rigid inertia with their bending. Without it the modes are blind to inertia
+loads, because their mass coupling with theta vanishes identically. The last line is the work of loads and elastic
+forces on the change of the modes with theta: of second order in the loads, both together or none. With all of them the
+system is Lagrangian in the interpolated tables and conserves energy.
 
-Where a scene asks for it, structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha d T / d eta'``, needs no
-term of its own: because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.
+Where a scene asks for it, structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha d T / d eta'``,
+needs no term of its own: because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia
+forces.
 
-The iteration matrix leaves out second derivatives of the tables alone; its flexible block is symmetric positive definite
-at reasonable steps, rows and columns of theta border it.
+The iteration matrix leaves out second derivatives of the tables alone; its flexible block is symmetric positive
+definite at reasonable steps, rows and columns of theta border it.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ from pgmp_petsc.dynamics.lanes import LANES, multiply
 class Layout(NamedTuple):
     """Where the parts of a table row begin.
 
-    Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V, c and A
-    (see `second_order_kernel`); packed structural damping, if there is any; and the end. A load row has n_eta entries,
-    and with terms of second order packed ones after them.
+    Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V, c
+    and A (see `second_order_kernel`); packed structural damping, if there is any; and the end. A load row has n_eta
+    entries, and with terms of second order packed ones after them.
 
     Attributes
     ----------
@@ -80,7 +81,8 @@ class Work(NamedTuple):
     q, v, a
         Coordinates; velocities and accelerations as the inertia forces see them (see the module), shape (n_eta, LANES).
     rate
-        Velocities, of the same shape: the same array as v, which is zero instead where forces quadratic in it are left out.
+        Velocities, of the same shape: the same array as v, which is zero instead where forces quadratic in it are left
+        out.
     terms, slopes
         Interpolated terms (layout.end, LANES) and their derivatives (n_theta, layout.end, LANES).
     load, load_slope
@@ -88,7 +90,8 @@ class Work(NamedTuple):
     balance
         The residual, shape (n_eta, LANES).
     moved, turned
-        ``(d_k M) eta'`` and ``(d_k K) delta - d_k Q_delta``, shapes (n_theta, n_eta, LANES) and (n_theta, n_delta, LANES).
+        ``(d_k M) eta'`` and ``(d_k K) delta - d_k Q_delta``, shapes (n_theta, n_eta, LANES) and (n_theta, n_delta,
+        LANES).
     bent, swung, skewed
         Of the terms of second order; see `second_order_kernel`.
     braked
@@ -235,10 +238,10 @@ def add_damping(layout, work):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def iteration_matrix(layout, work, gain_v, gain_a, factor, border):
-    """Fill the iteration matrix ``[[s, R], [C, S]]``: packed S (n_packed_delta, LANES) and border; see `eliminate_border`.
+    """Fill the iteration matrix ``[[s, R], [C, S]]``: packed S (n_packed_delta, LANES) and border.
 
     Its flexible block ``S = gain_a M + gain_v sum_k theta_k' d_k M + K`` is symmetric; the inertia forces of the rigid
-    motion make rows and columns of theta differ. `gain_a` has shape (LANES,).
+    motion make rows and columns of theta differ. `gain_a` has shape (LANES,). See `eliminate_border`.
     """
     v, a, terms, slopes = work.v, work.a, work.terms, work.slopes
     n_lanes = border.shape[1]

@@ -1,11 +1,11 @@
 """Newton correction of the reduced equations of motion, sample by sample, compiled.
 
-The equations are those of `reduced_equations`. M, b, K and Q are interpolated at the sample's own theta and weighted with its
-own parameters. Where a scene asks for them, the terms of second order in delta follow; see `second_order_kernel`. Samples
-are taken LANES at a time, side by side; see `lanes` and `cells`.
+The equations are those of `reduced_equations`. M, b, K and Q are interpolated at the sample's own theta and weighted
+with its own parameters. Where a scene asks for them, the terms of second order in delta follow; see
+`second_order_kernel`. Samples are taken LANES at a time, side by side; see `lanes` and `cells`.
 
-A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its row
-is the driving force.
+A prescribed coordinate has its position, velocity and acceleration given; its correction is zero. The residual of its
+row is the driving force.
 """
 
 from __future__ import annotations
@@ -161,7 +161,8 @@ def correct(equations, amplitudes, acting, state, gains, active, fresh, factors,
     fresh
         Whether to factorise anew; otherwise `factors` of the last call serve.
     factors
-        ``(packed Cholesky factors, borders)``, shapes (n_blocks, n_packed_delta, LANES) and (n_blocks, n_border, LANES).
+        ``(packed Cholesky factors, borders)``, shapes (n_blocks, n_packed_delta, LANES) and (n_blocks, n_border,
+        LANES).
     cache
         Polynomials of the cells that the samples are in.
     size

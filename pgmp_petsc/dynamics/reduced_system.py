@@ -36,7 +36,8 @@ class ReducedSystem:
     values
         Parameter values of the samples, each of shape (n_samples,).
     initial
-        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each a number or of shape (n_theta,).
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each a number or of shape
+        (n_theta,).
     n_samples
         Number of samples.
     motions

@@ -43,9 +43,9 @@ class ReducedTerms:
     rigid
         Packed rigid inertia of every term, rows of shape (n_terms, n_theta (n_theta + 1) / 2).
     terms
-        Packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second order,
-        and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The first
-        entries, the rigid inertia, are not used.
+        Packed mass, couplings `coupling_of` and packed stiffness of every term side by side, what there is of second
+        order, and structural damping, rows of shape (n_terms, n_entries); zero where a term has no part in them. The
+        first entries, the rigid inertia, are not used.
     layout
         Where these parts begin.
     load
@@ -160,21 +160,26 @@ def rigid_inertia(
     cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
     local[:, 0], local[:, 1] = cos * local[:, 0] + sin * local[:, 1], cos * local[:, 1] - sin * local[:, 0]
     local = local.reshape(N_FRAME * n_bodies, -1, fine.n)
-    values = [np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in tables.mass_weights]
+    values = [
+        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True)
+        for w in tables.mass_weights
+    ]
     return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:
     """Return b_i at the samples, pairs k >= l one after the other, shape (n, n_mass_terms, n_pairs * n_delta).
 
-    By the product rule, ``b_kl`` is the symmetric part of the derivative of the mass table's row of theta_k with theta_l,
-    taken from the interpolant, less the inertia table.
+    By the product rule, ``b_kl`` is the symmetric part of the derivative of the mass table's row of theta_k with
+    theta_l, taken from the interpolant, less the inertia table.
     """
     r, at = tables.n_coordinates, tables.samples.theta
     block = interpolant(tables.samples, np.ascontiguousarray(tables.mass[:, :, :r, r:]), scheme)
     slopes = [block.slope(at, k) for k in range(r)]
     pairs = [
-        0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j]) - tables.inertia[:, :, k, j] for k in range(r) for j in range(k + 1)
+        0.5 * (slopes[j][:, :, k] + slopes[k][:, :, j]) - tables.inertia[:, :, k, j]
+        for k in range(r)
+        for j in range(k + 1)
     ]
     return np.concatenate(pairs, axis=2)
 

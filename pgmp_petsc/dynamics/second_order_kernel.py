@@ -1,7 +1,8 @@
 """Terms of second order in the deformation, for LANES samples at once, compiled.
 
-The displacement ``1/2 chi_ij delta_i delta_j`` and the cubic strain energy (a quadratic manifold as of Jain et al. 2017, with
-the modal derivatives of Wu and Tiso 2016) and the change of the mode shapes with theta add to the Lagrangian::
+The displacement ``1/2 chi_ij delta_i delta_j`` and the cubic strain energy (a quadratic manifold as of Jain et al.
+2017, with the modal derivatives of Wu and Tiso 2016) and the change of the mode shapes with theta add to the
+Lagrangian::
 
     L_2 = -1/6 V_ijk delta_i delta_j delta_k + 1/2 Q_ij delta_i delta_j - 1/2 theta'^2 c_ij delta_i delta_j
           + theta' A_ij delta_i delta_j'

@@ -1,4 +1,4 @@
-"""What the integrator asks of a model: a second-order system, its state, and the scheme that ties the two within a step."""
+"""What the integrator asks of a model: a second-order system, its state, and the scheme that ties the two in a step."""
 
 from __future__ import annotations
 
@@ -103,4 +103,4 @@ class SecondOrderSystem(Protocol):
         """Return a mask of the samples that left the model's range of validity."""
 
     def depths(self, time: float, state: State) -> np.ndarray:
-        """Return how far each edge is crossed (negative: not), shape (n_events, n_samples); asked only if there are any."""
+        """Return how far each edge is crossed (negative: not), shape (n_events, n_samples); asked only if any exist."""

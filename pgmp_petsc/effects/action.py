@@ -1,7 +1,7 @@
 """Local effects: a force law on a scalar measure of two frames.
 
-Torques and forces that keep their direction are loads (`load`); what depends on the state acts locally, on the frames of two
-attachments, and is described once for the full-order and the reduced model: an `Action` is a measure, the two
+Torques and forces that keep their direction are loads (`load`); what depends on the state acts locally, on the frames
+of two attachments, and is described once for the full-order and the reduced model: an `Action` is a measure, the two
 attachments and a law. The full-order model gives the attachments' frames from nodal unknowns, the reduced one from its
 coordinates; the compiled functions of `measures` and `laws` do the rest.
 """

@@ -1,7 +1,7 @@
-"""End stops of a joint: one-sided springs with the damping of Hunt and Crossley, entered and left at instants found in time.
+"""End stops of a joint: one-sided springs with Hunt and Crossley's damping, entered and left at instants found in time.
 
-The time of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they do
-not, the balance of energy shows it.
+The time of contact itself, about ``pi sqrt(inertia / stiffness)``, is not refined: steps have to resolve it. Where they
+do not, the balance of energy shows it.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ class FixedForce(Effect):
         return [Load(self.name, self._scale.monomial, vector)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return unit forces along both axes of the body, in whose frame the direction turns; none of a guided point."""
+        """Return unit forces along both axes of the body in whose frame the direction turns; none of a guided point."""
         return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(2)]
 
     def turning_patterns(self) -> list[Action]:
@@ -74,7 +74,9 @@ class FixedForce(Effect):
         if not self._guided:
             return []
         direction = (float(self._direction[0]), float(self._direction[1]))
-        return [Action(self.name, SLIDE, GROUND_ORIGIN, self._point, SOURCE, (self._scale,), direction, self._amplitude)]
+        return [
+            Action(self.name, SLIDE, GROUND_ORIGIN, self._point, SOURCE, (self._scale,), direction, self._amplitude)
+        ]
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the force, N."""

@@ -14,4 +14,6 @@ from pgmp_petsc.scene import effects as schema
 def joint_damping(name: str, entry: schema.JointDamping, mechanism: Mechanism) -> ActionEffect:
     """Return the effect; see the module."""
     parameters = (Quantity(0.0), Quantity.of(entry.coefficient), Quantity(0.0))
-    return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **joint_measure(mechanism, entry.joint))])
+    return ActionEffect(
+        name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **joint_measure(mechanism, entry.joint))]
+    )

@@ -1,8 +1,8 @@
 """Coulomb friction in a joint under a constant load: ``-limit tanh(s' / speed)`` on its rotation or displacement s.
 
-Regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where friction alone changes
-the rate by several times this speed in one step, Newton's iteration goes back and forth between sliding one way and the
-other when the joint comes to rest, and the sample fails: take a larger speed or a smaller step.
+Regularised, so that the force is smooth: below the speed the joint creeps instead of sticking. Where friction alone
+changes the rate by several times this speed in one step, Newton's iteration goes back and forth between sliding one way
+and the other when the joint comes to rest, and the sample fails: take a larger speed or a smaller step.
 """
 
 from __future__ import annotations
@@ -19,4 +19,6 @@ from pgmp_petsc.scene import effects as schema
 def joint_friction(name: str, entry: schema.JointFriction, mechanism: Mechanism) -> ActionEffect:
     """Return the effect; see the module."""
     parameters = (Quantity.of(entry.limit), Quantity(entry.speed))
-    return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **joint_measure(mechanism, entry.joint))])
+    return ActionEffect(
+        name, [Action(name, law=FRICTION, parameters=parameters, **joint_measure(mechanism, entry.joint))]
+    )

@@ -1,4 +1,4 @@
-"""What moves in a joint: the relative rotation of a revolute one, the displacement along the line of one that slides."""
+"""What moves in a joint: the relative rotation of a revolute one, the displacement along the line of a sliding one."""
 
 from __future__ import annotations
 

@@ -6,7 +6,8 @@ the power is ``F s'`` in every model alike.
 
 =============== ================================================================================================
 ``ROTATION``    ``phi_b - phi_a``
-``SLIDE``       ``d(phi_a).(b - a)``: how far b is along a direction d that turns with a (fixed, where a is on the ground)
+``SLIDE``       ``d(phi_a).(b - a)``: how far b is along a direction d that turns with a (fixed, where a is on the
+                ground)
 ``DISTANCE``    ``|b - a|``; where the points meet it has no direction, and its gradient is taken as zero
 ``FOLLOWING``   no measure but a direction: ``g = d(phi_b)`` at b, for a force that turns with its body; s is 0
 =============== ================================================================================================

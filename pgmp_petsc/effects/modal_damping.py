@@ -2,7 +2,8 @@
 
     D = sum_i 2 zeta_i omega_i (M phi_i) (M phi_i)^T = P P^T
 
-with the elastic modes of the free body at the nominal parameters. Rigid motions are M-orthogonal to them and not damped.
+with the elastic modes of the free body at the nominal parameters. Rigid motions are M-orthogonal to them and not
+damped.
 """
 
 from __future__ import annotations

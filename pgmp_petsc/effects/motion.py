@@ -4,8 +4,8 @@ A spin-up to the speed ``Omega`` in the time T is that of Simo and Vu-Quoc (1986
 
     theta = Omega / T (t^2 / 2 + (T / 2 pi)^2 (cos(2 pi t / T) - 1)),   then   theta = Omega (t - T / 2),
 
-whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables become cubic splines at rest at both ends, and stay
-where they end; all others go on for ever.
+whose acceleration ``Omega / T (1 - cos(2 pi t / T))`` has no jump. Tables become cubic splines at rest at both ends,
+and stay where they end; all others go on for ever.
 """
 
 from __future__ import annotations

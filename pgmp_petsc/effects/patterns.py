@@ -40,7 +40,7 @@ class Patterns:
 
 
 def fixed_pattern(action: Action, matrices: AffineMatrices) -> np.ndarray:
-    """Return the unit force of an action in body frames, the same in any configuration: couples, or what turns with a body."""
+    """Return an action's unit force in body frames, equal in any configuration: couples, or what turns with a body."""
     vector = np.zeros(len(matrices.rows))
     force = (0.0, 0.0, -1.0, 0.0, 0.0, 1.0) if action.measure == ROTATION else (0.0, 0.0, 0.0, *action.direction, 0.0)
     for column in action.columns:
@@ -51,7 +51,7 @@ def fixed_pattern(action: Action, matrices: AffineMatrices) -> np.ndarray:
 
 
 def turning_force(action: Action, mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
-    """Return the unit force of an action on the rigid mechanism at poses (n_bodies, 3), in body frames, shape (n_dofs,)."""
+    """Return an action's unit force on the rigid mechanism at poses (n_bodies, 3), in body frames, shape (n_dofs,)."""
     q = mechanism.place(poses)
     z = np.concatenate([side.frame_of_node(q) for side in action.sides])
     gradient, hessian = np.empty(N_PAIR), np.empty((N_PAIR, N_PAIR))

@@ -1,4 +1,4 @@
-"""A spring and damper: ``-k (s - rest) - c s'`` on a joint's rotation or displacement, or on the distance of two points."""
+"""A spring-damper: ``-k (s - rest) - c s'`` on a joint's rotation or displacement, or on the distance of two points."""
 
 from __future__ import annotations
 

@@ -108,7 +108,9 @@ def _indicator(model: Model) -> ErrorIndicator | None:
 
 def _with_estimates(batch: Batch, watched: WatchedRun | None, status: np.ndarray, chosen: np.ndarray) -> Batch:
     """Add the estimated errors of the chosen samples, NaN for the others."""
-    named = {kind: {name: np.full(status.size, np.nan) for name in batch.outputs} for kind in ("errors", "errors_at_end")}
+    named = {
+        kind: {name: np.full(status.size, np.nan) for name in batch.outputs} for kind in ("errors", "errors_at_end")
+    }
     named["validity"] = {name: np.full(status.size, np.nan) for name in VALIDITY}
     if watched is not None:
         estimate = watched.estimate(status)

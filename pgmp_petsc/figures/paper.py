@@ -2,9 +2,9 @@
 
     python -m pgmp_petsc.figures.paper results/
 
-Read from the directory: ``modes_<r>.h5``, ``full_<r>.h5`` and ``reduced_<r>.h5`` for r in 0.9, 1.0, 1.1 times the nominal
-radius, ``montecarlo_full.h5`` and ``montecarlo_reduced.h5``. Written there: the paper's Figs. 2, 4, 5 and 6, and a picture of
-the motion.
+Read from the directory: ``modes_<r>.h5``, ``full_<r>.h5`` and ``reduced_<r>.h5`` for r in 0.9, 1.0, 1.1 times the
+nominal radius, ``montecarlo_full.h5`` and ``montecarlo_reduced.h5``. Written there: the paper's Figs. 2, 4, 5 and 6,
+and a picture of the motion.
 """
 
 from __future__ import annotations

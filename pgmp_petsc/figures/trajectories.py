@@ -80,8 +80,8 @@ def trajectories(
 ) -> Figure:
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
-    A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel of
-    errors.
+    A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel
+    of errors.
 
     Parameters
     ----------

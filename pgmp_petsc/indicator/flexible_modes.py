@@ -65,7 +65,8 @@ class FlexibleModes:
     def at(self, theta: np.ndarray, weights: tuple[np.ndarray, np.ndarray]) -> Modes:
         """Return the modes at theta of shape (n,), rad, for the weights of the same samples.
 
-        Beyond the ends of a limited range the modes are those at the end; of a sample that ran away, those at the start.
+        Beyond the ends of a limited range the modes are those at the end; of a sample that ran away, those at the
+        start.
         """
         samples = self._tables.samples.axes[0]
         theta = np.where(np.abs(theta) < FARTHEST, theta, samples.lower)

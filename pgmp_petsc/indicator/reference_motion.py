@@ -1,8 +1,8 @@
 """The nodal motion that a reduced run stands for, with its accelerations.
 
-A reduced state gives the positions ``q(eta)`` by back-transformation. The accelerations that belong to it are the second
-derivative along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as a difference of fourth order. All of
-the chain rule is in it, also what the reduced equations leave out.
+A reduced state gives the positions ``q(eta)`` by back-transformation. The accelerations that belong to it are the
+second derivative along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as a difference of fourth order.
+All of the chain rule is in it, also what the reduced equations leave out.
 """
 
 from __future__ import annotations

@@ -6,11 +6,11 @@ bends the bodies the more dynamically the faster; a sample is therefore evaluate
 evaluations follow at the pace of the slowest one.
 
 Vibrations that are faster than the evaluations cannot be foreseen so. Seen at the rate 1/T, a residual of frequency f
-looks like one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time (aliasing).
-Each estimate is therefore compared with one on other instants, and made anew on denser ones until two of them agree.
-Strides are Fibonacci numbers: neighbours have no common factor, so that a frequency which the one schedule takes for
-constant is not constant for the next. Every interval is a whole number of steps, the same throughout; one that is not
-would move the motion by up to half a step in time from one evaluation to the next.
+looks like one of frequency ``|f - k / T|``, and what ought to average out drives the mechanism for a long time
+(aliasing). Each estimate is therefore compared with one on other instants, and made anew on denser ones until two of
+them agree. Strides are Fibonacci numbers: neighbours have no common factor, so that a frequency which the one schedule
+takes for constant is not constant for the next. Every interval is a whole number of steps, the same throughout; one
+that is not would move the motion by up to half a step in time from one evaluation to the next.
 
 Each sample goes by its own motion, so that none has a part in another's estimate.
 """
@@ -57,8 +57,8 @@ class Schedule:
 def schedules(n_steps: int, duration: float) -> list[Schedule]:
     """Return schedules from the coarsest to the finest.
 
-    The finest holds the steps of all; they are those to be kept. The second is the coarsest that has `N_EVALUATIONS`; the
-    first is there to be compared with. A run of so few steps that all are evaluated has only one.
+    The finest holds the steps of all; they are those to be kept. The second is the coarsest that has `N_EVALUATIONS`;
+    the first is there to be compared with. A run of so few steps that all are evaluated has only one.
     """
     finest = -(-n_steps // MOST)
     strides = [1, 2]
@@ -105,6 +105,6 @@ def choose(choices: list[Schedule], longest: np.ndarray) -> np.ndarray:
 
 
 def agree(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return for which samples all of two estimates (n,) differ by no more than a factor `AGREED`; NaN does not agree."""
+    """Return for which samples all of two estimates (n,) differ by at most a factor `AGREED`; NaN does not agree."""
     pairs = [(one[name], other[name]) for name in one]
     return np.all([(a <= AGREED * b) & (b <= AGREED * a) for a, b in pairs], axis=0)

@@ -1,9 +1,9 @@
 """What the time step does to a reduced motion, followed step by step while it runs.
 
-**Vibrations.** In the mode k of `flexible_modes`, with amplitude x and the force ``f = x'' + omega^2 x`` that the motion
-itself says acts on it, one step of an exact oscillator under a force that is linear over the step would lead from
-``(x, x')_n`` to ``(x~, x~')_{n+1}``. What the integrator's own step differs by is its local error; it travels on as a
-free vibration (Hairer, Norsett and Wanner 1993, section II.3)::
+**Vibrations.** In the mode k of `flexible_modes`, with amplitude x and the force ``f = x'' + omega^2 x`` that the
+motion itself says acts on it, one step of an exact oscillator under a force that is linear over the step would lead
+from ``(x, x')_n`` to ``(x~, x~')_{n+1}``. What the integrator's own step differs by is its local error; it travels on
+as a free vibration (Hairer, Norsett and Wanner 1993, section II.3)::
 
     E_{n+1} = R(omega h) E_n + (x~ - x, x~' - x')_{n+1},     R = [[cos, sin / omega], [-omega sin, cos]]
 
@@ -42,8 +42,8 @@ def advance(step, first, motion, past, modes, oscillator, modal, vibration, smoo
     past
         Accelerations at the beginning and before, shape (3, n, 1 + m); moved on.
     modes
-        ``(squares, columns, shapes, follow)``: omega^2 of shape (n, m), the inverse of the shapes by its columns and the
-        shapes, (n, m, m), and ``follow``, (n, m).
+        ``(squares, columns, shapes, follow)``: omega^2 of shape (n, m), the inverse of the shapes by its columns and
+        the shapes, (n, m, m), and ``follow``, (n, m).
     oscillator
         Of every mode over the step, shape (n, 7, m); see `oscillators`.
     modal
@@ -114,8 +114,8 @@ def oscillate(now, squares, oscillator, modal, vibration):
 def oscillators(omega: np.ndarray, step: float) -> np.ndarray:
     """Return what an oscillator does over a step, shape (n, 7, m), for omega of shape (n, m).
 
-    With ``c, s = cos, sin (omega h)``: c, s / omega, -omega s for its displacement and velocity; then displacements from a
-    constant force and from its rise, velocities from both.
+    With ``c, s = cos, sin (omega h)``: c, s / omega, -omega s for its displacement and velocity; then displacements
+    from a constant force and from its rise, velocities from both.
     """
     cos, sin = np.cos(omega * step), np.sin(omega * step)
     turned = omega * step

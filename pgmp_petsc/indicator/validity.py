@@ -3,8 +3,8 @@
 **Elastic rotation**: the largest rotation of a node less that of its rigid body, rad; `results.errors` says from where
 on it is too large.
 
-**Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its height.
-Steel yields at about 0.002.
+**Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
+height. Steel yields at about 0.002.
 """
 
 from __future__ import annotations

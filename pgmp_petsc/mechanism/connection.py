@@ -33,7 +33,9 @@ class Connection:
     @property
     def moving_columns(self) -> np.ndarray:
         """Which of the six node unknowns there are: those of sides that are not on the ground."""
-        return np.concatenate([f + np.arange(N_FRAME) for f, side in zip((0, N_FRAME), self.sides) if not side.on_ground])
+        return np.concatenate(
+            [f + np.arange(N_FRAME) for f, side in zip((0, N_FRAME), self.sides) if not side.on_ground]
+        )
 
     @property
     def dofs(self) -> np.ndarray:

@@ -140,7 +140,7 @@ def _find_entries(connection: Connection) -> tuple[np.ndarray, np.ndarray]:
 
 
 def independent_constraints(kinematics: RigidKinematics, theta: np.ndarray) -> ConstraintSet:
-    """Return the constraints of a mechanism without those that follow from the others, as found at theta (n_theta,), rad."""
+    """Return a mechanism's constraints without those that follow from the others, as found at theta (n_theta,), rad."""
     mechanism = kinematics.mechanism
     poses = kinematics.poses(theta)[..., 0]
     return ConstraintSet(mechanism, null_space(constraint_jacobian(mechanism, poses)).rows)

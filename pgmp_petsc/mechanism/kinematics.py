@@ -267,8 +267,8 @@ class _Branch:
 def _hermite(theta, first, step, continued, result):
     """Fill result (n, n_p) with quintic Hermite polynomials through values and derivatives at equal distances.
 
-    `continued` holds values, first derivatives times the step and second ones times half its square, shape (3, n_points,
-    n_p).
+    `continued` holds values, first derivatives times the step and second ones times half its square, shape (3,
+    n_points, n_p).
     """
     for k in range(theta.size):
         position = (theta[k] - first) / step
@@ -279,7 +279,10 @@ def _hermite(theta, first, step, continued, result):
         a, b = y * y * y, x * x * x
         for i in range(result.shape[1]):
             near = continued[0, cell, i] * (1.0 + x * (3.0 + 6.0 * x)) + x * (1.0 + 3.0 * x) * continued[1, cell, i]
-            far = continued[0, cell + 1, i] * (1.0 + y * (3.0 + 6.0 * y)) - y * (1.0 + 3.0 * y) * continued[1, cell + 1, i]
+            far = (
+                continued[0, cell + 1, i] * (1.0 + y * (3.0 + 6.0 * y))
+                - y * (1.0 + 3.0 * y) * continued[1, cell + 1, i]
+            )
             near += x * x * continued[2, cell, i]
             far += y * y * continued[2, cell + 1, i]
             result[k, i] = a * near + b * far

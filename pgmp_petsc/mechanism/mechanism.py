@@ -1,7 +1,7 @@
 """The mechanism: bodies, the connections between them, and the coordinates that drive it.
 
-Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its centre of
-mass.
+Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its
+centre of mass.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class Mechanism:
 
     @property
     def driven_connections(self) -> tuple[Connection, ...]:
-        """The rotations that prescribed coordinates hold, in the order of the coordinates; rows after all joints' ones."""
+        """The rotations that prescribed coordinates hold, in the coordinates' order; rows after all joints' ones."""
         driven = [coordinate for coordinate in self.coordinates if coordinate.prescribed]
         return tuple(
             Connection(c.name, Driver(), c.connection.a, c.connection.b, slice(row, row + 1))

@@ -144,7 +144,7 @@ def _nodes(shape: _Shape, middles: tuple[str, ...]) -> np.ndarray:
 
 
 def _faces(shape: _Shape, nodes: np.ndarray, face_kind: str) -> np.ndarray:
-    """Number the nodes of every face as the element of the face does: its corners, then the middles of its edges, ..."""
+    """Number the nodes of every face as the face's element does: its corners, then the middles of its edges, ..."""
     face_shape, _, middles, *_ = _KINDS[face_kind]
     weights = _barycentric(face_shape, _nodes(face_shape, middles))
     return np.array(

@@ -8,7 +8,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 
 
 def straight_beam(length: float, n_cells: int, start: float = 0.0) -> LineMesh:
-    """Return a line along the x axis from `start` (m) on, with the points hinge, middle (where a node is there) and tip."""
+    """Return a line along the x axis from `start` (m) on, with the points hinge, middle (where a node is) and tip."""
     x = np.linspace(start, start + length, n_cells + 1)
     nodes = np.column_stack([x, np.zeros_like(x)])
     cells = np.column_stack([np.arange(n_cells), np.arange(1, n_cells + 1)])

@@ -206,8 +206,8 @@ class Closure:
     Attributes
     ----------
     start
-        What the basis is multiplied with where the revolution begins, shape (m, m): the identity, or with a reflection a
-        frame in which the reflected direction is a coordinate.
+        What the basis is multiplied with where the revolution begins, shape (m, m): the identity, or with a reflection
+        a frame in which the reflected direction is a coordinate.
     frame
         Orthogonal matrix whose columns span the planes that turn, in the basis after `start`, shape (m, m).
     planes
@@ -245,12 +245,15 @@ class Closure:
         frame, planes, angles, flipped = _planes(signs[:, None] * (other.start.T @ holonomy @ other.start))
         if flipped >= 0:
             raise RunError(
-                "the modes' signs cannot be followed over the configurations: a mode that is kept meets one that is not, or "
-                "the configurations are too few; take another number of reduction.modes or more reduction.angles"
+                "the modes' signs cannot be followed over the configurations: a mode that is kept meets one that is "
+                "not, or the configurations are too few; take another number of reduction.modes or more "
+                "reduction.angles"
             )
         # half a turn forwards or back: the way that the other one goes
         expected = np.array([frame[:, i] @ other.generator @ frame[:, j] for i, j in planes]).reshape(angles.shape)
-        return cls(other.start, frame, planes, angles + 2 * np.pi * np.rint((expected - angles) / (2 * np.pi)), other.flipped)
+        return cls(
+            other.start, frame, planes, angles + 2 * np.pi * np.rint((expected - angles) / (2 * np.pi)), other.flipped
+        )
 
     @property
     def generator(self) -> np.ndarray:
@@ -271,7 +274,7 @@ class Closure:
 
 
 def _planes(holonomy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Split an orthogonal matrix: frame, planes and angles as in `Closure`, and a reflected column of the frame or -1."""
+    """Split an orthogonal matrix: frame, planes and angles as in `Closure`, and the frame's reflected column or -1."""
     form, frame = schur(holonomy, output="real")
     planes, angles, reflected = [], [], []
     column, size = 0, len(form)

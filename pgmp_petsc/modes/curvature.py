@@ -106,7 +106,7 @@ class CurvatureProblem:
         return Curvature(chi - shape @ self._bent_part(shape, problem.inner(shape, problem.times_mass(chi))), third)
 
     def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """Return of components along Psi (m, n_pairs) those that bend the bodies; what only stretches them is left to chi.
+        """Return of components along Psi (m, n_pairs) those that bend bodies; what only stretches them is left to chi.
 
         The share of stretching is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi`` with eigenvalues from 0 to 1,
         made steeper by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.

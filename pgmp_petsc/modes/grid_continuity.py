@@ -77,9 +77,10 @@ class GridBasis:
     def of(cls, samples: GridNeighbours, start: np.ndarray) -> GridBasis:
         """Carry a basis over the grid from the rotation (m, m) of the first sample.
 
-        Over two coordinates two modes may meet at a single configuration (a conical intersection) that no sample is near enough to
-        tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines turn away from each
-        other, the group is joined with the one that it mixes with most: their common space is continuous.
+        Over two coordinates two modes may meet at a single configuration (a conical intersection) that no sample is
+        near enough to tell; carried around it, each of them comes back with the opposite sign. Where neighbouring lines
+        turn away from each other, the group is joined with the one that it mixes with most: their common space is
+        continuous.
 
         Raises
         ------

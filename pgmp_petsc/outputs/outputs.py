@@ -52,7 +52,8 @@ class OutputSet:
         Parameters
         ----------
         start
-            Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not prescribed.
+            Coordinates at the start, shape (n_theta,), rad; by default what the scene says of those that are not
+            prescribed.
 
         Raises
         ------

@@ -222,5 +222,8 @@ def _samples(scene: Scene, kinematics: RigidKinematics) -> SampleGrid:
     reduction, coordinates = scene.reduction, kinematics.coordinates
     angles = np.broadcast_to(reduction.angles, len(coordinates))
     return SampleGrid(
-        tuple(samples_for(reduction.interpolation, c.lower, c.upper, int(n), c.periodic) for c, n in zip(coordinates, angles))
+        tuple(
+            samples_for(reduction.interpolation, c.lower, c.upper, int(n), c.periodic)
+            for c, n in zip(coordinates, angles)
+        )
     )

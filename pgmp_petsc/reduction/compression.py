@@ -16,7 +16,8 @@ from scipy.linalg import block_diag
 from pgmp_petsc.runtime.errors import InputError
 
 # Smallest eigenvalue of ``E^T M E`` at any configuration; its mean is 1. Tables of vectors that nearly vanish somewhere
-# are interpolated badly there: with 1e-4 the slider-crank's deformation errs by percents, with 1e-2 no more than elsewhere.
+# are interpolated badly there: with 1e-4 the slider-crank's deformation errs by percents, with 1e-2 no more than
+# elsewhere.
 INDEPENDENT = 1e-3
 ROUND_OFF = 1e-10  # mean squares below this share of the largest one
 
@@ -45,8 +46,8 @@ class Compression:
         grams
             Gram matrices of the snapshots in the continuous basis, shape (n, n_snapshots, n_snapshots).
         flipped
-            Whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta, n_snapshots): over
-            two of them, those that do are orthogonal to those that do not.
+            Whether a snapshot changes its sign after a revolution of each coordinate, shape (n_theta, n_snapshots):
+            over two of them, those that do are orthogonal to those that do not.
         n_parameter
             Number of vectors wanted.
 
@@ -70,7 +71,7 @@ class Compression:
         return cls(signs * vectors / np.sqrt(squares[:n_parameter]), flipped[:, largest])
 
     def beside(self, n_kept: int) -> np.ndarray:
-        """Return the matrix that leaves kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""
+        """Return the matrix leaving kept vectors as they are, shape (n_kept + n_snapshots, n_kept + n_parameter)."""
         return block_diag(np.eye(n_kept), self.matrix)
 
 

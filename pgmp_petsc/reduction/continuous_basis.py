@@ -19,7 +19,7 @@ from pgmp_petsc.reduction.tables import ReducedTables, flipping_signs
 
 @dataclass(frozen=True, eq=False)
 class ContinuousBasis:
-    """Tables and vectors over all samples; over two turns of a rigid coordinate where a vector changes its sign after one.
+    """Tables and vectors over all samples; over two turns of a rigid coordinate where a vector changes sign after one.
 
     Attributes
     ----------
@@ -90,7 +90,9 @@ class ContinuousBasis:
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
 
 
-def compression_of(mechanism: Mechanism, nominal: dict[str, float], joined: JoinedSamples, n_parameter: int) -> Compression:
+def compression_of(
+    mechanism: Mechanism, nominal: dict[str, float], joined: JoinedSamples, n_parameter: int
+) -> Compression:
     """Return the compression of all samples' snapshots, at the nominal parameters.
 
     Raises

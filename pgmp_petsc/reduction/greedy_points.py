@@ -2,8 +2,8 @@
 
 Candidates span the distributions (`scene.spanning_values`). At a few configurations, the share of the energy that the
 basis misses of a candidate's modes and static modes, in the candidate's own strain energy, says how wrong the basis is
-there. The worst candidate becomes a point, the basis is extended by the vectors that compress its snapshots best, and so
-on until a further point makes the worst candidate hardly better.
+there. The worst candidate becomes a point, the basis is extended by the vectors that compress its snapshots best, and
+so on until a further point makes the worst candidate hardly better.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ class _Configuration:
     stiffness
         ``W^T K_c W`` at every candidate c with W = [V, X], shape (n_candidates, w, w).
     coefficients
-        ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains nothing),
-        shape (n_kept, n_candidates q).
+        ``V^T M`` times the whole snapshots, which are V times these plus X (plus a rigid motion, which strains
+        nothing), shape (n_kept, n_candidates q).
     """
 
     n_kept: int

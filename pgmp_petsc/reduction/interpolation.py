@@ -10,8 +10,8 @@ scheme         what it is                                                       
 
 Whatever the scheme, the result is a piecewise cubic on a uniform grid (`Interpolant`), so that the integrator's kernel
 knows one way of interpolating. A spline through uniform samples is represented as it stands; the other interpolants are
-evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several coordinates
-it is the tensor product: one scheme along each axis.
+evaluated on a grid so fine that its own error, of fourth order in the fine step, does not count. Over several
+coordinates it is the tensor product: one scheme along each axis.
 
 The paper prints (20) with a denominator that would make the tangents scale with the step; the tangent with respect to
 s is ``(A_{i+1} - A_{i-1}) / 2``.
@@ -34,7 +34,8 @@ from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cel
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])
 FINE = 1024  # points over the range of interpolants that are not splines of their own samples
-FINE_OF_MORE = 96  # the same along each axis of several: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative
+# the same along each axis of several: an error of (2 pi / 96)^4 / 384 = 5e-8 of the fourth derivative
+FINE_OF_MORE = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class Interpolant:
         return int(np.prod([axis.n_cells for axis in self.axes]))
 
     def polynomials(self) -> np.ndarray:
-        """Return the coefficients of ``s_1^i s_2^j ...`` in every cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
+        """Return the coefficients of ``s_1^i s_2^j ...`` in each cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
 
         Of cells and of powers, those of the last coordinate run fastest.
         """
@@ -110,7 +111,7 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
 
 
 def _cell_polynomials(axis: Axis, table: np.ndarray) -> np.ndarray:
-    """Return the coefficients of ``s^0`` to ``s^3`` in every cell of an axis, shape (n_cells, 4, ...), from its rows."""
+    """Return the coefficients of ``s^0`` to ``s^3`` in each cell of an axis, shape (n_cells, 4, ...), from its rows."""
     rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
     result = np.empty((axis.n_cells, N_ROWS, *table.shape[1:]))
     for cell in range(axis.n_cells):

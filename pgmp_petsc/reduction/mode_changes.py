@@ -1,4 +1,4 @@
-"""How the modes change with theta: the kinetic energy of ``D = d(R Psi)/d theta``, which eq. (7) of the paper leaves out.
+"""How modes change with theta: the kinetic energy of ``D = d(R Psi)/d theta``, which eq. (7) of the paper leaves out.
 
 A flexible mode moves with the velocity ``theta' D delta`` even where delta is constant. In body frames ``D = Psi' + w x
 Psi``, with Psi' from the interpolated projection and w the spin of the body per unit of theta.
@@ -24,8 +24,8 @@ class ModeChanges:
     Attributes
     ----------
     gyroscopic
-        Skew part of ``D^T M_i Psi``, shape (n, n_mass_terms, n_delta, n_delta). Its symmetric part is half the derivative
-        of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
+        Skew part of ``D^T M_i Psi``, shape (n, n_mass_terms, n_delta, n_delta). Its symmetric part is half the
+        derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
     spread
         ``D^T M_i D``, of the same shape.
     """

@@ -67,7 +67,7 @@ class Reconstruction:
 
 @njit(cache=True, error_model="numpy")
 def _place(bodies, points, poses, cos, sin, local, frames):
-    """Fill frames (n_nodes, 3, n): points moved by local (n, n_dofs) in body frames, then placed at poses (n_bodies, 3, n)."""
+    """Fill frames (n_nodes, 3, n): points moved by local (n, n_dofs) in body frames, put at poses (n_bodies, 3, n)."""
     n = local.shape[0]
     # in blocks of states: both arrays, which run across each other, stay in the cache
     for first in range(0, n, BLOCK):

@@ -76,10 +76,10 @@ class ReducedOrderModel:
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there.
 
-        ``/theta`` holds the sampled configurations, the attributes of its coordinates `lower`, `upper` and `periodic`. For
-        one coordinate it has the shape (n,). For several it has the shape (n, n_theta) and the last coordinate runs
-        fastest; the attributes then have an entry for each coordinate, and there is one more, `shape`, the number of samples
-        along each. All tables have the n configurations along their first axis.
+        ``/theta`` holds the sampled configurations, the attributes of its coordinates `lower`, `upper` and `periodic`.
+        For one coordinate it has the shape (n,). For several it has the shape (n, n_theta) and the last coordinate runs
+        fastest; the attributes then have an entry for each coordinate, and there is one more, `shape`, the number of
+        samples along each. All tables have the n configurations along their first axis.
         """
         tables = self.tables
         with write_file(path, "rom", {"n_redundant": self.n_redundant, "indefinite": self.indefinite}) as file:

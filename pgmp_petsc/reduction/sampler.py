@@ -109,7 +109,9 @@ class Sampler:
         static = problem.static_modes(modes, self._static_loads.at(problem, modes))
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
-            missed = self._snapshots.missed(self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept]))
+            missed = self._snapshots.missed(
+                self._snapshots.at(theta, kept), np.hstack([modes.rigid[:, modes.free], kept])
+            )
             shape = np.hstack([kept, missed])
         basis = np.hstack([modes.rigid, shape])
         return Sample(
@@ -157,6 +159,6 @@ def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray
 
 
 def _ascending(modes: ModeSet) -> ModeSet:
+
     order = np.argsort(modes.eigenvalues, kind="stable")
     return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])
-

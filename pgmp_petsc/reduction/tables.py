@@ -91,7 +91,8 @@ class ReducedTables:
         Parameters
         ----------
         rotations
-            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer vectors.
+            Matrices Q with ``Psi_new = Psi Q``, shape (n, n_delta, n_new): orthogonal, or combinations of fewer
+            vectors.
         """
         n, m, n_new = rotations.shape
         whole = np.zeros((n, self.n_coordinates + m, self.n_coordinates + n_new))

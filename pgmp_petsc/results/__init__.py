@@ -1,4 +1,4 @@
-"""Results as data: trajectories, ensembles, tables of modes and trade-off studies, and the HDF5 files that hold them."""
+"""Results as data: trajectories, ensembles, tables of modes and trade-off studies, and HDF5 files that hold them."""
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.effect_sizes import EffectSizes

@@ -71,7 +71,9 @@ class Balance:
         put(file, "energy/kinetic", self.kinetic, "J", "kinetic energy")
         put(file, "energy/strain", self.strain, "J", "strain energy")
         put(file, "energy/potential", self.potential, "J", "potential energy of weights, springs and stops")
-        residual = put(file, "energy/residual", self.residual, "J", "gain of kinetic and strain energy less the effects' work")
+        residual = put(
+            file, "energy/residual", self.residual, "J", "gain of kinetic and strain energy less the effects' work"
+        )
         residual.attrs["exchanged"] = self.exchanged
         for name, done in self.work.items():
             put(file.require_group("work"), name, done, "J", f"work of effect '{name}' since the start")

@@ -84,7 +84,9 @@ class EffectSizes:
     def write(self, file: h5py.File) -> None:
         """Write the group ``effects``."""
         shares = np.array([size.share for size in self.sizes])
-        data = put(file, "effects/shares", shares, "1", "size of each effect as a share, NaN where only a threshold is known")
+        data = put(
+            file, "effects/shares", shares, "1", "size of each effect as a share, NaN where only a threshold is known"
+        )
         data.attrs["tolerance"], data.attrs["exchanged"] = self.tolerance, self.exchanged
         lists = {
             "names": [size.name for size in self.sizes],

@@ -61,7 +61,7 @@ Section = Annotated[Circle | Rectangle | Coefficients, Field(discriminator="shap
 
 
 class StraightBeam(Table):
-    """A straight line of equal elements along the x axis of the body's frame, with the points hinge and tip at its ends."""
+    """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
     length: PositiveNumber = Field(description="length (m)")
     elements: Integer = Field(ge=1, description="number of elements")

@@ -1,4 +1,4 @@
-"""Checks of effects against the rest of a scene: joints and points of the right kind, and effects that exclude each other."""
+"""Checks of effects against the rest of a scene: joints and points of the right kind, mutually exclusive effects."""
 
 from __future__ import annotations
 
@@ -135,8 +135,8 @@ def _impulse(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> It
         unit = "N m s" if isinstance(effect, kinds.Torque) else "N s"
         yield problem(
             entry,
-            f"has an impulse of {exact:.4g} {unit}, but {seen:.4g} with a {effect.type} read every {run.step:g} s; take a "
-            "smaller simulation.step, or a pulse that lasts several steps",
+            f"has an impulse of {exact:.4g} {unit}, but {seen:.4g} with a {effect.type} read every {run.step:g} s; "
+            "take a smaller simulation.step, or a pulse that lasts several steps",
         )
 
 
@@ -144,9 +144,13 @@ def _damped_bodies(scene: Scene, entry: str, effect: kinds.StructuralDamping) ->
     flexible = [name for name, body in scene.bodies.items() if body.flexible]
     for body in effect.bodies or ():
         if body not in scene.bodies:
-            yield problem(f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", list(effect.bodies))
+            yield problem(
+                f"{entry}.bodies", f"there is no body '{body}'{nearest_name(body, flexible)}", list(effect.bodies)
+            )
         elif body not in flexible:
-            yield problem(f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", list(effect.bodies))
+            yield problem(
+                f"{entry}.bodies", f"{body} is rigid; only flexible bodies have structural damping", list(effect.bodies)
+            )
     if effect.bodies is None and not flexible:
         yield problem(entry, "all bodies are rigid; only flexible bodies have structural damping")
 
@@ -176,8 +180,8 @@ def _prescribed(scene: Scene, name: str, effect: kinds.PrescribedMotion) -> Iter
         if isinstance(rival, (kinds.Torque, kinds.EndStop)) and rival.joint == joint:
             yield problem(
                 entry,
-                f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion takes "
-                "whatever torque it needs; leave one of them out",
+                f"contradicts effects.{other}, of type {rival.type} on the same joint {joint}: a prescribed motion "
+                "takes whatever torque it needs; leave one of them out",
                 effect.coordinate,
             )
         if other < name and isinstance(rival, kinds.PrescribedMotion) and rival.coordinate == effect.coordinate:
@@ -209,8 +213,8 @@ def _halves(scene: Scene) -> Iterator[str]:
         (missing,) = set(halves) - set(present)
         yield problem(
             f"effects.{found[present[0]]}",
-            "is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an effect "
-            f'of type "{missing.model_fields["type"].annotation.__args__[0]}" too, or neither',
+            "is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an "
+            f'effect of type "{missing.model_fields["type"].annotation.__args__[0]}" too, or neither',
         )
     second_order = scene.reduction.second_order or bool(present)
     left_out = kinds.Gyroscopic in found and not scene.effects[found[kinds.Gyroscopic]].keep

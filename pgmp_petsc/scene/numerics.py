@@ -21,7 +21,9 @@ class Reduction(Table):
         "build chooses what is not given of modes, static_modes, second_order, angles and interpolation",
     )
     modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
-    angles: Integer = Field(629, ge=4, description="number of sampled configurations along each coordinate; 24 with several")
+    angles: Integer = Field(
+        629, ge=4, description="number of sampled configurations along each coordinate; 24 with several"
+    )
     sampling_tolerance: Number | None = Field(
         None,
         gt=0.0,
@@ -46,7 +48,8 @@ class Reduction(Table):
     )
     effects: Literal["named", "auto"] = Field(
         "named",
-        description='"auto" lets pgmp build leave out effects too small to matter, and add terms of the reduced model that do',
+        description='"auto" lets pgmp build leave out effects too small to matter, and add terms of the reduced model '
+        "that do",
     )
     interpolation: Literal["overhauser", "spline", "spectral"] = Field(
         "overhauser",
@@ -88,7 +91,9 @@ class Simulation(Table):
     )
     frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(
-        True, strict=True, description="estimate the errors of reduced runs from their residual in the full-order equations"
+        True,
+        strict=True,
+        description="estimate the errors of reduced runs from their residual in the full-order equations",
     )
     initial: dict[str, InitialState] = Field(
         {}, description="start of each coordinate; 0 at rest where not given"

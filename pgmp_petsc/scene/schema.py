@@ -72,7 +72,7 @@ class Scene(Table):
 
     @property
     def second_order(self) -> bool:
-        """Whether the reduced model has what is of second order in the deformation: both effects that make it up, or all."""
+        """Whether the reduced model has what is of second order in deformation: both effects that make it up or all."""
         return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
 
     @property

@@ -3,10 +3,10 @@
 Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
 applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
 together (corners). Torques take the scene's own tables, a half-sine pulse over the whole run, `PULSE` times as large
-as the largest torque, and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes the bodies
-vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse where it does
-not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's own, and not
-otherwise: no step and no small basis follows what they set off.
+as the largest torque, and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes the
+bodies vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse where
+it does not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's own,
+and not otherwise: no step and no small basis follows what they set off.
 """
 
 from __future__ import annotations

@@ -39,7 +39,8 @@ def balance_of(time: np.ndarray, instants: Sequence[Energies]) -> Balance:
 def with_weights(balance: Balance, model: ReducedModel) -> Balance:
     """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
 
-    It is that of the undeformed start less the work done since: the same integral as in the residual, which does not change.
+    It is that of the undeformed start less the work done since: the same integral as in the residual, which does not
+    change.
     """
     effects = [effect for effect in model.effects if effect.conservative]
     if not effects:

@@ -150,7 +150,9 @@ def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexib
     terms = [*matrices.mass.values(), *matrices.stiffness.values()]
     sparse = sum(term.data.nbytes + term.indices.nbytes + term.indptr.nbytes for term in terms)
     n_mass, n_stiffness = len(mechanism.mass_weights), len(mechanism.stiffness_weights)
-    tables = n_angles * (n_mass * (n_eta**2 + n_theta**2 * n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
+    tables = (
+        n_angles * (n_mass * (n_eta**2 + n_theta**2 * n_modes) + n_stiffness * n_modes**2 + n_loads * n_eta) * BYTES
+    )
     projection = n_angles * mechanism.n_dofs * n_modes * BYTES
     if scene.second_order:
         tables += n_angles * (n_stiffness * n_modes**3 + (3 * n_mass + n_loads) * n_modes**2) * BYTES

@@ -5,9 +5,10 @@ energy that is moved around. Of terms that only a flexible reduced model has, si
 that run:
 
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
-- geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under loads and inertia
-  forces, beside its eigenvalue,
-- inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on vibrations.
+- geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under
+  loads and inertia forces, beside its eigenvalue,
+- inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on
+  vibrations.
 
 For an effect that the scene does not have and that has numbers of its own, the estimate says from which number on it
 would matter.
@@ -197,7 +198,8 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
         sizes.append(EffectSize("", "point_mass", np.nan, False, f"would matter from {tolerance * run.mass:.2g} kg on"))
     if "end_stop" not in here:
         ranges = [
-            f"{name} from {path.min():.3g} to {path.max():.3g} rad" for name, path in zip(scene.coordinates, run.theta.T)
+            f"{name} from {path.min():.3g} to {path.max():.3g} rad"
+            for name, path in zip(scene.coordinates, run.theta.T)
         ]
         about = f"would matter where the motion ends: {', '.join(ranges)}"
         sizes.append(EffectSize("", "end_stop", np.nan, False, about))

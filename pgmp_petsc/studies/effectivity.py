@@ -239,10 +239,10 @@ def table(results: Sequence[Effectivity], n_samples: int, refinement: int) -> Ta
         f"within {FACTOR:g}", "surely",
     )
     words = (
-        f"Largest estimated over largest true error of {n_samples} samples; the true one against full-order runs of steps "
-        f"{refinement} times smaller. The true error is a median, as a share of the output's largest value; the doubt is "
-        "what the last halving of the reference's step moved, over the true error, 95 % of the samples being below; "
-        "surely: even if the true error is larger or smaller by that."
+        f"Largest estimated over largest true error of {n_samples} samples; the true one against full-order runs of "
+        f"steps {refinement} times smaller. The true error is a median, as a share of the output's largest value; the "
+        "doubt is what the last halving of the reference's step moved, over the true error, 95 % of the samples being "
+        "below; surely: even if the true error is larger or smaller by that."
     )
     return Table("Effectivity of the error indicator", header, rows, words)
 
@@ -268,7 +268,9 @@ def print_tables(given: argparse.Namespace) -> None:
 
 def main() -> int:
     """Print the tables as Markdown."""
-    parser = argparse.ArgumentParser(prog="python -m pgmp_petsc.studies.effectivity", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m pgmp_petsc.studies.effectivity", description=__doc__.split("\n")[0]
+    )
     parser.add_argument("scene", type=Path, help="a scene with a torque called 'motor'")
     parser.add_argument("--samples", type=int, default=200, metavar="N")
     words = "steps of the reference in one of the scene; even"

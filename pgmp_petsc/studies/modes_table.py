@@ -90,7 +90,11 @@ def tabulate_modes(
 
 
 def reduced_frequencies(
-    tables: ReducedTables, scheme: str, values: Mapping[str, float], theta: np.ndarray, free: Sequence[int] | None = None
+    tables: ReducedTables,
+    scheme: str,
+    values: Mapping[str, float],
+    theta: np.ndarray,
+    free: Sequence[int] | None = None,
 ) -> np.ndarray:
     """Return the frequencies of the reduced model at any configurations (n, n_theta), shape (n, n_modes), Hz.
 

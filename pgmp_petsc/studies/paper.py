@@ -77,18 +77,18 @@ def _opening(results: PaperResults, costs: Sequence[Cost], tables: Sequence[Tabl
     count = verdicts(tables)
     lines = [
         "# Slider-crank with an uncertain crank radius",
-        "The example of F. Naets, T. Tamarozzi, W. Desmet, *A system level model reduction approach for flexible multibody "
-        "systems with parametric uncertainties*, Procedia IUTAM 13 (2015) 4-13, computed by "
+        "The example of F. Naets, T. Tamarozzi, W. Desmet, *A system level model reduction approach for flexible "
+        "multibody systems with parametric uncertainties*, Procedia IUTAM 13 (2015) 4-13, computed by "
         f"pgmp {__version__} with {results.ensembles['full'].record.ranks} MPI ranks on {os.cpu_count()} processors. "
         "`scripts/demo` repeats all of it.",
-        f"- The reduced model follows the full-order crank angle to {number(100 * angle, 2)} % and the slider's deformation to "
-        f"{number(100 * deformation, 2)} % of their largest values, with three crank radii.\n"
-        f"- {len(results.ensembles['reduced'].status)} reduced and {len(results.ensembles['full'].status)} full-order samples "
-        "give the distributions of the paper's Fig. 6; the reduced deformation is a little too small, because 15 modes leave "
-        "out part of the static answer to the loads.\n"
+        f"- The reduced model follows the full-order crank angle to {number(100 * angle, 2)} % and the slider's "
+        f"deformation to {number(100 * deformation, 2)} % of their largest values, with three crank radii.\n"
+        f"- {len(results.ensembles['reduced'].status)} reduced and {len(results.ensembles['full'].status)} full-order "
+        "samples give the distributions of the paper's Fig. 6; the reduced deformation is a little too small, because "
+        "15 modes leave out part of the static answer to the loads.\n"
         f"- {' '.join(cost.in_words for cost in costs)}\n"
-        f"- The paper's mesh of 5 elements a body is not converged; on {costs[-1].n_elements} elements some frequencies are "
-        "much lower.\n"
+        f"- The paper's mesh of 5 elements a body is not converged; on {costs[-1].n_elements} elements some "
+        "frequencies are much lower.\n"
         f"- {count['ok']} of {count['all']} verdicts below are ok; the others say what differs and why.",
         "\n".join(f"- [{name}]({name}): {words}" for name, words in PICTURES.items()),
     ]

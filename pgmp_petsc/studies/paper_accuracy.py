@@ -30,12 +30,19 @@ def frequency_table(results: PaperResults) -> Table:
                     percent(exact / finer - 1.0),
                 ]
             )
-    header = ("angle, mode", "reference, Hz", "this program, Hz", "relative deviation", "40 elements, Hz", "5 elements too high by")
+    header = (
+        "angle, mode",
+        "reference, Hz",
+        "this program, Hz",
+        "relative deviation",
+        "40 elements, Hz",
+        "5 elements too high by",
+    )
     after = (
-        "**The paper's mesh of 5 elements a body is not converged**: the last column is the error of the mesh itself, far "
-        "larger than that of the program or of the reduction. Over a revolution, 40 elements give "
-        f"{fine_range(results, 1)} Hz for f3 and {fine_range(results, 3)} Hz for f5. All other numbers on this page are for the "
-        "paper's mesh unless they say so."
+        "**The paper's mesh of 5 elements a body is not converged**: the last column is the error of the mesh itself, "
+        "far larger than that of the program or of the reduction. Over a revolution, 40 elements give "
+        f"{fine_range(results, 1)} Hz for f3 and {fine_range(results, 3)} Hz for f5. All other numbers on this page "
+        "are for the paper's mesh unless they say so."
     )
     return Table("Frequencies against the reference", header, rows, after=after)
 
@@ -80,9 +87,9 @@ def end_table(results: PaperResults, exact_run: Mapping[str, np.ndarray], exact_
         f"Full-order run at 1 s, step {1e3 * step:g} ms, against the reference",
         ("output", "reference", "this program", "relative deviation", f"with a step of {1e3 * exact_step:g} ms"),
         rows,
-        after="The deviation is the error of the time step, which falls with its square (next table). The deformation, a small "
-        "difference of two positions, also carries a small, fast vibration from the bends of the torque's curve, which neither "
-        "of the two steps resolves.",
+        after="The deviation is the error of the time step, which falls with its square (next table). The deformation, "
+        "a small difference of two positions, also carries a small, fast vibration from the bends of the torque's "
+        "curve, which neither of the two steps resolves.",
     )
 
 
@@ -104,9 +111,16 @@ def distance_table(results: PaperResults) -> Table:
             ]
         )
     yardstick = stats.kstwobign.ppf(0.95) * np.sqrt(2.0 / fine.sum())
-    header = ("output at 1 s", "Kolmogorov-Smirnov distance", "largest difference / largest value", "rms difference / std")
-    after = (
-        f"For comparison: two independent sets of this size from one distribution are {yardstick:.3f} or more apart in 5 % of all "
-        "cases. What the 15 modes leave out of the static answer shows in the deformation alone."
+    header = (
+        "output at 1 s",
+        "Kolmogorov-Smirnov distance",
+        "largest difference / largest value",
+        "rms difference / std",
     )
-    return Table(f"Full-order against reduced distribution, {int(fine.sum())} common samples", header, rows, after=after)
+    after = (
+        f"For comparison: two independent sets of this size from one distribution are {yardstick:.3f} or more apart in "
+        "5 % of all cases. What the 15 modes leave out of the static answer shows in the deformation alone."
+    )
+    return Table(
+        f"Full-order against reduced distribution, {int(fine.sum())} common samples", header, rows, after=after
+    )

@@ -45,11 +45,12 @@ def published_table(results: PaperResults) -> Table:
         rows += density_rows(output, results)
     rows.append(cost_row(results))
     rules = (
-        f"Verdicts follow from rules: a band is ok where it lies within the paper's axis labels and within {percent(ROUNDING)} "
-        f"of the reference; a mean or standard deviation where it lies within {STANDARD_ERRORS:g} standard errors of the "
-        f"reference's, both being samples; a peak within {percent(PEAK_TOLERANCE)}; a support within "
-        f"{percent(SUPPORT_TOLERANCE)} of its width (here: from the {percent(TAILS[0])} to the {percent(TAILS[1], 3)} quantile). "
-        "\"Reference\" is an independent full-order code on the same equations and the same 5 elements a body."
+        "Verdicts follow from rules: a band is ok where it lies within the paper's axis labels and within "
+        f"{percent(ROUNDING)} of the reference; a mean or standard deviation where it lies within {STANDARD_ERRORS:g} "
+        f"standard errors of the reference's, both being samples; a peak within {percent(PEAK_TOLERANCE)}; a support "
+        f"within {percent(SUPPORT_TOLERANCE)} of its width (here: from the {percent(TAILS[0])} to the "
+        f"{percent(TAILS[1], 3)} quantile). \"Reference\" is an independent full-order code on the same equations and "
+        "the same 5 elements a body."
     )
     return Table("The paper's figures and numbers", ("what", "paper", "this program", "verdict"), rows, after=rules)
 
@@ -78,8 +79,8 @@ def frequency_row(band: Band, results: PaperResults) -> list[str]:
     elif not inside:
         verdict = (
             f"differs from the paper's axis: {span(low, high)} Hz does not fit between {first - spacing:g} and "
-            f"{last + spacing:g}; the reference has the same ({theirs}), so it is no error of this program; the paper does "
-            "not say how its beam treats shear and mass"
+            f"{last + spacing:g}; the reference has the same ({theirs}), so it is no error of this program; the paper "
+            "does not say how its beam treats shear and mass"
         )
     else:
         verdict = f"ok (reference {theirs})"
@@ -134,7 +135,8 @@ def density_rows(output: str, results: PaperResults) -> list[list[str]]:
         rows.append(
             [
                 f"Fig. 6, {WORDS[output]}, {MODEL_WORDS[model]}: support, peak",
-                f"{span(*(factor * edge for edge in published.support))} {unit}, peak {published.peak:g} 1/{unit.split()[-1]}",
+                f"{span(*(factor * edge for edge in published.support))} {unit}, peak {published.peak:g} "
+                f"1/{unit.split()[-1]}",
                 f"{span(*(factor * support))} {unit}, peak {number(peak, 3)} 1/{unit.split()[-1]} "
                 f"(reference {published.reference_peak:g})",
                 shape_verdict(published, support, peak, NARROW if model == "reduced" else ""),
@@ -161,7 +163,8 @@ def shape_verdict(published: Density, support: np.ndarray, peak: float, because:
     parts = []
     if np.max(np.abs(support - published.support)) > SUPPORT_TOLERANCE * width:
         parts.append(
-            "the ends of the support, which are read from the paper's axis; its torque, too, is known from a picture only"
+            "the ends of the support, which are read from the paper's axis; its torque, too, is known from a picture "
+            "only"
         )
     if abs(peak / published.peak - 1.0) > PEAK_TOLERANCE:
         parts.append(f"the peak by {percent(peak / published.peak - 1.0)}{because}")
@@ -204,6 +207,10 @@ def cost_row(results: PaperResults) -> list[str]:
         "Monte Carlo, wall time",
         f"full order about a week, reduced two hours (Matlab, 10 000 samples): ratio {paper:.0f}",
         f"{mine}: ratio {number(ratio, 2)}",
-        "ok" if ratio > paper else "differs, because this full-order code is compiled, keeps its sparse factor's pattern and "
-        "works on batches; with 5 elements a body there is hardly anything to save (see Cost below)",
+        (
+            "ok"
+            if ratio > paper
+            else "differs, because this full-order code is compiled, keeps its sparse factor's pattern and works on "
+            "batches; with 5 elements a body there is hardly anything to save (see Cost below)"
+        ),
     ]

@@ -43,7 +43,9 @@ class Cost:
         if self.speed_up > 1.25:
             return f"{where} the reduced model is {number(self.speed_up, 2)} times as fast as the full-order one."
         if self.speed_up > 0.8:
-            return f"{where} the full-order model is about as fast as the reduced one: the reduction does not pay there."
+            return (
+                f"{where} the full-order model is about as fast as the reduced one: the reduction does not pay there."
+            )
         return f"{where} the full-order model is {number(1 / self.speed_up, 2)} times as fast as the reduced one."
 
 
@@ -118,4 +120,10 @@ def cost_table(costs: Sequence[Cost]) -> Table:
         f"Processor time of one sample (1 s of motion), one process, batches of {N_SAMPLES}, least of {N_REPEATS}. The "
         "baseline is this program's own batched full-order code, the fastest one at hand."
     )
-    return Table("Cost of a sample, and what the reduction saves", header, rows, before, " ".join(cost.in_words for cost in costs))
+    return Table(
+        "Cost of a sample, and what the reduction saves",
+        header,
+        rows,
+        before,
+        " ".join(cost.in_words for cost in costs),
+    )

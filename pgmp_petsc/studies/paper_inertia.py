@@ -28,8 +28,8 @@ def inertia_table(results: PaperResults) -> Table:
         error = np.max(np.abs(without.outputs[output] - exact)) / np.max(np.abs(exact))
         rows.append([output.replace("_", " "), percent(error), percent(results.largest_error(output, NOMINAL))])
     after = (
-        "Largest error over 1 s, over the largest full-order value. `b` stands for the inertia forces of the rigid motion that bend "
-        "the bodies; see `docs/method.md`."
+        "Largest error over 1 s, over the largest full-order value. `b` stands for the inertia forces of the rigid "
+        "motion that bend the bodies; see `docs/method.md`."
     )
     header = ("output", "without b, as in eq. (12)", "with b")
     return Table("What the inertia coupling b is worth", header, rows, after=after)

@@ -72,8 +72,8 @@ CASES = (
         SUDDEN,
         1.0,
         (1e-3, 5e-4, 2.5e-4),
-        "differs, because the sudden start sets off vibrations faster than these steps, which turn the hinge's node; the next "
-        "case resolves them",
+        "differs, because the sudden start sets off vibrations faster than these steps, which turn the hinge's node; "
+        "the next case resolves them",
     ),
     Case("the same, 5 ms with steps that resolve all vibrations", SUDDEN, 5e-3, (4e-6, 2e-6, 1e-6)),
 )
@@ -97,9 +97,9 @@ def order_table(scene: Path, at_rest: dict[str, np.ndarray]) -> Table:
                 rows.append(_row(case, radius, output, errors))
     header = ("start", "spectral radius", "output", "steps", "rms errors", "observed orders", "verdict")
     after = (
-        f"Error: root mean square over time (rad, m) against a step {FINENESS} times smaller than the smallest. Order: log2 of "
-        f"the ratio of the errors of two successive steps. ok: the last one is within {TOLERANCE:g} of the order {WANTED:g} of "
-        "generalised-alpha."
+        f"Error: root mean square over time (rad, m) against a step {FINENESS} times smaller than the smallest. Order: "
+        f"log2 of the ratio of the errors of two successive steps. ok: the last one is within {TOLERANCE:g} of the "
+        f"order {WANTED:g} of generalised-alpha."
     )
     return Table("Observed order of the time integration", header, rows, after=after)
 

@@ -29,9 +29,9 @@ def rank_table(directory: Path) -> Table:
         rows.append([words, *(f"{difference:.1e}" for difference in differences), verdict])
     header = ("against 1 rank", "frequencies", "outputs of reduced samples", "outputs of full-order samples", "verdict")
     after = (
-        "Largest relative differences: frequencies of `pgmp modes` (12 angles) and of the reduced model's build (48 angles); "
-        "every output of 16 samples at 1 s over the largest value of that output. Each reduced ensemble uses the reduced "
-        "model built with the same number of ranks."
+        "Largest relative differences: frequencies of `pgmp modes` (12 angles) and of the reduced model's build (48 "
+        "angles); every output of 16 samples at 1 s over the largest value of that output. Each reduced ensemble uses "
+        "the reduced model built with the same number of ranks."
     )
     return Table("Independence of the number of ranks", header, rows, after=after)
 
@@ -39,7 +39,10 @@ def rank_table(directory: Path) -> Table:
 def frequency_difference(directory: Path, name: str) -> float:
     """Return the largest relative difference of the frequencies."""
     pairs = [
-        (ModesTable.read(directory / f"modes_{which}.h5").full_hz, ReducedOrderModel.read(directory / f"rom_{which}.h5"))
+        (
+            ModesTable.read(directory / f"modes_{which}.h5").full_hz,
+            ReducedOrderModel.read(directory / f"rom_{which}.h5"),
+        )
         for which in (BASE, name)
     ]
     (modes, rom), (other_modes, other_rom) = pairs

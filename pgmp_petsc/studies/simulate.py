@@ -127,7 +127,17 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     n_theta = model.kinematics.n_coordinates
     balance = with_weights(balance_of(time, energies), model)
     return _trajectory(
-        model, time, outputs, eta[:, :n_theta], eta[:, n_theta:], frames, time[wanted], comm.size, timings, balance, estimate
+        model,
+        time,
+        outputs,
+        eta[:, :n_theta],
+        eta[:, n_theta:],
+        frames,
+        time[wanted],
+        comm.size,
+        timings,
+        balance,
+        estimate,
     )
 
 

@@ -44,7 +44,7 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Choice:
-    """The cheapest settings that meet some errors: of the models, and of the response surfaces; None where none does."""
+    """The cheapest settings that meet some errors: of the models and of the response surfaces; None where none does."""
 
     thresholds: tuple[float, ...]
     row: int | None

@@ -2,8 +2,8 @@
 
 Times are taken by the wall and by the processor, of this process alone. *Offline* is what comes before the first
 sample: the build of a reduced model and its preparation, the preparation of a full-order model, the runs at a response
-surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble does it: integration to
-the end time and the outputs there; of a response surface the outputs over time. A sample alone is a batch of one.
+surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble does it: integration
+to the end time and the outputs there; of a response surface the outputs over time. A sample alone is a batch of one.
 """
 
 from __future__ import annotations

@@ -122,7 +122,10 @@ def test_a_reduced_run_says_how_wrong_it_is(folder: Path, rom: Path, reduced: Pa
         assert file["errors/time"][-1] == pytest.approx(0.05, rel=1e-12)
         for name in OUTPUTS:
             values, about = file[f"errors/{name}"], file[f"errors/{name}"].attrs
-            assert values.shape == file["errors/time"].shape and values.attrs["unit"] == file[f"outputs/{name}"].attrs["unit"]
+            assert (
+                values.shape == file["errors/time"].shape
+                and values.attrs["unit"] == file[f"outputs/{name}"].attrs["unit"]
+            )
             assert about["maximum"] == pytest.approx(np.abs(values[()]).max(), rel=1e-12)
             largest = np.abs(file[f"outputs/{name}"][()]).max()
             assert about["share"] == pytest.approx(about["maximum"] / largest, rel=1e-12)
@@ -254,7 +257,10 @@ def test_set_and_override_reach_every_command(folder: Path, rom: Path) -> None:
 def test_info_tells_what_every_file_holds(rom: Path, reduced: Path, ensemble: Path, table: Path) -> None:
     for path, words in (
         (rom, ("reduced model", "/tables/mass")),
-        (reduced, ("trajectory of the reduced model", "/time", "/outputs/crank_angle", "estimated errors", "elastic strain")),
+        (
+            reduced,
+            ("trajectory of the reduced model", "/time", "/outputs/crank_angle", "estimated errors", "elastic strain"),
+        ),
         (ensemble, ("ensemble of the reduced model", "seed       7", "/status", "12 samples: median, largest")),
         (table, ("table of modes", "/theta")),
     ):

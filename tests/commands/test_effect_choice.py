@@ -1,4 +1,4 @@
-"""``pgmp check --effects`` and ``effects = "auto"``: sizes against figures worked out by hand, and the choice that follows."""
+"""``pgmp check --effects`` and ``effects = "auto"``: sizes against hand-worked figures, and the choice that follows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,14 @@ from pgmp_petsc.studies.inputs import read_scene
 
 FOUR_BAR = ROOT / "scenes" / "four_bar.toml"
 BEAM = ROOT / "scenes" / "spinning_beam.toml"
-QUICK = ("--override", "reduction.angles=12", "--override", "reduction.modes=2", "--override", "simulation.duration=0.2")
+QUICK = (
+    "--override",
+    "reduction.angles=12",
+    "--override",
+    "reduction.modes=2",
+    "--override",
+    "simulation.duration=0.2",
+)
 TINY = 'effects.tiny={type="joint_damping",joint="elbow",coefficient=1e-9}'
 
 
@@ -37,8 +44,8 @@ def shares(sizes: EffectSizes) -> dict[str, float]:
 
 
 def test_the_shares_of_a_spinning_beam_are_those_of_the_closed_form() -> None:
-    # clamped: omega_1 = 3.516 sqrt(EI / (rho A L^4)); its stiffness grows by 1.193 Omega^2 with the spin Omega (the flapwise
-    # frequency's), which is 6 rad/s at most
+    # clamped: omega_1 = 3.516 sqrt(EI / (rho A L^4)); its stiffness grows by 1.193 Omega^2 with the spin Omega (the
+    # flapwise frequency's), which is 6 rad/s at most
     found, first = shares(sizes_of(BEAM)), 3.516 * np.sqrt(1.4e4 / (1.2 * 10.0**4))
     assert found["mode_inertia"] == pytest.approx(6.0 / first, rel=0.01)
     assert found["geometric_stiffening"] == pytest.approx(1.193 * 36.0 / first**2, rel=0.03)

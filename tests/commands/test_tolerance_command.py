@@ -30,8 +30,8 @@ REFUSED = {
         ("cannot be met, the basis stands in the way", "these are all flexible modes that the meshes have"),
     ),
     "angles": (
-        ("reduction={tolerance=1e-3, modes=7, static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, "
-         "angles=16, interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
+        ("reduction={tolerance=1e-3, modes=7, static_modes=true, inertia_modes=false, parameter_modes=0, "
+         "second_order=false, angles=16, interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
         ("the basis stands in the way", "interpolation: at best 0.", "part of the basis's error",
          "reduction.angles = 16"),
     ),
@@ -77,13 +77,14 @@ def test_the_message_says_what_stands_in_the_way(
 
 
 def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
-    """A build says it, `info` shows the attempts, a run takes the chosen step, or another for a tolerance of its own."""
+    """A build says it, `info` shows the attempts, a run takes the chosen step or another for a tolerance of its own."""
     rom, run = tmp_path / "rom.h5", tmp_path / "run.h5"
     given = f"reduction={{tolerance=1e-2, {PLAIN}}}"
     said = pgmp("build", PAPER_SCENE, "-o", rom,
                 *overridden(given, "simulation={tolerance=1e-2, duration=0.1}", RIGID)).stdout
     for words in ("chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.01",
-                  "kept as given: reduction.modes = 4", "the step was found with 'own'", "simulation.step = 0.00156", "trained on r1 = 0.0056", "no part of the tolerance: cells cut in two",
+                  "kept as given: reduction.modes = 4", "the step was found with 'own'", "simulation.step = 0.00156",
+                  "trained on r1 = 0.0056", "no part of the tolerance: cells cut in two",
                   "processor time of a sample"):
         assert words in said, said
     told = pgmp("info", rom).stdout
@@ -99,7 +100,10 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
 
 
 def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> None:
-    given = f'reduction={{tolerance=1e-2, static_modes=true, {NO_MORE}, second_order=false, angles=24, interpolation="spectral"}}'
+    given = (
+        f"reduction={{tolerance=1e-2, static_modes=true, {NO_MORE}, second_order=false, angles=24, "
+        'interpolation="spectral"}'
+    )
     command = ["build", str(PAPER_SCENE), *overridden(given, SHORT, RIGID)]
     one = pgmp(*command, "-o", tmp_path / "one.h5").stdout
     two = mpirun(2, *PGMP, *command, "-o", tmp_path / "two.h5").stdout

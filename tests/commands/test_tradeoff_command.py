@@ -1,4 +1,4 @@
-"""``pgmp tradeoff`` as a user runs it: its file, what is printed, what `info` and `plot` make of it; on 1 and 3 ranks."""
+"""``pgmp tradeoff`` as users run it: its file, what is printed, what `info` and `plot` make of it; on 1 and 3 ranks."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import ModesTable
 
 THIRD = (
-    "--override", 'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
+    "--override", 'bodies.hand={mesh="crank_5.msh",element="beam2d",material="steel",'
+    'section={shape="circle",radius=4e-3}}',
     "--override", 'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
     "--override", 'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
 )
@@ -48,8 +49,16 @@ def test_check_build_info_and_modes(scene: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "options", "words"),
     [
-        ("build", ("--override", "reduction.second_order=true"), "reduction.second_order = true: for one rigid coordinate"),
-        ("build", ("--override", "reduction.tolerance=0.01"), "reduction.tolerance = 0.01: for one rigid coordinate only"),
+        (
+            "build",
+            ("--override", "reduction.second_order=true"),
+            "reduction.second_order = true: for one rigid coordinate",
+        ),
+        (
+            "build",
+            ("--override", "reduction.tolerance=0.01"),
+            "reduction.tolerance = 0.01: for one rigid coordinate only",
+        ),
         ("build", THIRD, "8 along each would make 8^3 = 512 configurations"),
         ("modes", THIRD, "8 along each would make 8^3 = 512 configurations"),
         ("tradeoff", (), "pgmp tradeoff: for one rigid coordinate only, but the scene has 2: theta1, theta2"),

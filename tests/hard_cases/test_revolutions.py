@@ -44,7 +44,9 @@ def energy_of(model: ReducedModel) -> tuple[Callable[[np.ndarray, np.ndarray], f
     tables, scheme, values = rom().tables, model.scene.reduction.interpolation, model.scene.nominal
 
     def table(weights: tuple, terms: np.ndarray) -> Callable:
-        return interpolant(tables.samples.axes[0], np.einsum("t,nt...->n...", evaluate_weights(weights, values), terms), scheme)
+        return interpolant(
+            tables.samples.axes[0], np.einsum("t,nt...->n...", evaluate_weights(weights, values), terms), scheme
+        )
 
     mass = table(tables.mass_weights, tables.mass)
     stiffness = table(tables.stiffness_weights, tables.stiffness)

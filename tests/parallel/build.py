@@ -56,10 +56,15 @@ CASES = {
     "curved_turning": lambda: quick_return(STATIC, SECOND, "reduction.angles=12", "reduction.modes=3"),
     "chebyshev": lambda: trammel(*PART, 'reduction.interpolation="spectral"'),
     "adaptive": lambda: slider_crank(
-        'reduction.interpolation="spline"', "reduction.sampling_tolerance=0.3", "reduction.angles=6", "reduction.modes=3"
+        'reduction.interpolation="spline"',
+        "reduction.sampling_tolerance=0.3",
+        "reduction.angles=6",
+        "reduction.modes=3",
     ),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.angles=48"),
-    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", "reduction.angles=48"),
+    "extended_reflected": lambda: four_bar(
+        *UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", "reduction.angles=48"
+    ),
     "extended_adaptive": lambda: slider_crank(
         UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", "reduction.angles=12"
     ),

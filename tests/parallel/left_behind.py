@@ -1,4 +1,4 @@
-"""Leave a stepper written in Python to a cycle of references, and end as a command does, or at once: ``closed|open``."""
+"""Leave a stepper written in Python to a cycle of references, and end as a command does or at once: ``closed|open``."""
 
 from __future__ import annotations
 

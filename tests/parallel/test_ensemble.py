@@ -111,7 +111,9 @@ def test_the_share_of_checked_samples(folder: Path, rom: Path, expected: Ensembl
     """All, none, or no indicator: outputs are the same, estimates where they are wanted."""
     for share, n_checked in (("1.0", N), ("0.005", 5), ("0.0", None)):
         path = folder / f"share_{share}.h5"
-        done = pgmp("montecarlo", rom, "-n", N, "--seed", SEED, "-o", path, "--override", f"ensemble.checked_share={share}")
+        done = pgmp(
+            "montecarlo", rom, "-n", N, "--seed", SEED, "-o", path, "--override", f"ensemble.checked_share={share}"
+        )
         found = Ensemble.read(path)
         for name, values in expected.outputs.items():
             np.testing.assert_array_equal(found.outputs[name], values)

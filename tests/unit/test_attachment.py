@@ -14,7 +14,10 @@ from pgmp_petsc.mechanism.joints import Driver, Fixed, Joint, PointOnLine, Revol
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step
 SIDES = {
-    "both away": (Attachment(0, 0, np.zeros(2), np.array([0.3, -0.2])), Attachment(1, 1, np.zeros(2), np.array([-0.5, 0.1]))),
+    "both away": (
+        Attachment(0, 0, np.zeros(2), np.array([0.3, -0.2])),
+        Attachment(1, 1, np.zeros(2), np.array([-0.5, 0.1])),
+    ),
     "one away": (Attachment(0, 0, np.zeros(2)), Attachment(1, 1, np.zeros(2), np.array([-0.5, 0.1]))),
     "from the ground": (Attachment(-1, -1, np.array([0.7, 0.4])), Attachment(1, 1, np.zeros(2), np.array([-0.5, 0.1]))),
 }
@@ -87,9 +90,9 @@ def test_derivatives_of_connections(joint: Joint, sides: tuple[Attachment, Attac
         np.testing.assert_allclose(connection.jacobian(q)[:, j], slope, rtol=0, atol=ATOL)
         slope = (connection.jacobian(q + d) - connection.jacobian(q - d)) / (2 * STEP)
         np.testing.assert_allclose(connection.hessian(q)[:, columns, j], slope[:, columns], rtol=0, atol=ATOL)
-    assert connection.linear == (not np.any(connection.hessian(q)[np.ix_(range(joint.n_constraints), columns, columns)])) or (
-        isinstance(joint, Driver)
-    )
+    assert connection.linear == (
+        not np.any(connection.hessian(q)[np.ix_(range(joint.n_constraints), columns, columns)])
+    ) or (isinstance(joint, Driver))
 
 
 def test_frame_and_rate_of_a_point_away_from_its_node() -> None:

@@ -26,7 +26,14 @@ def batch(first: int, n: int = 4) -> Batch:
     outputs = {"angle": -numbers, "x.y": numbers / 7}
     estimates = {name: np.where(numbers < 3, 1e-3 * values, np.nan) for name, values in outputs.items()}
     return Batch(
-        first, {"r1": numbers}, outputs, status, np.where(status, 0.5, np.nan), estimates, dict(estimates), {"bent": numbers}
+        first,
+        {"r1": numbers},
+        outputs,
+        status,
+        np.where(status, 0.5, np.nan),
+        estimates,
+        dict(estimates),
+        {"bent": numbers},
     )
 
 

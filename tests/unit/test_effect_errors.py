@@ -31,7 +31,8 @@ section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, lin
 [bodies.rod]
 line = { length = 0.7, elements = 2 }
 element = "beam2d"
-section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 10.0, line_density = 1.0, rotary_density = 1e-4 }
+section = { shape = "coefficients", axial = 1e5, shear = 1e5, bending = 10.0, line_density = 1.0, \
+rotary_density = 1e-4 }
 placement = { origin = [0.3, 0.0] }
 [bodies.block]
 line = { length = 0.1, elements = 1 }
@@ -82,7 +83,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "two directions": (
         (f'effects.e={{type="force", point="rod:tip", direction=[1, 0], towards="ground:origin", {WAVE}}}',),
-        ('effects.e.towards = "ground:origin": exactly one of direction, towards is needed; direction and towards are given',),
+        (
+            'effects.e.towards = "ground:origin": exactly one of direction, towards is needed; direction and towards '
+            "are given",
+        ),
     ),
     "follows a point": (
         (f'effects.e={{type="force", point="rod:tip", towards="ground:origin", follows=true, {WAVE}}}',),
@@ -142,14 +146,19 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ('effects.e = { type = "structural_damping" }: at least one of stiffness, mass and ratios must be above zero',),
     ),
     "a ratio of one": (
-        ('effects.e={type="structural_damping", ratios=[0.1, 1.0]}',), ("effects.e.ratios[1] = 1.0: must be less than 1.0",)
+        ('effects.e={type="structural_damping", ratios=[0.1, 1.0]}',),
+        ("effects.e.ratios[1] = 1.0: must be less than 1.0",),
     ),
     "no bodies": (
-        ('effects.e={type="structural_damping", mass=1, bodies=[]}',), ("effects.e.bodies = []: at least 1 entry is needed",)
+        ('effects.e={type="structural_damping", mass=1, bodies=[]}',),
+        ("effects.e.bodies = []: at least 1 entry is needed",),
     ),
     "no end": (
         ('effects.e={type="end_stop", joint="hinge", stiffness=1}',),
-        ('effects.e = { type = "end_stop", joint = "hinge", stiffness = 1 }: at least one of lower and upper is needed',),
+        (
+            'effects.e = { type = "end_stop", joint = "hinge", stiffness = 1 }: at least one of lower and upper is '
+            "needed",
+        ),
     ),
     "ends that cross": (
         ('effects.e={type="end_stop", joint="hinge", stiffness=1, lower=1, upper=0.5}',),
@@ -165,15 +174,22 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     # kinds and names
     "unknown type": (
-        ('effects.e={type="gravty"}',), (f"effects.e.type = \"gravty\": unknown; did you mean 'gravity'? (allowed: {ALLOWED})",)
+        ('effects.e={type="gravty"}',),
+        (f"effects.e.type = \"gravty\": unknown; did you mean 'gravity'? (allowed: {ALLOWED})",),
     ),
     "unknown key": (
         ('effects.e={type="gravity", axceleration=9}',),
-        ("effects.e.axceleration = 9: unknown key; did you mean 'acceleration'? (allowed: type, direction, acceleration)",),
+        (
+            "effects.e.axceleration = 9: unknown key; did you mean 'acceleration'? (allowed: type, direction, "
+            "acceleration)",
+        ),
     ),
     "torque on a slider": (
         (f'effects.e={{type="torque", joint="slider", {WAVE}}}',),
-        ('effects.e.joint = "slider": a revolute joint is needed, this one is a point_on_line (allowed: hinge, elbow)',),
+        (
+            'effects.e.joint = "slider": a revolute joint is needed, this one is a point_on_line (allowed: hinge, '
+            "elbow)",
+        ),
     ),
     "damping of a weld": (
         ('effects.e={type="joint_damping", joint="weld", coefficient=1}',),
@@ -229,11 +245,17 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "a spring within a rigid body": (
         ('effects.e={type="spring_damper", points=["crank:tip", "crank:hinge"], stiffness=1, rest=1}',),
-        ('effects.e.points = ["crank:tip", "crank:hinge"]: crank is rigid; the distance of its points does not change',),
+        (
+            'effects.e.points = ["crank:tip", "crank:hinge"]: crank is rigid; the distance of its points does not '
+            "change",
+        ),
     ),
     "a force within a rigid body": (
         (f'effects.e={{type="force", point="crank:tip", towards="crank:hinge", {WAVE}}}',),
-        ('effects.e.towards = ["crank:tip", "crank:hinge"]: crank is rigid; the distance of its points does not change',),
+        (
+            'effects.e.towards = ["crank:tip", "crank:hinge"]: crank is rigid; the distance of its points does not '
+            "change",
+        ),
     ),
     "a force towards where it is": (
         (f'effects.e={{type="force", point="rod:tip", towards="rod:tip", {WAVE}}}',),
@@ -242,11 +264,17 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     # time
     "too fast a torque": (
         ('effects.e={type="torque", joint="hinge", harmonic={amplitude=1, frequency_hz=1000}}',),
-        ("effects.e.harmonic.frequency_hz = 1000.0: needs a simulation.step of at most 0.000125 s, 8 a period; it is 0.001 s",),
+        (
+            "effects.e.harmonic.frequency_hz = 1000.0: needs a simulation.step of at most 0.000125 s, 8 a period; it "
+            "is 0.001 s",
+        ),
     ),
     "too fast a motion": (
         ('effects.e={type="prescribed_motion", coordinate="theta", harmonic={amplitude=1, frequency_hz=1000}}',),
-        ("effects.e.harmonic.frequency_hz = 1000.0: needs a simulation.step of at most 0.000125 s, 8 a period; it is 0.001 s",),
+        (
+            "effects.e.harmonic.frequency_hz = 1000.0: needs a simulation.step of at most 0.000125 s, 8 a period; it "
+            "is 0.001 s",
+        ),
     ),
     "a pulse between steps": (
         ('effects.e={type="force", point="rod:tip", direction=[1, 0], table=[[0.5002, 0], [0.5004, 100], [0.5006, 0]]}',
@@ -279,13 +307,17 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "driven against a torque": (
         (f"effects.e={DRIVE}", f'effects.f={{type="torque", joint="hinge", {WAVE}}}'),
-        ('effects.e.coordinate = "theta": contradicts effects.f, of type torque on the same joint hinge: a prescribed motion takes '
-         "whatever torque it needs; leave one of them out",),
+        (
+            'effects.e.coordinate = "theta": contradicts effects.f, of type torque on the same joint hinge: a '
+            "prescribed motion takes whatever torque it needs; leave one of them out",
+        ),
     ),
     "driven into a stop": (
         (f"effects.e={DRIVE}", 'effects.f={type="end_stop", joint="hinge", stiffness=1, lower=-1}'),
-        ('effects.e.coordinate = "theta": contradicts effects.f, of type end_stop on the same joint hinge: a prescribed motion takes '
-         "whatever torque it needs; leave one of them out",),
+        (
+            'effects.e.coordinate = "theta": contradicts effects.f, of type end_stop on the same joint hinge: a '
+            "prescribed motion takes whatever torque it needs; leave one of them out",
+        ),
     ),
     "driven from two starts": (
         (f"effects.e={DRIVE}", "simulation.initial.theta.position=0.1"),
@@ -298,35 +330,51 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "stiffening alone": (
         ('effects.e={type="geometric_stiffening"}',),
-        ("effects.e: is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an "
-         'effect of type "mode_inertia" too, or neither',),
+        (
+            "effects.e: is half of what is of second order in the deformation, and wrong by itself where bodies spin; "
+            'name an effect of type "mode_inertia" too, or neither',
+        ),
     ),
     "shapes alone": (
         ('effects.e={type="mode_inertia"}',),
-        ("effects.e: is half of what is of second order in the deformation, and wrong by itself where bodies spin; name an "
-         'effect of type "geometric_stiffening" too, or neither',),
+        (
+            "effects.e: is half of what is of second order in the deformation, and wrong by itself where bodies spin; "
+            'name an effect of type "geometric_stiffening" too, or neither',
+        ),
     ),
     "stiffening without its forces": (
-        ('effects.e={type="geometric_stiffening"}', 'effects.f={type="mode_inertia"}',
-         'effects.g={type="gyroscopic", keep=false}'),
-        ("effects.g.keep = false: leaves out the forces by velocities whose stiffening effects.e asks for; keep them, or "
-         "leave out both",),
+        (
+            'effects.e={type="geometric_stiffening"}',
+            'effects.f={type="mode_inertia"}',
+            'effects.g={type="gyroscopic", keep=false}',
+        ),
+        (
+            "effects.g.keep = false: leaves out the forces by velocities whose stiffening effects.e asks for; keep "
+            "them, or leave out both",
+        ),
     ),
     "second order without its forces": (
         ('effects.g={type="gyroscopic", keep=false}', "reduction.second_order=true"),
-        ("effects.g.keep = false: leaves out the forces by velocities whose stiffening reduction.second_order asks for; keep "
-         "them, or leave out both",),
+        (
+            "effects.g.keep = false: leaves out the forces by velocities whose stiffening reduction.second_order asks "
+            "for; keep them, or leave out both",
+        ),
     ),
     # bodies
     "a material for coefficients": (
-        ('bodies.rod.material="steel"',), ('bodies.rod.material = "steel": a section given by coefficients has no material',)
+        ('bodies.rod.material="steel"',),
+        ('bodies.rod.material = "steel": a section given by coefficients has no material',),
     ),
     "no material": (
-        ('bodies.rod.section={shape="circle", radius=1e-2}',), ("bodies.rod.material: missing; needed: name of a material",)
+        ('bodies.rod.section={shape="circle", radius=1e-2}',),
+        ("bodies.rod.material: missing; needed: name of a material",),
     ),
     "mesh and line": (
-        ('bodies.rod.mesh="rod.msh"',), ("bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line is "
-                                         "needed; mesh and line are given",)
+        ('bodies.rod.mesh="rod.msh"',),
+        (
+            "bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line is "
+            "needed; mesh and line are given",
+        ),
     ),
     "no elements": (("bodies.rod.line.elements=0",), ("bodies.rod.line.elements = 0: must be at least 1",)),
     "flexible without rotary inertia": (
@@ -357,8 +405,14 @@ def test_every_error_of_effects(name: str) -> None:
 
 
 def test_a_driven_coordinate_starts_where_its_motion_says() -> None:
-    scene = scene_from_toml(BASE, ".", ["coordinates.theta.range=[1, 2]",
-                                        'effects.e={type="prescribed_motion", coordinate="theta", constant_speed={speed=0, start=1.5}}'])
+    scene = scene_from_toml(
+        BASE,
+        ".",
+        [
+            "coordinates.theta.range=[1, 2]",
+            'effects.e={type="prescribed_motion", coordinate="theta", constant_speed={speed=0, start=1.5}}',
+        ],
+    )
     assert scene.initial_state("theta").position == 0.0, "which is not looked at"
 
 
@@ -396,7 +450,13 @@ def test_more_ratios_than_a_body_has_modes() -> None:
         model.batch({}, 1)
 
 
-COMMANDS = ("torque on a slider", "driven against a torque", "unknown type", "stiffening alone", "damping of a rigid body")
+COMMANDS = (
+    "torque on a slider",
+    "driven against a torque",
+    "unknown type",
+    "stiffening alone",
+    "damping of a rigid body",
+)
 
 
 @pytest.mark.parametrize("n_ranks", [1, 3])
@@ -404,7 +464,8 @@ def test_the_command_ends_with_one_message(mpirun: Callable, tmp_path: Path, n_r
     scene = tmp_path / "base.toml"
     scene.write_text(BASE)
     commands = [
-        ["check", str(scene), *(word for override in CASES[name][0] for word in ("--override", override))] for name in COMMANDS
+        ["check", str(scene), *(word for override in CASES[name][0] for word in ("--override", override))]
+        for name in COMMANDS
     ]
     beyond = ["simulate", str(scene), "--full", "-o", str(tmp_path / "out.h5"), "--override", IN_THE_MESH["force"][0]]
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps([*commands, beyond]))

@@ -26,14 +26,18 @@ def damped(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]
         u[:, None], v[:, None], LENGTH, ALPHA, SECTION[:, None], np.array([BETA]), GAIN_V, force, packed, power
     )
     tangent = np.empty((6, 6))
-    tangent[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = tangent[beam2d.PACKED_COLUMNS, beam2d.PACKED_ROWS] = packed[:, 0]
+    tangent[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = tangent[beam2d.PACKED_COLUMNS, beam2d.PACKED_ROWS] = packed[
+        :, 0
+    ]
     return force[:, 0], tangent, power[0]
 
 
 def states() -> list[tuple[np.ndarray, np.ndarray]]:
     """Return strongly deformed states and their rates."""
     rng = np.random.default_rng(4)
-    return [(np.array([0.1, -0.2, 0.3, 0.85, 0.15, -0.4]) + rng.normal(0, 0.3, 6), rng.normal(size=6)) for _ in range(5)]
+    return [
+        (np.array([0.1, -0.2, 0.3, 0.85, 0.15, -0.4]) + rng.normal(0, 0.3, 6), rng.normal(size=6)) for _ in range(5)
+    ]
 
 
 def test_stresses_follow_the_rate_of_the_strains() -> None:

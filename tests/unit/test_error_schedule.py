@@ -19,7 +19,9 @@ def test_the_first_of_every_thousand_are_checked() -> None:
     assert not checked(0.0, 0, 2500).any()
     assert checked(1e-5, 0, 1000).sum() == 1
     whole = checked(0.3, 0, 2000)
-    np.testing.assert_array_equal(np.concatenate([checked(0.3, first, first + 125) for first in range(0, 2000, 125)]), whole)
+    np.testing.assert_array_equal(
+        np.concatenate([checked(0.3, first, first + 125) for first in range(0, 2000, 125)]), whole
+    )
 
 
 def test_integrals_of_steps() -> None:

@@ -79,7 +79,10 @@ def test_many_contacts_with_both_stops() -> None:
 
 def test_a_sample_with_events_does_not_change_the_others() -> None:
     """Bit for bit: those that never touch a stop, and those that touch at other times."""
-    more = '[parameters.k]\nnominal = 200.0\n[parameters.g]\nnominal = 0.0\n[effects.field]\ntype = "gravity"\nacceleration = "g"'
+    more = (
+        "[parameters.k]\nnominal = 200.0\n[parameters.g]\nnominal = 0.0\n"
+        '[effects.field]\ntype = "gravity"\nacceleration = "g"'
+    )
     scene = bouncing(2e-3, 0.4, stiffness="k", more=more)
     k = np.array([200.0, 150.0, 200.0, 900.0, 200.0, 200.0, 200.0, 333.0, 200.0, 210.0])
     g = np.array([0.0, 0.0, 8.0, -3.0, 60.0, 1.0, 0.0, 0.0, 0.3, 0.1])

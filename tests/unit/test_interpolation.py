@@ -97,7 +97,8 @@ def test_the_spectral_error_falls_faster_than_any_power(periodic: bool) -> None:
 def test_the_fine_grid_stands_back_where_samples_are_more() -> None:
     samples = uniform(2 * FINE, periodic=True)
     assert interpolant(samples, smooth(samples.theta), "spectral").axes[0].n == 2 * FINE
-    assert interpolant(uniform(24, True), random_table(24), "spectral").axes[0].n == 43 * 24  # the first multiple beyond FINE
+    # the first multiple beyond FINE
+    assert interpolant(uniform(24, True), random_table(24), "spectral").axes[0].n == 43 * 24
     assert interpolant(uniform(24, True), random_table(24), "spline").axes[0].n == 24
 
 

@@ -54,7 +54,12 @@ def test_a_row_with_a_missing_cell_is_refused() -> None:
 
 
 def test_numbers_are_written_with_what_they_are_worth() -> None:
-    assert (number(0.0123446), number(15111.2, 3), percent(0.0534), percent(1.07)) == ("0.01234", "15111", "5.3 %", "107 %")
+    assert (number(0.0123446), number(15111.2, 3), percent(0.0534), percent(1.07)) == (
+        "0.01234",
+        "15111",
+        "5.3 %",
+        "107 %",
+    )
     assert span(48.9434, 64.067) == "48.94 to 64.07"
     assert with_error(5.283289, 0.00168) == "5.2833 ± 0.0017"
     assert with_error(-8.75e-5, 2.7e-7, 1e4) == "-0.8750 ± 0.0027"
@@ -127,15 +132,23 @@ def test_the_order_is_measured_at_common_instants() -> None:
     assert coarse["crank_angle"].shape == fine["crank_angle"].shape == (5,)
 
 
-@pytest.mark.parametrize("full, words", [(8.0, "2 times as fast"), (4.0, "about as fast"), (2.0, "full-order model is 2")])
+@pytest.mark.parametrize(
+    "full, words", [(8.0, "2 times as fast"), (4.0, "about as fast"), (2.0, "full-order model is 2")]
+)
 def test_the_speed_up_is_put_into_words(full: float, words: str) -> None:
     assert words in paper_cost.Cost(5, 41, 15, full, 4.0).in_words
 
 
 def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
     made = ensemble("full")
-    fine = replace(made, outputs={"crank_angle": np.array([1.0, 2.0])}, parameters={}, statistics={}, status=np.zeros(2, int),
-                   failure_time=np.full(2, np.nan))
+    fine = replace(
+        made,
+        outputs={"crank_angle": np.array([1.0, 2.0])},
+        parameters={},
+        statistics={},
+        status=np.zeros(2, int),
+        failure_time=np.full(2, np.nan),
+    )
     fine.write(tmp_path / "full_1.h5")
     replace(fine, outputs={"crank_angle": np.array([1.0, 2.0 + 4e-10])}).write(tmp_path / "full_2.h5")
     assert paper_ranks.sample_difference(tmp_path, "full", "2") == pytest.approx(2e-10, rel=1e-6)

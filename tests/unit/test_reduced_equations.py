@@ -177,7 +177,9 @@ def test_newton_converges_at_once(settings: dict) -> None:
     assert np.abs(system.residual(0.0, state)).max() < 1e-8 * before
 
 
-def simulate(system: ReducedSystem, duration: float, step: float, radius: float = 1.0) -> tuple[Run, list[State], list[float]]:
+def simulate(
+    system: ReducedSystem, duration: float, step: float, radius: float = 1.0
+) -> tuple[Run, list[State], list[float]]:
     states, times = [], []
 
     def record(number: int, time: float, state: State) -> None:

@@ -79,7 +79,9 @@ def test_the_coupling_is_that_of_the_changing_modes(rom: ReducedOrderModel, sche
     """Against ``(d rho/d theta)^T M_i (d Psi/d theta)`` with the modes' own slope in frames that turn."""
     kinematics, tables = kinematics_of(slider_crank()), rom.tables
     matrices = assemble(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
-    fine = replace(rom, projection=interpolant(tables.samples.axes[0], rom.projection, scheme).slope(tables.samples.axes[0].theta))
+    fine = replace(
+        rom, projection=interpolant(tables.samples.axes[0], rom.projection, scheme).slope(tables.samples.axes[0].theta)
+    )
     found = coupling_of(tables, scheme)
     assert found.shape == (24, len(tables.mass_weights), 5)
     poses = kinematics.poses(tables.samples.axes[0].theta)

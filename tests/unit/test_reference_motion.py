@@ -53,7 +53,9 @@ def test_rigid_accelerations(model: ReducedModel) -> None:
             np.testing.assert_allclose(instant.a[:, sample], expected, rtol=0, atol=3e-7 * scale)
             np.testing.assert_allclose(instant.q[:, sample], mechanism.place(poses)[:, 0], rtol=0, atol=1e-12)
             body = expected.reshape(-1, 3)[mechanism.bodies[0].nodes, 2]
-            np.testing.assert_allclose(body, curvatures[0, 2, 0, 0] * speed**2 + rates[0, 2, 0] * change, atol=3e-7 * scale)
+            np.testing.assert_allclose(
+                body, curvatures[0, 2, 0, 0] * speed**2 + rates[0, 2, 0] * change, atol=3e-7 * scale
+            )
 
 
 def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -> None:

@@ -13,7 +13,9 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.scene.bodies import Coefficients
 
 LINE, ROTARY = 2.5, 0.07
-SECTION = Coefficients(shape="coefficients", axial=1.0, shear=1.0, bending=1.0, line_density=LINE, rotary_density=ROTARY)
+SECTION = Coefficients(
+    shape="coefficients", axial=1.0, shear=1.0, bending=1.0, line_density=LINE, rotary_density=ROTARY
+)
 # a bent line with a branch, cells of different lengths
 BENT = LineMesh(
     np.array([[0.0, 0.0], [0.5, 0.0], [0.8, 0.6], [0.8, 1.5], [0.9, -0.4]]),

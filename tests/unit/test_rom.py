@@ -178,7 +178,9 @@ def test_chebyshev_points_and_static_modes_come_back(tmp_path: Path) -> None:
     rom = built(slider_crank(*PART, GRAVITY, "reduction.static_modes=true", 'reduction.interpolation="spectral"'))
     # five load patterns: the motor, and the weight of each body along both axes of its frame
     assert (rom.tables.n_modes, rom.frequencies_hz.shape) == (5 + 5, (9, 5))
-    assert rom.tables.samples.axes[0].theta[[0, -1]].tolist() == [0.2, 1.4] and not rom.tables.samples.axes[0].is_uniform
+    assert (
+        rom.tables.samples.axes[0].theta[[0, -1]].tolist() == [0.2, 1.4] and not rom.tables.samples.axes[0].is_uniform
+    )
     rom.write(tmp_path / "rom.h5")
     back = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert_same_samples(back.tables.samples, rom.tables.samples)

@@ -116,7 +116,10 @@ ENTRIES = [
         "outputs.a.type='speed'",
         'outputs.a.type = "speed": unknown (allowed: angle, rotation, position, displacement, deformation)',
     ),
-    ("bodies.crank.section.shape=1", "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients)"),
+    (
+        "bodies.crank.section.shape=1",
+        "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients)",
+    ),
     ('effects."my motor"={type="gravity"}', f'effects."my motor": {NAME_NEEDED}'),
     ('ground.points."a:b"=[0,1]', f'ground.points."a:b": {NAME_NEEDED}'),
     (

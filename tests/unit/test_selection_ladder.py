@@ -47,7 +47,9 @@ def test_costs_rise_along_a_family_and_from_one_to_the_next() -> None:
     plain, curved = families_of(PLAIN, PAPER)
     for family in (plain, curved):
         assert [rung.cost for rung in family] == sorted(rung.cost for rung in family)
-        assert [rung.entries["modes"] for rung in family] == [n for n in MODES if n < 29] + [29], "one is the static mode"
+        assert [rung.entries["modes"] for rung in family] == [n for n in MODES if n < 29] + [29], (
+            "one is the static mode"
+        )
         assert all(rung.entries["static_modes"] for rung in family)
     assert all(two.cost > one.cost for one, two in zip(plain, curved))
     assert [rung.entries["second_order"] for rung in (plain[0], curved[0])] == [False, True]

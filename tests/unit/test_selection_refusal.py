@@ -91,8 +91,8 @@ def falling(reduction: Reduction) -> float:
 
 def test_the_cheapest_basis_with_the_fewest_angles() -> None:
     found = choice(Known(falling)).run().reduction
-    # 0.05 / 16 is less than 0.35 of a hundredth, 0.05 / 9 is not; three coordinates with terms of second order cost less
-    # than five without
+    # 0.05 / 16 is less than 0.35 of a hundredth, 0.05 / 9 is not; three coordinates with terms of second order cost
+    # less than five without
     assert (found.modes, found.second_order, found.angles) == (2, True, 32)
     plain = choice(Known(falling, given=", second_order=false")).run().reduction
     assert (plain.modes, plain.angles) == (4, 32)

@@ -21,7 +21,7 @@ def smooth(n_steps: int) -> np.ndarray:
 
 
 def vibrating(n_steps: int) -> np.ndarray:
-    """Return a motion on which a vibration of 300 Hz lies, as generalised-alpha integrates it: damped, late in phase."""
+    """Return a motion on which a 300 Hz vibration lies, as generalised-alpha integrates it: damped, late in phase."""
     omega, step = 2 * np.pi * 300.0, DURATION / n_steps
     # eigenvalue of one step of the scheme for x'' = -omega^2 x, state (x, h x', h^2 a, h^2 A)
     s, w = Scheme.of(0.8, 1.0), (omega * step) ** 2

@@ -68,7 +68,9 @@ def table(scene: Scene) -> np.ndarray:
 
 
 def test_loads_are_the_own_a_pulse_and_a_quicker_one() -> None:
-    scene = slider_crank("effects.motor.table=[[0.0, 0.0], [0.25, -0.5], [1.0, 0.2]]", "effects.weight={type='gravity'}")
+    scene = slider_crank(
+        "effects.motor.table=[[0.0, 0.0], [0.25, -0.5], [1.0, 0.2]]", "effects.weight={type='gravity'}"
+    )
     own, pulse, quick = training_loads(scene)
     np.testing.assert_array_equal(table(own.of(scene)), table(scene))
     np.testing.assert_array_equal(table(own.of(scene, 0.5))[:, 1], 0.5 * table(scene)[:, 1])

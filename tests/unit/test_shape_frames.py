@@ -12,7 +12,8 @@ FOREARM = """
 [bodies.forearm]
 line = { length = 0.6, elements = 3 }
 element = "beam2d"
-section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0, rotary_density = 1.0e-3 }
+section = { shape = "coefficients", axial = 1.0, shear = 1.0, bending = 1.0, line_density = 1.0, \
+rotary_density = 1.0e-3 }
 [joints.elbow]
 type = "revolute"
 connect = ["bar:tip", "forearm:hinge"]

@@ -119,7 +119,9 @@ def test_modes_are_those_of_the_tables(small_rom: ReducedOrderModel) -> None:
         found = modes_at.at(theta, weights)
         expected = tables.frequencies_hz(weights[0][0], weights[1][0])
         np.testing.assert_allclose(found.omega / (2 * np.pi), expected, rtol=1e-9)
-        np.testing.assert_allclose(found.inverse @ found.shapes, np.broadcast_to(np.eye(4), (theta.size, 4, 4)), atol=1e-9)
+        np.testing.assert_allclose(
+            found.inverse @ found.shapes, np.broadcast_to(np.eye(4), (theta.size, 4, 4)), atol=1e-9
+        )
         mass = np.einsum("ntij,nt->nij", tables.mass, weights[0])
         # a vibration has no momentum of the rigid motion
         momentum = mass[:, 0, 1:] - mass[:, :1, 0] * found.follow

@@ -16,7 +16,10 @@ POINTS = np.random.default_rng(3).uniform(size=(200, 2)) * UPPER
 def grid_of(scheme: str, n: tuple[int, int]) -> SampleGrid:
     """Return samples of a revolution times a limited range."""
     return SampleGrid(
-        (samples_for(scheme, 0.0, UPPER[0], n[0], periodic=True), samples_for(scheme, 0.0, UPPER[1], n[1], periodic=False))
+        (
+            samples_for(scheme, 0.0, UPPER[0], n[0], periodic=True),
+            samples_for(scheme, 0.0, UPPER[1], n[1], periodic=False),
+        )
     )
 
 

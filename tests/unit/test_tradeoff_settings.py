@@ -75,7 +75,9 @@ def test_lines_through_the_best_setting() -> None:
     assert lines["angles"] == set(FULL.angles)
     assert lines["interpolation"] == {"overhauser", "spectral"}
     assert lines["static_modes"] == {False} and lines["second_order"] == {True} and lines["inertia_modes"] == {True}
-    with_inertia = varied(settings_around([best], radius_scene(), FULL, LIMITS), best.with_reduction(inertia_modes=True))
+    with_inertia = varied(
+        settings_around([best], radius_scene(), FULL, LIMITS), best.with_reduction(inertia_modes=True)
+    )
     assert with_inertia["parameter_modes"] == {1, 2}
     assert lines["n_steps"] == {250, 500, 2000, 4000}
     assert lines["refinement"] == {2, 4}

@@ -138,7 +138,9 @@ def limited(name: str, lower: float, upper: float) -> tuple[str, ...]:
 
 def configuration(message: str) -> np.ndarray:
     """Read the configuration that a message names."""
-    return np.array([float(message.split(f"{name} = ")[1].split(",")[0].split(" ")[0]) for name in ("theta1", "theta2")])
+    return np.array(
+        [float(message.split(f"{name} = ")[1].split(",")[0].split(" ")[0]) for name in ("theta1", "theta2")]
+    )
 
 
 def test_couplers_that_stretch_somewhere_are_refused() -> None:
@@ -151,7 +153,9 @@ def test_couplers_that_stretch_somewhere_are_refused() -> None:
     )
     # the configuration beyond which they do not close, found to a step of the continuation
     assert elbows == pytest.approx(0.9, abs=0.06)
-    assert "cannot close at theta1" in message and "narrow coordinates.theta1.range or coordinates.theta2.range" in message
+    assert (
+        "cannot close at theta1" in message and "narrow coordinates.theta1.range or coordinates.theta2.range" in message
+    )
 
 
 # a bar that hangs from the tip of a body adds one free coordinate to any mechanism
@@ -167,7 +171,11 @@ def hanging(tip: str) -> tuple[str, ...]:
 @pytest.mark.parametrize("upper", [2.0, 3.0, np.pi])
 def test_a_line_of_singular_configurations_is_refused_wherever_the_grid_lies(upper: float) -> None:
     # crank and rod of one length: both stand upright at pi/2, whatever the bar does
-    equal = ('bodies.rod.mesh="0.3:0.6:5"', "coordinates.theta.periodic=false", f"coordinates.theta.range=[0.0,{upper}]")
+    equal = (
+        'bodies.rod.mesh="0.3:0.6:5"',
+        "coordinates.theta.periodic=false",
+        f"coordinates.theta.range=[0.0,{upper}]",
+    )
     message = refusal(slider_crank(*equal, *hanging("crank:tip")))
     assert message.startswith("coordinates.theta, theta2: they do not control the mechanism at theta = 1.57")
     assert ", theta2 = " in message and "smallest singular value of the closure " in message
@@ -198,7 +206,8 @@ def test_a_singular_configuration_around_which_the_branch_turns() -> None:
         'bodies.left.mesh="0.0:0.3:2"', 'bodies.right.mesh="0.0:0.3:2"',
         *limited("theta1", -0.43, 0.41), *limited("theta2", 2.71, 3.55),
         "bodies.left.placement.angle=0.3", "bodies.right.placement.angle=2.8",
-        "bodies.first.placement={origin=[0.29,0.09],angle=1.5}", "bodies.second.placement={origin=[0.31,0.1],angle=1.6}",
+        "bodies.first.placement={origin=[0.29,0.09],angle=1.5}",
+        "bodies.second.placement={origin=[0.31,0.1],angle=1.6}",
     )
     message = refusal(five_bar(*equal))
     # two steps of the grid, over which the linear prediction fails
@@ -207,7 +216,9 @@ def test_a_singular_configuration_around_which_the_branch_turns() -> None:
 
 
 def test_the_wrong_number_of_coordinates() -> None:
-    pinned = double_pendulum('joints.pin={type="point_on_line",connect=["ground:origin","lower:tip"],direction=[1.0,0.0]}')
+    pinned = double_pendulum(
+        'joints.pin={type="point_on_line",connect=["ground:origin","lower:tip"],direction=[1.0,0.0]}'
+    )
     assert "leave the rigid mechanism 1 degrees of freedom" in refusal(pinned)
     assert "but 2 coordinates were named: theta1, theta2. Both numbers must be equal" in refusal(pinned)
 

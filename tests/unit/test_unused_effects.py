@@ -103,7 +103,9 @@ def test_the_cost_of_effects_on_rigid_bodies() -> None:
     assert "structural_damping" not in effect_cost.one_of_each(scene, line_meshes(scene))
 
 
-def test_the_script_asks_for_a_scene(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_script_asks_for_a_scene(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("sys.argv", ["effect_cost"])
     assert effect_cost.main() == 2
     assert "usage: python -m pgmp_petsc.studies.effect_cost SCENE" in capsys.readouterr().err

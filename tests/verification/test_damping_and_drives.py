@@ -54,7 +54,8 @@ def test_a_rotation_is_not_damped(damping: str) -> None:
     )
     run = recorded(scene)
     turned = run.angle[-1] - run.angle[0]
-    # it stretches by rho Omega^2 L^2 / 12 EA or so, 1e-5, and turns slower by twice that; half of (Omega h)^2 by the scheme
+    # it stretches by rho Omega^2 L^2 / 12 EA or so, 1e-5, and turns slower by twice that; half of (Omega h)^2 by the
+    # scheme
     assert turned == pytest.approx(6.0, rel=1.5e-4)
     assert run.balance.work["loss"][-1] == pytest.approx(0.0, abs=1e-4 * run.balance.kinetic[0])
     assert run.balance.kinetic[-1] == pytest.approx(run.balance.kinetic[0], rel=2e-4)
@@ -109,8 +110,8 @@ BALANCED = {
     "joint damping": '[effects.e]\ntype = "joint_damping"\njoint = "hinge"\ncoefficient = 0.4\n',
     "joint friction": '[effects.e]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.4\nspeed = 0.5\n',
     "spring on a joint": '[effects.e]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 5.0\ndamping = 0.2\n',
-    "spring between points": '[effects.e]\ntype = "spring_damper"\npoints = ["ground:anchor", "bar:tip"]\nstiffness = 9.0\n'
-                             "damping = 0.2\nrest = 1.0\n[ground.points]\nanchor = [0.5, 2.0]\n",
+    "spring between points": '[effects.e]\ntype = "spring_damper"\npoints = ["ground:anchor", "bar:tip"]\n'
+                             "stiffness = 9.0\ndamping = 0.2\nrest = 1.0\n[ground.points]\nanchor = [0.5, 2.0]\n",
     "prescribed motion": '[effects.e]\ntype = "prescribed_motion"\ncoordinate = "theta"\n'
                          "harmonic = { amplitude = 1.0, frequency_hz = 1.0 }\n",
     "end stop": '[effects.e]\ntype = "end_stop"\njoint = "hinge"\nlower = -0.6\nstiffness = 100.0\ndamping = 0.1\n',

@@ -44,8 +44,9 @@ spin_up = { speed = 6.0, time = 15.0 }
 duration = 18.0
 step = 1.5e-2
 spectral_radius = 0.6
-""", "bodies.beam.line={ length = 10.0, elements = 6 }", "bodies.beam.section.axial=2.8e7", "bodies.beam.section.shear=1e7",
-        "bodies.beam.section.bending=1.4e4", "bodies.beam.section.line_density=1.2", "bodies.beam.section.rotary_density=6e-4")
+""", "bodies.beam.line={ length = 10.0, elements = 6 }", "bodies.beam.section.axial=2.8e7",
+        "bodies.beam.section.shear=1e7", "bodies.beam.section.bending=1.4e4", "bodies.beam.section.line_density=1.2",
+        "bodies.beam.section.rotary_density=6e-4")
     run = recorded(scene)
     angle = run.angle
     tip = run.point("beam:tip")
@@ -58,10 +59,12 @@ spectral_radius = 0.6
 
 
 def test_the_double_four_bar_goes_through_its_singular_positions() -> None:
-    """All rods in one line, twice a turn; the whole 10 s of the scene keep the energy to 1e-5 with its step of 0.5 ms."""
+    """All rods in one line, twice a turn; the scene's whole 10 s keep the energy to 1e-5 with its step of 0.5 ms."""
     wrong = []
     for step in (8e-3, 4e-3):
-        scene = load_scene(ROOT / "scenes" / "double_four_bar.toml", ["simulation.duration=2.0", f"simulation.step={step}"])
+        scene = load_scene(
+            ROOT / "scenes" / "double_four_bar.toml", ["simulation.duration=2.0", f"simulation.step={step}"]
+        )
         run = run_distributed(scene)
         assert run.status == 0
         energy = run.balance.kinetic + run.balance.potential

@@ -119,7 +119,8 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
     )
     run = recorded(scene)
     middle = run.angle[len(run.time) // 2]
-    # turning back the angle stands still: what an error of the period does there is of second order; half a period on, too
+    # turning back the angle stands still: what an error of the period does there is of second order; half a period on,
+    # too
     assert run.angle[-1] == pytest.approx(start, abs=2e-4)
     assert middle == pytest.approx(-np.pi - start, abs=2e-4)
     quarter = np.interp(period / 4, run.time, run.angle)
@@ -167,7 +168,10 @@ mass = {ratio}
     run = recorded(scene, small * shape)
     # the period is longer by (omega h)^2 / 12, 8e-6, over 1 period
     np.testing.assert_allclose(
-        run.point("beam:tip")[:, 1], small * shape[-2] / omega * np.sin(omega * run.time), rtol=0, atol=2e-4 * small / omega
+        run.point("beam:tip")[:, 1],
+        small * shape[-2] / omega * np.sin(omega * run.time),
+        rtol=0,
+        atol=2e-4 * small / omega,
     )
 
 
@@ -190,13 +194,14 @@ def test_joint_friction_stops_a_bar() -> None:
         '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0
     ))
     speed = run.rates[:, 0, 2]
-    # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1 rad/s, 1e-5
+    # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1
+    # rad/s, 1e-5
     np.testing.assert_allclose(speed, coasting(run.time, 1.0, 0.5 / BAR_INERTIA, 0.1), rtol=0, atol=2e-5)
     assert run.balance.work["rub"][-1] == pytest.approx(-0.5 * BAR_INERTIA, rel=1e-4)
 
 
 def block(effects: str, duration: float, step: float = STEP, velocity: float = -1.0) -> Recorded:
-    """Run a block of 1 kg on rails, which the massless bars of a crank drive leave alone; its speed is ``-velocity / 2``."""
+    """Run a block of 1 kg on rails, which a crank drive's massless bars leave alone; its speed is ``-velocity / 2``."""
     text = BLOCK + f"velocity = {velocity}\n" + effects
     simulation = f"\n[simulation]\nduration = {duration}\nstep = {step}\nspectral_radius = 1.0\n"
     return recorded(scene_of(text.replace("[simulation.initial.theta]", simulation + "[simulation.initial.theta]")))
@@ -315,7 +320,7 @@ damping = {damping}
         stop = max(0.0, stiffness * depth * (1.0 - damping * speed)) if depth > 0 else 0.0
         return -0.5 * G * np.cos(angle) + stop
 
-    # within the stop omega h = 0.15: (omega h)^2 / 12 of half a period's 0.04 s at 5 rad/s, four times as much of the damping;
-    # a quarter of it with half the step
+    # within the stop omega h = 0.15: (omega h)^2 / 12 of half a period's 0.04 s at 5 rad/s, four times as much of the
+    # damping; a quarter of it with half the step
     np.testing.assert_allclose(run.angle, turning(torque, run.time), rtol=0, atol=3e-3 if damping else 4e-4)
     assert run.balance.work["stop"][-1] <= 1e-6

@@ -6,7 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from runs import accurate_scene, full_model, history, paper_rom, paper_scene, quick_return, reduced_model, rom_of, samples
+from runs import (
+    accurate_scene,
+    full_model,
+    history,
+    paper_rom,
+    paper_scene,
+    quick_return,
+    reduced_model,
+    rom_of,
+    samples,
+)
 from scenes import RADIUS, slider_crank
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
@@ -47,7 +57,11 @@ def every(model: Model, values: Mapping[str, np.ndarray], n: int, refinement: in
 
 
 def effectivity(
-    make, overrides: tuple[str, ...], rom: ReducedOrderModel | None, values: Mapping[str, np.ndarray], refinement: int = 8
+    make,
+    overrides: tuple[str, ...],
+    rom: ReducedOrderModel | None,
+    values: Mapping[str, np.ndarray],
+    refinement: int = 8,
 ) -> tuple[Outputs, Outputs]:
     """Return largest estimated over largest true error, and the true one as a share of the output's largest value."""
     scene: Scene = make(*overrides)
@@ -187,7 +201,9 @@ def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> N
         alone = estimated(model, {name: value[k : k + 1] for name, value in values.items()}, 1)
         for kind in ("largest", "at_end", "validity"):
             for name, found in getattr(alone, kind).items():
-                np.testing.assert_allclose(found[0], getattr(together, kind)[name][k], rtol=1e-6, err_msg=f"{kind} {name}")
+                np.testing.assert_allclose(
+                    found[0], getattr(together, kind)[name][k], rtol=1e-6, err_msg=f"{kind} {name}"
+                )
 
 
 def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:

@@ -1,4 +1,4 @@
-"""Errors of the interpolated tables of the slider-crank over the angle spacing, against fresh eigenproblems between the samples."""
+"""Errors of the slider-crank's interpolated tables over angle spacing, against fresh eigenproblems between samples."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def errors(scheme: str, n: int) -> np.ndarray:
         size = np.abs(exact).max(axis=0)
         size = np.where(size > 1e-8 * size.max(), size, np.inf)  # entries that are zero but for round-off
         tables = built(n).tables
-        found.append((np.abs(interpolant(tables.samples.axes[0], getattr(tables, name), scheme)(theta) - exact) / size).max())
+        found.append(
+            (np.abs(interpolant(tables.samples.axes[0], getattr(tables, name), scheme)(theta) - exact) / size).max()
+        )
     return np.array(found)
 
 

@@ -1,4 +1,4 @@
-"""A basis for parameters far from nominal: inertia modes, snapshots at other points, their compression and their choice."""
+"""A basis for parameters far from nominal: inertia modes, snapshots at other points, their compression and choice."""
 
 from __future__ import annotations
 
@@ -90,7 +90,9 @@ def test_snapshots_turn_with_the_nominal_vectors_and_with_nothing_else() -> None
         turn = np.linalg.qr(np.random.default_rng(3).normal(size=(5, 5)))[0]
         with ParameterSnapshots(problem, loads, [{"r1": LOW}, {"r1": RADIUS}]) as snapshots:
             low, same = snapshots.at(2.0, kept)
-            np.testing.assert_allclose(snapshots.at(2.0, kept @ turn)[0], low @ turn, rtol=0, atol=1e-9 * np.abs(low).max())
+            np.testing.assert_allclose(
+                snapshots.at(2.0, kept @ turn)[0], low @ turn, rtol=0, atol=1e-9 * np.abs(low).max()
+            )
             np.testing.assert_allclose(same, kept, rtol=0, atol=1e-8 * np.abs(kept).max())
             missed = snapshots.missed([low], np.hstack([modes.rigid, kept]))
         m_missed = problem.times_mass(missed)
@@ -160,7 +162,7 @@ def test_more_vectors_than_there_are_are_refused() -> None:
 
 
 def test_compression_is_the_best_of_its_size() -> None:
-    """Of all subspaces it keeps the largest mean square: the eigenvectors of the mean Gram matrix (Eckart and Young)."""
+    """Of all subspaces it keeps the largest mean square: eigenvectors of the mean Gram matrix (Eckart and Young)."""
     random = np.random.default_rng(5)
     snapshots = random.normal(size=(7, 20, 6)) * np.array([3.0, 2.0, 1.0, 0.5, 0.1, 1e-9])
     grams = np.swapaxes(snapshots, 1, 2) @ snapshots

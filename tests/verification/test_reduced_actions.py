@@ -1,4 +1,4 @@
-"""Local effects, damping and drives in the reduced model: closed forms, virtual work, the full-order model, and power."""
+"""Local effects, damping and drives in the reduced model: closed forms, virtual work, full-order model, and power."""
 
 from __future__ import annotations
 
@@ -156,7 +156,8 @@ def test_energy_is_what_powers_bring(models, effect: str) -> None:
 
     integrate(system, simulation, observer=record)
     totals, powers = np.array(totals), np.array(powers)
-    # the work of loads on the deformation is not potential energy: it is in the powers, as the rate of what is interpolated
+    # the work of loads on the deformation is not potential energy: it is in the powers, as the rate of what is
+    # interpolated
     work = np.concatenate([[0.0], np.cumsum(0.5 * (powers[1:] + powers[:-1]) * np.diff(times))])
     gained = totals - totals[0]
     np.testing.assert_allclose(gained, work, rtol=0, atol=2e-3 * max(np.ptp(totals), np.ptp(work)))

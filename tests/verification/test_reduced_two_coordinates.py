@@ -1,4 +1,4 @@
-"""The reduced model of a mechanism with two rigid coordinates against the full-order one: a double pendulum that falls."""
+"""The reduced model of a mechanism with two rigid coordinates against the full-order one: a falling double pendulum."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ SETTINGS = (
 )  # fmt: skip
 WEIGHT = 'effects.weight={type="gravity"}'
 SPRING = 'effects.spring={type="spring_damper",joint="elbow",stiffness=4.0,damping=0.02}'
-DRIVE = 'effects={weight={type="gravity"},drive={type="prescribed_motion",coordinate="theta1",spin_up={speed=3.0,time=0.2}}}'
+DRIVE = (
+    'effects={weight={type="gravity"},'
+    'drive={type="prescribed_motion",coordinate="theta1",spin_up={speed=3.0,time=0.2}}}'
+)
 
 
 def compare(*overrides: str) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Adaptive sampling: the interpolated tables meet the tolerance at angles that took no part, with no more than needed."""
+"""Adaptive sampling: interpolated tables meet the tolerance at angles that took no part, with no more than needed."""
 
 from __future__ import annotations
 

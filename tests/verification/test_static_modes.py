@@ -175,7 +175,9 @@ def test_static_modes_are_continuous_over_a_revolution() -> None:
     # half the distance, half the way; measured 37.6 and 18.9, at the fast changes near the dead centres
     assert steps[1].max() < 0.6 * steps[0].max()
     assert np.arccos(fine.cosines.min()) < 0.6 * np.arccos(coarse.cosines.min())
-    projection = interpolant(coarse.tables.samples.axes[0], coarse.projection, "spline")(fine.tables.samples.axes[0].theta)
+    projection = interpolant(coarse.tables.samples.axes[0], coarse.projection, "spline")(
+        fine.tables.samples.axes[0].theta
+    )
     size = np.abs(fine.projection[:, :, -1]).max()
     # measured: 5e-4
     np.testing.assert_allclose(projection[:, :, -1], fine.projection[:, :, -1], rtol=0, atol=2e-3 * size)
