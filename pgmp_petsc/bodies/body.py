@@ -1,4 +1,8 @@
-"""A body: its mesh in its own frame, its place among the unknowns, and its affine matrices.
+"""A body: its nodes in its own frame, its place among the unknowns, and its affine matrices.
+
+The nodes of a beam are those of its mesh; a rigid body has one, its centre of mass. A continuum body has one for each of
+its frames, the groups of faces that joints and effects hold, and internal coordinates beside them, which belong to its
+frame and do not turn with it.
 
 In the body's frame the mass and the tangent stiffness at rest are constant for every configuration of the mechanism,
 so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).
@@ -8,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +20,10 @@ from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.mesh.line_mesh import LineMesh
+
+if TYPE_CHECKING:
+    from pgmp_petsc.bodies.component import Component
+    from pgmp_petsc.bodies.framed_solid import FramedSolid
 
 DOFS_PER_NODE = 3  # x, y, phi
 
@@ -54,6 +63,12 @@ class Body:
         Masses at nodes, by node (of the mesh) and weight.
     first_node
         Number of the body's first node among all nodes of the mechanism.
+    component
+        A continuum body, condensed.
+    meshed
+        A continuum body that is not condensed (yet); it has no matrices here.
+    first_internal
+        Number of the body's first internal coordinate among all unknowns of the mechanism.
     """
 
     name: str
@@ -62,6 +77,9 @@ class Body:
     shape: LineMesh
     lumps: dict[int, dict[Monomial, LumpedMass]] = field(default_factory=dict)
     first_node: int = 0
+    component: Component | None = None
+    meshed: FramedSolid | None = None
+    first_internal: int = 0
 
     @classmethod
     def beam(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
@@ -85,6 +103,19 @@ class Body:
         return cls(name, LineMesh(centre[None], np.empty((0, 2), dtype=int)), section, mesh, {0: lumps})
 
     @classmethod
+    def condensed(cls, name: str, component: Component) -> Body:
+        """Return a flexible body from its condensed matrices."""
+        mesh = _frame_mesh(component.centres, component.frames)
+        return cls(name, mesh, None, mesh, component=component)
+
+    @classmethod
+    def continuum(cls, name: str, meshed: FramedSolid) -> Body:
+        """Return a flexible body on a mesh of continuum elements."""
+        centres = np.array([frame.centre for frame in meshed.frames.values()])
+        mesh = _frame_mesh(centres, {point: number for number, point in enumerate(meshed.frames)})
+        return cls(name, mesh, None, mesh, meshed=meshed)
+
+    @classmethod
     def particle(cls, name: str, place: np.ndarray, lumps: dict[Monomial, LumpedMass]) -> Body:
         """Return a rigid body that is a point mass at a place in its own frame, shape (2,), m."""
         mesh = LineMesh(place[None], np.empty((0, 2), dtype=int))
@@ -104,31 +135,49 @@ class Body:
         """Return the body with further masses at a node."""
         return replace(self, lumps={**self.lumps, node: joined(self.lumps.get(node, {}), lumps)})
 
-    def from_node(self, first_node: int) -> Body:
-        """Return the body with its place in the numbering of all nodes."""
-        return replace(self, first_node=first_node)
+    def numbered(self, first_node: int, first_internal: int) -> Body:
+        """Return the body with its place in the numbering of all nodes and all unknowns."""
+        return replace(self, first_node=first_node, first_internal=first_internal)
+
+    def alone(self) -> Body:
+        """Return the body as the only one of a mechanism."""
+        return self.numbered(0, DOFS_PER_NODE * self.n_nodes)
 
     @property
     def flexible(self) -> bool:
         """Whether the body deforms."""
-        return len(self.mesh.cells) > 0
+        return self.section is not None and len(self.mesh.cells) > 0 or not self.beam_or_rigid
+
+    @property
+    def beam_or_rigid(self) -> bool:
+        """Whether the body is no continuum."""
+        return self.component is None and self.meshed is None
 
     @property
     def mass_weights(self) -> set[Monomial]:
         """Weights of its affine mass terms."""
         lumped = {weight for lumps in self.lumps.values() for weight in lumps}
-        return lumped | set(self.section.mass_terms()) if self.flexible else lumped
+        return lumped | self._own_weights("mass") if self.flexible else lumped
 
     @property
     def translational_weights(self) -> set[Monomial]:
         """Weights of the mass terms that resist translation."""
         lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
-        return lumped | {self.section.line_density.monomial} if self.flexible else lumped
+        if not self.flexible:
+            return lumped
+        return lumped | ({self.section.line_density.monomial} if self.beam_or_rigid else self._own_weights("mass"))
 
     @property
     def stiffness_weights(self) -> set[Monomial]:
         """Weights of its affine stiffness terms; none for a rigid body."""
-        return set(self.section.stiffness_terms()) if self.flexible else set()
+        return self._own_weights("stiffness") if self.flexible else set()
+
+    def _own_weights(self, kind: str) -> set[Monomial]:
+        if self.component is not None:
+            return set(getattr(self.component, kind))
+        if self.meshed is not None:
+            return self.meshed.solid.weights(kind)
+        return set(getattr(self.section, f"{kind}_terms")())
 
     @property
     def n_nodes(self) -> int:
@@ -139,6 +188,17 @@ class Body:
     def nodes(self) -> slice:
         """The body's range of global node numbers."""
         return slice(self.first_node, self.first_node + self.n_nodes)
+
+    @property
+    def n_internal(self) -> int:
+        """Number of internal coordinates."""
+        return 0 if self.component is None else self.component.n_internal
+
+    @property
+    def dofs(self) -> np.ndarray:
+        """The body's unknowns: those of its nodes, then the internal ones."""
+        nodal = DOFS_PER_NODE * self.first_node + np.arange(DOFS_PER_NODE * self.n_nodes)
+        return np.concatenate([nodal, self.first_internal + np.arange(self.n_internal)])
 
     @property
     def elements(self) -> np.ndarray:
@@ -153,7 +213,7 @@ class Body:
 
     def stiffness_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return element tangents at rest in the body's frame, (n_chosen, 6, 6), by weight."""
-        if not self.flexible:
+        if not (self.flexible and self.beam_or_rigid):
             return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
@@ -163,7 +223,7 @@ class Body:
 
     def axial_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return the part of `stiffness_entries` that resists extension."""
-        if not self.flexible:
+        if not (self.flexible and self.beam_or_rigid):
             return {}
         lengths, directions, axial = self.mesh.lengths[chosen], self.directions[chosen], self.section.axial
         entries = beam2d.undeformed_stiffness(lengths, directions, np.array([axial.coefficient, 0.0, 0.0]))
@@ -184,7 +244,7 @@ class Body:
         dict
             Each of shape (n_chosen, 6, m (m + 1) / 2), pairs as in `beam2d.third_derivative`.
         """
-        if not self.flexible:
+        if not (self.flexible and self.beam_or_rigid):
             return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
@@ -194,10 +254,16 @@ class Body:
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), by weight."""
-        if not self.flexible:
+        if not (self.flexible and self.beam_or_rigid):
             return {}
         lengths = self.mesh.lengths[chosen]
         return {
             monomial: beam2d.consistent_mass(lengths, *coefficients)
             for monomial, coefficients in self.section.mass_terms().items()
         }
+
+
+def _frame_mesh(centres: np.ndarray, points: Mapping[str, int]) -> LineMesh:
+    """Return frames as nodes, joined one to the next for pictures."""
+    order = np.arange(len(centres))
+    return LineMesh(centres, np.column_stack([order[:-1], order[1:]]), dict(points))

@@ -49,6 +49,12 @@ class Component:
     error: float
 
     @property
+    def spreading(self) -> np.ndarray:
+        """What of y makes the displacement ``u = x`` of every place x, shape (n,): the direction of centripetal forces."""
+        d = self.centres.shape[1]
+        return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
+
+    @property
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.fields)

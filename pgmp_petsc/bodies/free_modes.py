@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.runtime.errors import InputError
 
@@ -42,8 +42,8 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
     InputError
         If the mesh has fewer modes.
     """
-    alone = body.from_node(0)
-    n_dofs = DOFS_PER_NODE * body.n_nodes
+    alone = body.alone()
+    n_dofs = alone.dofs.size
     if n_modes > n_dofs - N_RIGID:
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - N_RIGID}")
     matrices = assemble([alone], range(n_dofs))

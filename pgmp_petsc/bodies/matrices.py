@@ -43,33 +43,34 @@ def weighted_sum(terms: Mapping[Monomial, sp.csr_matrix], values: Mapping[str, f
 
 
 def owned_rows(n_dofs: int, rank: int, size: int) -> range:
-    """Return a rank's contiguous share of the unknowns, whole nodes at a time."""
+    """Return a rank's contiguous share of the unknowns, whole nodes at a time; the last one has what is left over."""
     n_nodes = n_dofs // DOFS_PER_NODE
     first, last = n_nodes * rank // size, n_nodes * (rank + 1) // size
-    return range(DOFS_PER_NODE * first, DOFS_PER_NODE * last)
+    return range(DOFS_PER_NODE * first, DOFS_PER_NODE * last if rank < size - 1 else n_dofs)
 
 
 def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     """Assemble the given rows of all affine terms of all bodies, in body frames."""
     return AffineMatrices(
         rows,
-        mass=_assemble_terms(bodies, rows, Body.mass_entries, lumped=True),
-        stiffness=_assemble_terms(bodies, rows, Body.stiffness_entries, lumped=False),
+        mass=_assemble_terms(bodies, rows, Body.mass_entries, "mass"),
+        stiffness=_assemble_terms(bodies, rows, Body.stiffness_entries, "stiffness"),
     )
 
 
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:
     """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs)."""
-    return weighted_sum(_assemble_terms(bodies, rows, Body.axial_entries, lumped=False), values)
+    return weighted_sum(_assemble_terms(bodies, rows, Body.axial_entries), values)
 
 
 def _assemble_terms(
     bodies: Sequence[Body],
     rows: range,
     entries_of: Callable[[Body, np.ndarray], dict[Monomial, np.ndarray]],
-    lumped: bool,
+    kind: str = "",
 ) -> dict[Monomial, sp.csr_matrix]:
-    n_dofs = DOFS_PER_NODE * sum(body.n_nodes for body in bodies)
+    """Assemble element entries, the lumps of the mass, and the matrices of condensed bodies of one kind."""
+    n_dofs = sum(body.dofs.size for body in bodies)
     row_parts, column_parts, value_parts = [], [], []
     for body in bodies:
         chosen = touching(body, rows)
@@ -77,7 +78,12 @@ def _assemble_terms(
         row_parts.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
         column_parts.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
         value_parts.append({m: values.ravel() for m, values in entries_of(body, chosen).items()})
-        if lumped and body.lumps:
+        if kind and body.component is not None:
+            dofs = body.dofs
+            row_parts.append(np.repeat(dofs, dofs.size))
+            column_parts.append(np.tile(dofs, dofs.size))
+            value_parts.append({m: matrix.ravel() for m, matrix in getattr(body.component, kind).items()})
+        if kind == "mass" and body.lumps:
             dofs, values = lumped_entries(body)
             row_parts.append(dofs)
             column_parts.append(dofs)
@@ -111,6 +117,8 @@ def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
 def touching(body: Body, rows: range) -> np.ndarray:
     """Return the numbers of the body's elements that touch the given rows, shape (n_chosen,)."""
     first_node, last_node = rows.start // DOFS_PER_NODE, rows.stop // DOFS_PER_NODE
+    if not body.beam_or_rigid:
+        return np.zeros(0, dtype=int)
     touches = (body.elements >= first_node) & (body.elements < last_node)
     return np.flatnonzero(touches.any(axis=1))
 

@@ -86,6 +86,10 @@ class Solid:
 
         return self._assemble(nodes, lambda region: region.density, entries)
 
+    def weights(self, kind: str) -> set[Monomial]:
+        """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``."""
+        return {(region.density if kind == "mass" else region.modulus).monomial for region in self.regions}
+
     @property
     def _element(self):
         return reference_element(self.mesh.kind)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.effects import Effect
@@ -67,8 +66,8 @@ class ReducedDamping:
             terms[weight] = terms.get(weight, 0.0) + 0.5 * (table + np.swapaxes(table, 1, 2))
 
         for body, (beta, alpha) in zip(mechanism.bodies, rayleigh):
-            rows = slice(DOFS_PER_NODE * body.nodes.start, DOFS_PER_NODE * body.nodes.stop)
-            matrices = assemble([body.from_node(0)], range(DOFS_PER_NODE * body.n_nodes))
+            rows, alone = body.dofs, body.alone()
+            matrices = assemble([alone], range(rows.size))
             for factor, of_body, first in ((beta, matrices.stiffness, r), (alpha - common, matrices.mass, 0)):
                 if factor:
                     for weight, matrix in of_body.items():
@@ -76,8 +75,7 @@ class ReducedDamping:
                         table[:, first:, first:] = _congruent(factor * matrix.toarray(), shapes[:, rows, first:])
                         add(weight, table)
         for modal in found.modal:
-            nodes = mechanism.bodies[modal.body].nodes
-            own = shapes[:, DOFS_PER_NODE * nodes.start : DOFS_PER_NODE * nodes.stop, r:]
+            own = shapes[:, mechanism.bodies[modal.body].dofs, r:]
             rates = np.einsum("im,nij->nmj", modal.factor, own)
             table = np.zeros((len(shapes), n_eta, n_eta))
             table[:, r:, r:] = np.einsum("nmi,nmj->nij", rates, rates)

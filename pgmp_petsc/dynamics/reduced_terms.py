@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
@@ -109,6 +110,7 @@ class ReducedTerms:
             parts.append(_spread(pack(damping.table), damping.weights, weights))
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
         r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
+        nodal = projection[:, : DOFS_PER_NODE * kinematics.mechanism.n_nodes]
         return cls(
             tables=tables,
             weights=weights,
@@ -116,7 +118,7 @@ class ReducedTerms:
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
             layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
-            scale=np.concatenate([np.ones(r), displacement_scale(projection, kinematics.size)]),
+            scale=np.concatenate([np.ones(r), displacement_scale(nodal, kinematics.size)]),
             damping=damping,
         )
 

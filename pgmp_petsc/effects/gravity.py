@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
@@ -26,15 +25,15 @@ class Gravity(Effect):
         self._acceleration = Quantity.of(entry.acceleration)
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
-        self._field = np.zeros((mechanism.n_nodes, DOFS_PER_NODE))
-        self._field[:, :2] = direction * self._acceleration.coefficient
+        self._mechanism = mechanism
+        self._field = np.zeros(mechanism.n_dofs)
+        mechanism.by_node(self._field)[:, :2] = direction * self._acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
-        field = self._field.ravel()
         # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
         return [
-            Load(self.name, weight * self._acceleration.monomial, mass @ field)
+            Load(self.name, weight * self._acceleration.monomial, mass @ self._field)
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]
@@ -45,6 +44,6 @@ class Gravity(Effect):
         for body in self._bodies:
             for weight, axis in product(sorted(body.translational_weights), range(2)):
                 field = np.zeros_like(self._field)
-                field[body.nodes, axis] = 1.0
-                vectors.append(matrices.mass[weight] @ field.ravel())
+                self._mechanism.by_node(field)[body.nodes, axis] = 1.0
+                vectors.append(matrices.mass[weight] @ field)
         return vectors

@@ -62,9 +62,9 @@ def modal_damping(
                 continue
             body = mechanism.bodies[number]
             omega, phi = free_modes(body, nominal, len(damping.ratios), f"effects.{effect.name}.ratios")
-            alone = body.from_node(0)
+            alone = body.alone()
             mass = weighted_sum(assemble([alone], range(len(phi))).mass, nominal)
             factor = mass @ phi * np.sqrt(2.0 * np.array(damping.ratios) * omega)
-            translational = mass.diagonal()[::DOFS_PER_NODE]
+            translational = mass.diagonal()[: DOFS_PER_NODE * body.n_nodes : DOFS_PER_NODE]
             found.append(ModalDamping(effect.name, number, factor, translational / translational.sum()))
     return tuple(found)

@@ -11,7 +11,7 @@ COVERED = ("torque", "gravity", "point_mass", "geometric_stiffening", "mode_iner
 
 def is_covered(scene: Scene) -> bool:
     """Return whether the errors of a scene's reduced runs can be estimated."""
-    flexible = all(body.flexible for body in scene.bodies.values())
+    flexible = all(body.flexible and not body.continuum for body in scene.bodies.values())
     return len(scene.coordinates) == 1 and flexible and all(map(_is_known, scene.effects.values()))
 
 

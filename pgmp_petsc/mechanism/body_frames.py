@@ -1,6 +1,6 @@
 """Between inertial and body frames, and rigid velocities as vectors in body frames.
 
-Nodal vectors have shape (n_dofs, ...) with ``(x, y, phi)`` a node. In its body's frame a vector is turned back by the
+Vectors have shape (n_dofs, ...) with ``(x, y, phi)`` a node, and internal coordinates, which are in body frames always. In its body's frame a vector is turned back by the
 body's angle: ``u = R^T v``. A rigid velocity of a body is then a combination of three constant vectors.
 """
 
@@ -43,14 +43,15 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     ndarray, shape (n_dofs, n_theta)
     """
     n_theta = rates.shape[2]
-    velocities = np.empty((mechanism.n_nodes, DOFS_PER_NODE, n_theta))
+    velocities = np.zeros((mechanism.n_dofs, n_theta))
+    nodal = mechanism.by_node(velocities)
     for body, pose, rate in zip(mechanism.bodies, poses, rates):
         local = rotation(pose[2]).T @ rate
         x, y = body.mesh.nodes.T[..., None]
-        velocities[body.nodes, 0] = local[0] - y * rate[2]
-        velocities[body.nodes, 1] = local[1] + x * rate[2]
-        velocities[body.nodes, 2] = rate[2]
-    return velocities.reshape(mechanism.n_dofs, n_theta)
+        nodal[body.nodes, 0] = local[0] - y * rate[2]
+        nodal[body.nodes, 1] = local[1] + x * rate[2]
+        nodal[body.nodes, 2] = rate[2]
+    return velocities
 
 
 def rigid_curvatures(
@@ -70,21 +71,27 @@ def rigid_curvatures(
     ndarray, shape (n_dofs, n_theta, n_theta)
     """
     n_theta = rates.shape[2]
-    result = np.empty((mechanism.n_nodes, DOFS_PER_NODE, n_theta, n_theta))
+    result = np.zeros((mechanism.n_dofs, n_theta, n_theta))
+    nodal = mechanism.by_node(result)
     for body, pose, rate, curvature in zip(mechanism.bodies, poses, rates, curvatures):
         local = np.einsum("ji,jkl->ikl", rotation(pose[2]), curvature)
         x, y = body.mesh.nodes.T[..., None, None]
         spin, centripetal = curvature[2], np.outer(rate[2], rate[2])
-        result[body.nodes, 0] = local[0] - y * spin - x * centripetal
-        result[body.nodes, 1] = local[1] + x * spin - y * centripetal
-        result[body.nodes, 2] = spin
-    return result.reshape(mechanism.n_dofs, n_theta, n_theta)
+        nodal[body.nodes, 0] = local[0] - y * spin - x * centripetal
+        nodal[body.nodes, 1] = local[1] + x * spin - y * centripetal
+        nodal[body.nodes, 2] = spin
+        if body.component is not None:
+            # a rigid motion has no internal coordinates, but a field that stretches the body has
+            internal = body.dofs[DOFS_PER_NODE * body.n_nodes :]
+            stretching = body.component.spreading[DOFS_PER_NODE * body.n_nodes :]
+            result[internal] = -np.einsum("n,kl->nkl", stretching, centripetal)
+    return result
 
 
 def _turn(mechanism: Mechanism, angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     shape = vectors.shape
-    nodal = vectors.reshape(mechanism.n_nodes, DOFS_PER_NODE, -1)
-    turned = np.empty_like(nodal)
+    turned = vectors.reshape(len(vectors), -1).copy()
+    nodal = mechanism.by_node(turned)
     for body, angle in zip(mechanism.bodies, angles):
-        turned[body.nodes] = np.einsum("ij,njk->nik", rotation(angle), nodal[body.nodes])
+        nodal[body.nodes] = np.einsum("ij,njk->nik", rotation(angle), nodal[body.nodes])
     return turned.reshape(shape)

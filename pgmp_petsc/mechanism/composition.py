@@ -7,19 +7,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.body import Body, LumpedMass, joined
+from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body, LumpedMass, joined
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import N_FRAME, Fixed, Joint, PointOnLine, Revolute
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene.effects import PointMass
+from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.schema import Scene
 
 GROUND = "ground"
 
 
-def bodies_of(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Body, ...]:
+def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]:
     """Return the bodies of a scene with the point masses that they carry, numbered one after the other.
 
     A point mass away from the centre of a rigid body is a body of its own, welded to it (`connections_of`): the mass
@@ -32,6 +36,9 @@ def bodies_of(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Body, ...]:
     """
     bodies: dict[str, Body] = {}
     for name, entry in scene.bodies.items():
+        if entry.continuum:
+            bodies[name] = _continuum(scene, name, meshes[name])
+            continue
         material = None if entry.material is None else scene.materials[entry.material]
         section = BeamSection.of(entry.section, material)
         make = Body.beam if entry.flexible else Body.rigid
@@ -48,10 +55,20 @@ def bodies_of(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Body, ...]:
                 particle = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
                 bodies[_welded(name)] = particle.with_lumps(0, lent)
     numbered, first_node = [], 0
+    first_internal = DOFS_PER_NODE * sum(body.n_nodes for body in bodies.values())
     for body in bodies.values():
-        numbered.append(body.from_node(first_node))
+        numbered.append(body.numbered(first_node, first_internal))
         first_node += body.n_nodes
+        first_internal += body.n_internal
     return tuple(numbered)
+
+
+def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:
+    """Return a continuum body from its mesh, or condensed."""
+    if isinstance(shape, Component):
+        return Body.condensed(name, shape)
+    meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shape, points_used(scene, name))
+    return Body.continuum(name, meshed)
 
 
 def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str) -> Attachment:

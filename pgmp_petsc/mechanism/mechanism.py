@@ -1,7 +1,7 @@
 """The mechanism: bodies, the connections between them, and the coordinates that drive it.
 
-Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its
-centre of mass.
+Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its centre
+of mass. The internal coordinates of condensed bodies follow; they are zero where a body is undeformed.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment, place_points, rotate
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import Driver
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
 
@@ -68,8 +68,8 @@ class Mechanism:
 
     @property
     def n_dofs(self) -> int:
-        """Number of nodal unknowns."""
-        return DOFS_PER_NODE * self.n_nodes
+        """Number of unknowns."""
+        return DOFS_PER_NODE * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property
     def n_constraints(self) -> int:
@@ -130,12 +130,18 @@ class Mechanism:
         Returns
         -------
         ndarray, shape (n_dofs, ...)
-            Nodal unknowns q.
+            Unknowns q.
         """
-        q = np.empty((self.n_nodes, DOFS_PER_NODE, *poses.shape[2:]))
+        q = np.zeros((self.n_dofs, *poses.shape[2:]))
+        nodal = self.by_node(q)
         for index, body in enumerate(self.bodies):
-            q[body.nodes] = place_points(poses[index], body.mesh.nodes)
-        return q.reshape(self.n_dofs, *poses.shape[2:])
+            nodal[body.nodes] = place_points(poses[index], body.mesh.nodes)
+        return q
+
+    def by_node(self, vectors: np.ndarray) -> np.ndarray:
+        """View the nodal part of vectors (n_dofs, ...) as (n_nodes, 3, ...)."""
+        nodal = vectors[: DOFS_PER_NODE * self.n_nodes]
+        return nodal.reshape(self.n_nodes, DOFS_PER_NODE, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d rho / d theta`` in the inertial frame.
@@ -149,16 +155,17 @@ class Mechanism:
         -------
         ndarray, shape (n_dofs, n_theta)
         """
-        result = np.empty((self.n_nodes, DOFS_PER_NODE, rates.shape[2]))
+        result = np.zeros((self.n_dofs, rates.shape[2]))
+        nodal = self.by_node(result)
         for body, pose, rate in zip(self.bodies, poses, rates):
             arm = rotate(pose[2], body.mesh.nodes.T)[..., None]
-            result[body.nodes, 0] = rate[0] - arm[1] * rate[2]
-            result[body.nodes, 1] = rate[1] + arm[0] * rate[2]
-            result[body.nodes, 2] = rate[2]
-        return result.reshape(self.n_dofs, -1)
+            nodal[body.nodes, 0] = rate[0] - arm[1] * rate[2]
+            nodal[body.nodes, 1] = rate[1] + arm[0] * rate[2]
+            nodal[body.nodes, 2] = rate[2]
+        return result
 
     @classmethod
-    def from_scene(cls, scene: Scene, meshes: Mapping[str, LineMesh]) -> Mechanism:
+    def from_scene(cls, scene: Scene, meshes: Mapping[str, BodyShape]) -> Mechanism:
         """Number the unknowns of a scene's bodies and attach its joints.
 
         Raises

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
@@ -48,7 +49,7 @@ from pgmp_petsc.scene.spanning_values import spanning_values
 
 def build_rom(
     scene: Scene,
-    meshes: Mapping[str, LineMesh],
+    meshes: Mapping[str, BodyShape],
     group: RankGroup,
     scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes,
 ) -> ReducedOrderModel | None:
@@ -76,9 +77,11 @@ def build_rom(
         On all ranks, whichever rank met it.
     """
     timings = Timings()
+    with timings.phase("components"):
+        check_features(scene)
+        meshes = condensed(scene, meshes, group)
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
-        check_features(scene)
         check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)

@@ -21,6 +21,7 @@ def check_features(scene: Scene) -> None:
         Naming the entry of the scene.
     """
     reduction, simulation = scene.reduction, scene.simulation
+    _check_continuum(scene)
     settings = {
         "reduction.second_order": reduction.second_order,
         "reduction.sampling_tolerance": reduction.sampling_tolerance,
@@ -33,6 +34,25 @@ def check_features(scene: Scene) -> None:
     for name, effect in scene.effects.items():
         if effect.type == "geometric_stiffening":
             check_single(scene, f"effects.{name}")
+
+
+def _check_continuum(scene: Scene) -> None:
+    """Refuse what beams alone have where a scene has continuum bodies."""
+    continuum = [name for name, body in scene.bodies.items() if body.continuum]
+    if not continuum:
+        return
+    reduction = scene.reduction
+    entries = {
+        "reduction.second_order = true": reduction.second_order,
+        f"reduction.tolerance = {reduction.tolerance}": reduction.tolerance is not None,
+        **{
+            f"effects.{name}": effect.type in ("geometric_stiffening", "mode_inertia")
+            for name, effect in scene.effects.items()
+        },
+    }
+    for entry, given in entries.items():
+        if given:
+            raise InputError(f"{entry}: for bodies of beams only, but {', '.join(continuum)} is meshed; leave it out")
 
 
 def check_single(scene: Scene, what: str) -> None:

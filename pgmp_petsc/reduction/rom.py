@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
+from pgmp_petsc.reduction.shape_files import put_shape, take_shape
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
@@ -43,7 +45,7 @@ class ReducedOrderModel:
     cosines
         Cosine of the largest angle of any group of modes to the sample before, shape (n_sampled,).
     meshes
-        The mesh of every body.
+        The mesh of every body, or what it is condensed to.
     n_redundant
         Number of redundant constraints that were dropped.
     record
@@ -61,7 +63,7 @@ class ReducedOrderModel:
     projection: np.ndarray
     frequencies_hz: np.ndarray
     cosines: np.ndarray
-    meshes: Mapping[str, LineMesh]
+    meshes: Mapping[str, LineMesh | Component]
     n_redundant: int
     record: RunRecord = field(repr=False)
     curvature: np.ndarray | None = None
@@ -108,12 +110,8 @@ class ReducedOrderModel:
                     put(points.require_group("values"), name, column, "SI", "value at every point")
             put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
             meshes = file.create_group("mesh", track_order=True)
-            for name, mesh in self.meshes.items():
-                body = meshes.create_group(name)
-                put(body, "nodes", mesh.nodes, "m", "coordinates in the body's frame")
-                put(body, "cells", mesh.cells, "1", "nodes of the elements")
-                body.attrs["point_names"] = list(mesh.points)
-                body.attrs["point_nodes"] = list(mesh.points.values())
+            for name, shape in self.meshes.items():
+                put_shape(meshes.create_group(name), shape)
             for part in parts:
                 part(file)
 
@@ -150,14 +148,7 @@ class ReducedOrderModel:
             changes=_changes(group["second_order"]) if "second_order" in group else None,
         )
         _check_shapes(tables, file.filename)
-        meshes = {
-            name: LineMesh(
-                take(body, "nodes", 2),
-                take(body, "cells", 2),
-                {str(k): int(v) for k, v in zip(body.attrs["point_names"], body.attrs["point_nodes"])},
-            )
-            for name, body in file["mesh"].items()
-        }
+        meshes = {name: take_shape(body) for name, body in file["mesh"].items()}
         n_modes, curvature = tables.n_modes, None
         projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
         if tables.second_order is not None:

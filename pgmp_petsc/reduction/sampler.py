@@ -127,14 +127,26 @@ class Sampler:
 
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
-        n, n_modes = self.problem.mechanism.n_dofs, modes.flexible.shape[1]
-        rows = np.arange(self.problem.rows.start, self.problem.rows.stop)
-        # incommensurate waves: no mode shape of any mesh is orthogonal to its own one but by accident
-        waves = np.cos(np.outer(1.0 + rows * (np.sqrt(5.0) / n), 1.0 + np.sqrt(2.0) * np.arange(1, n_modes + 1)))
+        n_modes = modes.flexible.shape[1]
+        waves = self._waves(n_modes)
         rotation = np.eye(n_kept)
         probe = self.problem.inner(modes.flexible, waves)
         rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
         return rotation
+
+    def _waves(self, n_waves: int) -> np.ndarray:
+        """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by accident.
+
+        Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
+        """
+        mechanism, rows = self.problem.mechanism, self.problem.rows
+        numbers = np.arange(mechanism.n_dofs)
+        waves = np.cos(np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1)))
+        for body in mechanism.bodies:
+            if body.component is not None:
+                probes = body.component.probes
+                waves[body.dofs] = probes[:, np.arange(n_waves) % probes.shape[1]]
+        return waves[rows.start : rows.stop]
 
     def _project(self, terms: Sequence, basis: np.ndarray) -> np.ndarray:
         everywhere = self.problem.all_rows(basis)
@@ -159,6 +171,5 @@ def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray
 
 
 def _ascending(modes: ModeSet) -> ModeSet:
-
     order = np.argsort(modes.eigenvalues, kind="stable")
     return replace(modes, eigenvalues=modes.eigenvalues[order], flexible=modes.flexible[:, order])

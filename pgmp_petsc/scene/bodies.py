@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
     Integer,
+    Name,
     NotNegativeOrParameter,
     Number,
     Pair,
@@ -82,15 +83,50 @@ class Body(Table):
     line: StraightBeam | None = Field(
         None, description="instead of a mesh file, a straight line { length = 0.3, elements = 5 }"
     )
-    element: Literal["beam2d"] = Field(description="element type")
+    element: Literal["beam2d", "solid2d", "solid3d"] = Field(
+        description="beam, plane stress or solid; the cells of the mesh say which element of its kind"
+    )
     material: str | None = Field(None, description="name of a material; not for a section given by coefficients")
-    section: Section = Field(description='cross-section, such as { shape = "circle", radius = 0.01 }')
+    section: Section | None = Field(
+        None, description='cross-section of a beam, such as { shape = "circle", radius = 0.01 }'
+    )
+    thickness: PositiveOrParameter | None = Field(
+        None, description="thickness of solid2d (m), a number or a parameter's name"
+    )
+    regions: dict[Name, str] = Field(
+        {}, description="materials of named regions of the mesh, other than the body's; continuum elements only"
+    )
     flexible: bool = Field(True, strict=True, description="false makes the body rigid")
     placement: Placement | None = Field(None, description="first guess for the assembly")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         exactly_one(self, "mesh", "line")
+        return self._consistent_beam() if self.element == "beam2d" else self._consistent_solid()
+
+    @property
+    def continuum(self) -> bool:
+        """Whether the body is meshed with continuum elements."""
+        return self.element != "beam2d"
+
+    def _consistent_solid(self) -> Self:
+        for key in ("line", "section"):
+            if getattr(self, key) is not None:
+                raise refusal(f"{self.element} takes its shape from a mesh; {key} is for beam2d", key)
+        if self.material is None:
+            raise refusal("missing; needed: name of a material", "material")
+        if self.element == "solid2d" and self.thickness is None:
+            raise refusal("missing; needed: thickness of the body (m), a number or a parameter's name", "thickness")
+        if self.element == "solid3d" and self.thickness is not None:
+            raise refusal("for solid2d only; a solid3d body has its thickness from its mesh", "thickness")
+        return self
+
+    def _consistent_beam(self) -> Self:
+        for key, value in (("thickness", self.thickness), ("regions", self.regions or None)):
+            if value is not None:
+                raise refusal("for solid2d and solid3d only", key)
+        if self.section is None:
+            raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
         given = isinstance(self.section, Coefficients)
         if given and self.material is not None:
             raise refusal("a section given by coefficients has no material", "material")

@@ -41,6 +41,9 @@ def _bodies(scene: Scene) -> Iterator[str]:
             )
         if body.material is not None and body.material not in scene.materials:
             yield _unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
+        for region, material in body.regions.items():
+            if material not in scene.materials:
+                yield _unknown(f"bodies.{name}.regions.{region}", "material", material, scene.materials)
 
 
 def _joints(scene: Scene) -> Iterator[str]:
@@ -130,7 +133,9 @@ def numbers_of(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
         yield f"materials.{name}.E", material.E, True
         yield f"materials.{name}.rho", material.rho, True
     for name, body in scene.bodies.items():
-        for key, size in body.section:
+        if body.thickness is not None:
+            yield f"bodies.{name}.thickness", body.thickness, True
+        for key, size in body.section or ():
             if key != "shape":
                 yield f"bodies.{name}.section.{key}", size, key != "rotary_density" or body.flexible
     for name, effect in scene.effects.items():

@@ -14,7 +14,7 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    "scene", "mesh", "bodies", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
+    "scene", "mesh", "bodies", "solvers", "components", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
     "indicator", "ensemble", "selection", "studies", "figures", "export", "cli",
 )
 FREE = ("runtime", "")  # "" is the package itself: its version
@@ -25,6 +25,7 @@ NEEDS = {
     "mesh": set(),
     "results": set(),
     "bodies": {"scene", "mesh"},
+    "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
     "effects": {"scene", "bodies", "mechanism"},
     "outputs": {"scene", "mechanism"},

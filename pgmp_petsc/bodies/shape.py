@@ -1,0 +1,9 @@
+"""What a body is made from: a mesh, or a continuum body that is condensed already."""
+
+from __future__ import annotations
+
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+
+BodyShape = LineMesh | SolidMesh | Component

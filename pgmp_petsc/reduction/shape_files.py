@@ -1,0 +1,70 @@
+"""What bodies are made from, in files: line meshes, and condensed continuum bodies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.runtime.files import put, take
+
+if TYPE_CHECKING:
+    import h5py
+
+UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
+
+
+def put_shape(group: h5py.Group, shape: LineMesh | Component) -> None:
+    """Write a body's mesh, or what it is condensed to, into its group."""
+    if isinstance(shape, Component):
+        _put_component(group, shape)
+        return
+    put(group, "nodes", shape.nodes, "m", "coordinates in the body's frame")
+    put(group, "cells", shape.cells, "1", "nodes of the elements")
+    _put_names(group, shape.points)
+
+
+def take_shape(group: h5py.Group) -> LineMesh | Component:
+    """Read back what `put_shape` wrote."""
+    if "centres" not in group:
+        return LineMesh(take(group, "nodes", 2), take(group, "cells", 2), _names(group))
+    return Component(
+        frames=_names(group),
+        centres=take(group, "centres", 2),
+        mass=_take_terms(group, "mass"),
+        stiffness=_take_terms(group, "stiffness"),
+        fields=take(group, "fields", 2),
+        probes=take(group, "probes", 2),
+        n_mesh_dofs=int(group.attrs["n_mesh_dofs"]),
+        error=float(group.attrs["error"]),
+    )
+
+
+def _put_component(group: h5py.Group, component: Component) -> None:
+    put(group, "centres", component.centres, "m", "of the frames, in the body's frame")
+    _put_names(group, component.frames)
+    for name in ("mass", "stiffness"):
+        terms = getattr(component, name)
+        data = put(group, name, np.array(list(terms.values())), "SI, weight taken out", f"(term, ...): {UNKNOWNS}")
+        data.attrs["weights"] = [str(weight) for weight in terms]
+    put(group, "fields", component.fields, "m, 1", f"unknowns of the linear displacement fields: {UNKNOWNS}")
+    put(group, "probes", component.probes, "SI", f"what tells modes apart: {UNKNOWNS}")
+    group.attrs["n_mesh_dofs"] = component.n_mesh_dofs
+    group.attrs["error"] = component.error
+
+
+def _take_terms(group: h5py.Group, name: str) -> dict[Monomial, np.ndarray]:
+    weights = (Monomial.parse(str(text)) for text in group[name].attrs["weights"])
+    return dict(zip(weights, take(group, name, 3)))
+
+
+def _put_names(group: h5py.Group, names: dict[str, int]) -> None:
+    group.attrs["point_names"] = list(names)
+    group.attrs["point_nodes"] = list(names.values())
+
+
+def _names(group: h5py.Group) -> dict[str, int]:
+    return {str(k): int(v) for k, v in zip(group.attrs["point_names"], group.attrs["point_nodes"])}
