@@ -1,8 +1,8 @@
 """A body: its nodes in its own frame, its place among the unknowns, and its affine matrices.
 
 The nodes of a beam are those of its mesh; a rigid body has one, its centre of mass. A continuum body has one for each of
-its frames, the groups of faces that joints and effects hold, and internal coordinates beside them, which belong to its
-frame and do not turn with it.
+its frames, the groups of faces that joints and effects hold, and internal coordinates beside them: of a condensed body
+the amplitudes of its component modes, which do not turn with it; otherwise the positions of the nodes of its mesh.
 
 In the body's frame the mass and the tangent stiffness at rest are constant for every configuration of the mechanism,
 so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).
@@ -66,7 +66,7 @@ class Body:
     component
         A continuum body, condensed.
     meshed
-        A continuum body that is not condensed (yet); it has no matrices here.
+        A continuum body that is not condensed.
     first_internal
         Number of the body's first internal coordinate among all unknowns of the mechanism.
     """
@@ -191,8 +191,15 @@ class Body:
 
     @property
     def n_internal(self) -> int:
-        """Number of internal coordinates."""
+        """Number of internal coordinates; those of a body on a mesh are the positions of the mesh's nodes."""
+        if self.meshed is not None:
+            return self.meshed.solid.n_dofs
         return 0 if self.component is None else self.component.n_internal
+
+    @property
+    def internal(self) -> slice:
+        """The internal coordinates among all unknowns."""
+        return slice(self.first_internal, self.first_internal + self.n_internal)
 
     @property
     def dofs(self) -> np.ndarray:

@@ -83,6 +83,12 @@ def _assemble_terms(
             row_parts.append(np.repeat(dofs, dofs.size))
             column_parts.append(np.tile(dofs, dofs.size))
             value_parts.append({m: matrix.ravel() for m, matrix in getattr(body.component, kind).items()})
+        if kind and body.meshed is not None:
+            meshed = meshed_rows(body, rows, kind)
+            first = next(iter(meshed.values()))
+            row_parts.append(first.row)
+            column_parts.append(first.col)
+            value_parts.append({weight: matrix.data for weight, matrix in meshed.items()})
         if kind == "mass" and body.lumps:
             dofs, values = lumped_entries(body)
             row_parts.append(dofs)
@@ -100,6 +106,21 @@ def _assemble_terms(
         coo = sp.coo_matrix((values[owned], (row[owned] - rows.start, column[owned])), shape=shape)
         terms[monomial] = coo.tocsr()
     return terms
+
+
+def meshed_rows(body: Body, rows: range, kind: str) -> dict[Monomial, sp.coo_matrix]:
+    """Return the entries of a continuum body's ``"mass"`` or ``"stiffness"`` on its mesh, for rows among all unknowns."""
+    solid, d = body.meshed.solid, body.meshed.solid.mesh.dimension
+    first = min(max(rows.start - body.first_internal, 0), solid.n_dofs)
+    last = min(max(rows.stop - body.first_internal, 0), solid.n_dofs)
+    nodes = range(first // d, -(-last // d))
+    found = {}
+    for weight, matrix in getattr(solid, kind)(nodes).items():
+        coo = matrix.tocoo()
+        shape = (body.first_internal + solid.n_dofs,) * 2
+        place = (body.first_internal + d * nodes.start + coo.row, body.first_internal + coo.col)
+        found[weight] = sp.coo_matrix((coo.data, place), shape=shape)
+    return found
 
 
 def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
 
 
 def rotation(angle: float) -> np.ndarray:
@@ -47,10 +47,10 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     nodal = mechanism.by_node(velocities)
     for body, pose, rate in zip(mechanism.bodies, poses, rates):
         local = rotation(pose[2]).T @ rate
-        x, y = body.mesh.nodes.T[..., None]
-        nodal[body.nodes, 0] = local[0] - y * rate[2]
-        nodal[body.nodes, 1] = local[1] + x * rate[2]
+        nodal[body.nodes, :2] = _velocities(local, body.mesh.nodes)
         nodal[body.nodes, 2] = rate[2]
+        if body.meshed is not None:
+            on_mesh(body, velocities)[:] = _velocities(local, body.meshed.solid.mesh.nodes)
     return velocities
 
 
@@ -75,16 +75,15 @@ def rigid_curvatures(
     nodal = mechanism.by_node(result)
     for body, pose, rate, curvature in zip(mechanism.bodies, poses, rates, curvatures):
         local = np.einsum("ji,jkl->ikl", rotation(pose[2]), curvature)
-        x, y = body.mesh.nodes.T[..., None, None]
-        spin, centripetal = curvature[2], np.outer(rate[2], rate[2])
-        nodal[body.nodes, 0] = local[0] - y * spin - x * centripetal
-        nodal[body.nodes, 1] = local[1] + x * spin - y * centripetal
-        nodal[body.nodes, 2] = spin
+        centripetal = np.outer(rate[2], rate[2])
+        nodal[body.nodes, :2] = _accelerations(local, centripetal, body.mesh.nodes)
+        nodal[body.nodes, 2] = curvature[2]
+        if body.meshed is not None:
+            on_mesh(body, result)[:] = _accelerations(local, centripetal, body.meshed.solid.mesh.nodes)
         if body.component is not None:
             # a rigid motion has no internal coordinates, but a field that stretches the body has
-            internal = body.dofs[DOFS_PER_NODE * body.n_nodes :]
             stretching = body.component.spreading[DOFS_PER_NODE * body.n_nodes :]
-            result[internal] = -np.einsum("n,kl->nkl", stretching, centripetal)
+            result[body.internal] = -np.einsum("n,kl->nkl", stretching, centripetal)
     return result
 
 
@@ -93,5 +92,21 @@ def _turn(mechanism: Mechanism, angles: np.ndarray, vectors: np.ndarray) -> np.n
     turned = vectors.reshape(len(vectors), -1).copy()
     nodal = mechanism.by_node(turned)
     for body, angle in zip(mechanism.bodies, angles):
-        nodal[body.nodes] = np.einsum("ij,njk->nik", rotation(angle), nodal[body.nodes])
+        turn = rotation(angle)
+        nodal[body.nodes] = np.einsum("ij,njk->nik", turn, nodal[body.nodes])
+        if body.meshed is not None:
+            on_mesh(body, turned)[:] = np.einsum("ij,njk->nik", turn[:2, :2], on_mesh(body, turned))
     return turned.reshape(shape)
+
+
+def _velocities(twist: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the velocities (n, 2, k) of points (n, 2) of a body with velocities and spins (3, k), in its frame."""
+    x, y = points.T[..., None]
+    return np.stack([twist[0] - y * twist[2], twist[1] + x * twist[2]], axis=1)
+
+
+def _accelerations(local: np.ndarray, centripetal: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return ``d2 x / d theta_k d theta_l`` (n, 2, k, l) of points, from that of the pose (3, k, l), in its frame."""
+    x, y = points.T[..., None, None]
+    spin = local[2]
+    return np.stack([local[0] - y * spin - x * centripetal, local[1] + x * spin - y * centripetal], axis=1)

@@ -6,7 +6,7 @@ constraint Jacobian alone does, through the directions in which the bodies meet.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,8 @@ def constraint_jacobian(
 
     Returns
     -------
-    csr_matrix, shape (n_constraints + n_clamped, n_dofs)
+    csr_matrix, shape (n_constraints + n_clamped + n_ties, n_dofs)
+        The ties of frames to the meshes of continuum bodies come last.
     """
     rows, columns, values = [], [], []
     q = mechanism.place(poses)
@@ -57,9 +58,22 @@ def constraint_jacobian(
                 columns.append([side.dofs[2]])
                 values.append([sign])
     shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
-    return sp.coo_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
-    ).tocsr()
+    joints = sp.coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+    return sp.vstack([joints, *_ties(mechanism)]).tocsr()
+
+
+def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:
+    """Yield the constraints between the frames of each meshed body and its mesh: the same at every configuration."""
+    for body in mechanism.bodies:
+        if body.meshed is not None:
+            solid = body.meshed.solid
+            means = sp.vstack([frame.functionals(solid.mesh.n_nodes) for frame in body.meshed.frames.values()]).tocoo()
+            n = means.shape[0]
+            nodal = body.dofs[:n]
+            rows = np.concatenate([np.arange(n), means.row])
+            columns = np.concatenate([nodal, body.first_internal + means.col])
+            data = np.concatenate([np.ones(n), -means.data])
+            yield sp.coo_matrix((data, (rows, columns)), shape=(n, mechanism.n_dofs))
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,18 @@ class Coordinate:
         return frame_b[2] - frame_a[2]
 
 
+def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
+    """View what vectors (n_dofs, ...) have at the nodes of a continuum body's mesh, shape (n, d, ...)."""
+    mesh = body.meshed.solid.mesh
+    return vectors[body.internal].reshape(mesh.n_nodes, mesh.dimension, *vectors.shape[1:])
+
+
+def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return the velocities (n, 2, k) of points (n, 2) of a body at a pose (3,) with rates (3, k)."""
+    x, y = rotate(pose[2], points.T)[..., None]
+    return np.stack([rate[0] - y * rate[2], rate[1] + x * rate[2]], axis=1)
+
+
 @dataclass(frozen=True)
 class Mechanism:
     """Bodies, connections and coordinates of a scene, with their numbering.
@@ -136,6 +148,8 @@ class Mechanism:
         nodal = self.by_node(q)
         for index, body in enumerate(self.bodies):
             nodal[body.nodes] = place_points(poses[index], body.mesh.nodes)
+            if body.meshed is not None:
+                on_mesh(body, q)[:] = place_points(poses[index], body.meshed.solid.mesh.nodes)[:, :2]
         return q
 
     def by_node(self, vectors: np.ndarray) -> np.ndarray:
@@ -158,10 +172,10 @@ class Mechanism:
         result = np.zeros((self.n_dofs, rates.shape[2]))
         nodal = self.by_node(result)
         for body, pose, rate in zip(self.bodies, poses, rates):
-            arm = rotate(pose[2], body.mesh.nodes.T)[..., None]
-            nodal[body.nodes, 0] = rate[0] - arm[1] * rate[2]
-            nodal[body.nodes, 1] = rate[1] + arm[0] * rate[2]
+            nodal[body.nodes, :2] = _point_rates(pose, rate, body.mesh.nodes)
             nodal[body.nodes, 2] = rate[2]
+            if body.meshed is not None:
+                on_mesh(body, result)[:] = _point_rates(pose, rate, body.meshed.solid.mesh.nodes)
         return result
 
     @classmethod

@@ -65,6 +65,8 @@ class ModalProblem:
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
         self._clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+        first = self.mechanism.n_constraints
+        self._clamp_rows = slice(first, first + len(self._clamped))
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
@@ -150,7 +152,7 @@ class ModalProblem:
         loads
             In body frames, local rows, shape (n_local, n_loads).
         """
-        clamps = self.constraints_at(self.mechanism.first_guess)[self.mechanism.n_constraints :].toarray().T
+        clamps = self.constraints_at(self.mechanism.first_guess)[self._clamp_rows].toarray().T
         chosen = np.empty((len(loads), 0))
         for load in np.hstack([clamps[self.rows.start : self.rows.stop], loads]).T[..., None]:
             rest = load / np.sqrt(self.inner(load, load)[0, 0])
