@@ -146,12 +146,17 @@ class Body:
     @property
     def flexible(self) -> bool:
         """Whether the body deforms."""
-        return self.section is not None and len(self.mesh.cells) > 0 or not self.beam_or_rigid
+        return self.is_beam or self.is_continuum
 
     @property
-    def beam_or_rigid(self) -> bool:
-        """Whether the body is no continuum."""
-        return self.component is None and self.meshed is None
+    def is_beam(self) -> bool:
+        """Whether the body is made of flexible beams."""
+        return len(self.mesh.cells) > 0 and not self.is_continuum
+
+    @property
+    def is_continuum(self) -> bool:
+        """Whether the body is meshed with continuum elements, condensed or not."""
+        return self.component is not None or self.meshed is not None
 
     @property
     def mass_weights(self) -> set[Monomial]:
@@ -165,7 +170,7 @@ class Body:
         lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
         if not self.flexible:
             return lumped
-        return lumped | ({self.section.line_density.monomial} if self.beam_or_rigid else self._own_weights("mass"))
+        return lumped | ({self.section.line_density.monomial} if self.is_beam else self._own_weights("mass"))
 
     @property
     def stiffness_weights(self) -> set[Monomial]:
@@ -220,7 +225,7 @@ class Body:
 
     def stiffness_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return element tangents at rest in the body's frame, (n_chosen, 6, 6), by weight."""
-        if not (self.flexible and self.beam_or_rigid):
+        if not self.is_beam:
             return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
@@ -230,7 +235,7 @@ class Body:
 
     def axial_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return the part of `stiffness_entries` that resists extension."""
-        if not (self.flexible and self.beam_or_rigid):
+        if not self.is_beam:
             return {}
         lengths, directions, axial = self.mesh.lengths[chosen], self.directions[chosen], self.section.axial
         entries = beam2d.undeformed_stiffness(lengths, directions, np.array([axial.coefficient, 0.0, 0.0]))
@@ -251,7 +256,7 @@ class Body:
         dict
             Each of shape (n_chosen, 6, m (m + 1) / 2), pairs as in `beam2d.third_derivative`.
         """
-        if not (self.flexible and self.beam_or_rigid):
+        if not self.is_beam:
             return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
@@ -261,7 +266,7 @@ class Body:
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), by weight."""
-        if not (self.flexible and self.beam_or_rigid):
+        if not self.is_beam:
             return {}
         lengths = self.mesh.lengths[chosen]
         return {

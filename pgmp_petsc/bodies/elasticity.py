@@ -104,6 +104,42 @@ def tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
     """
     deformation, _, stress = _stress(places, geometry, lame)
     g, volumes = geometry.gradients, geometry.volumes
+    result = _material_tangent(deformation, geometry, lame)
+    geometric = np.einsum("eqia,eqij,eqjb,eq->eab", g, stress, g, volumes, optimize=True)
+    for i in range(places.shape[2]):
+        result[:, :, i, :, i] += geometric
+    return result
+
+
+def viscous_forces(
+    places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the forces of a stress ``lambda tr(E') 1 + 2 mu E'``, which rigid motion does not feel, and ``d force/d rate``.
+
+    Parameters
+    ----------
+    places, rates
+        Of the nodes, shape (n_e, n_a, d).
+
+    Returns
+    -------
+    forces, derivatives
+        Shapes (n_e, n_a, d) and (n_e, n_a, d, n_b, d).
+    """
+    g, volumes = geometry.gradients, geometry.volumes
+    deformation = np.einsum("eai,eqja->eqij", places, g, optimize=True)
+    change = np.einsum("eai,eqja->eqij", rates, g, optimize=True)
+    product = deformation.swapaxes(2, 3) @ change
+    strain_rate = 0.5 * (product + product.swapaxes(2, 3))
+    trace = np.trace(strain_rate, axis1=2, axis2=3)[:, :, None, None]
+    stress = lame.first * trace * np.eye(places.shape[2]) + 2.0 * lame.shear * strain_rate
+    first = deformation @ stress * volumes[:, :, None, None]
+    return np.einsum("eqij,eqja->eai", first, g, optimize=True), _material_tangent(deformation, geometry, lame)
+
+
+def _material_tangent(deformation: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the tangent at constant stress directions: ``lambda`` and ``mu`` parts of `tangents`."""
+    g, volumes = geometry.gradients, geometry.volumes
     n_e, n_q, d, n_a = g.shape
     pushed = deformation @ g  # (F G_a)_i
     weighted = (pushed * volumes[:, :, None, None]).reshape(n_e, n_q, d * n_a)
@@ -113,9 +149,6 @@ def tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
     left = deformation @ deformation.swapaxes(2, 3) * (lame.shear * volumes)[:, :, None, None]
     products = np.einsum("eqja,eqjb->eqab", g, g, optimize=True)
     result += np.einsum("eqij,eqab->eaibj", left, products, optimize=True)
-    geometric = np.einsum("eqia,eqij,eqjb,eq->eab", g, stress, g, volumes, optimize=True)
-    for i in range(d):
-        result[:, :, i, :, i] += geometric
     return result
 
 

@@ -138,7 +138,7 @@ def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
 def touching(body: Body, rows: range) -> np.ndarray:
     """Return the numbers of the body's elements that touch the given rows, shape (n_chosen,)."""
     first_node, last_node = rows.start // DOFS_PER_NODE, rows.stop // DOFS_PER_NODE
-    if not body.beam_or_rigid:
+    if body.is_continuum:
         return np.zeros(0, dtype=int)
     touches = (body.elements >= first_node) & (body.elements < last_node)
     return np.flatnonzero(touches.any(axis=1))

@@ -23,13 +23,14 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, owned_rows, weighted_sum
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.rank_elements import RankElements
+from pgmp_petsc.dynamics.rank_solids import rank_solids
 from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -86,7 +87,9 @@ class FullDistributed:
         self._local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
         self._damping = BodyDampings.of(effects, mechanism)
         self._elements = RankElements(mechanism.bodies, self.rows, values, self._damping)
-        self._needs_rates = bool(self._local.n_actions or self._damping.modal or self._elements.damped)
+        self._solids = tuple(rank_solids(mechanism.bodies, self.rows, values, self._damping))
+        damped = any(elements.damped for elements in (self._elements, *self._solids))
+        self._needs_rates = bool(self._local.n_actions or self._damping.modal or damped)
         self._load_vectors = np.array(
             [load.weight.evaluate(values) * load.vector for load in loads]
         ).reshape(len(loads), len(self.rows))
@@ -94,8 +97,9 @@ class FullDistributed:
         self._mass = aij_matrix(mass, comm, len(self.rows))
         self._typical_mass = comm.allreduce(float(mass.diagonal(self.rows.start).sum())) / self.n_dofs
         self._numbering()
-        units = np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], len(self.rows) // DOFS_PER_NODE)
-        self._units = units
+        units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        mechanism.by_node(units)[:, 2] = 1.0
+        self._units = units[self.rows.start : self.rows.stop]
         self._solver()
 
     def close(self) -> None:
@@ -171,12 +175,16 @@ class FullDistributed:
         self._mass.mult(self._a, self._ma)
         kinetic = 0.5 * float(state.v @ self._ma.getArray(readonly=True))
         # what each rank knows of its own rows and elements; the rest is known to all
-        parts = {("kinetic", ""): kinetic, ("strain", ""): self._elements.strain_energy(q)}
+        strain = sum(part.strain_energy(q) for part in (self._elements, *self._solids))
+        parts = {("kinetic", ""): kinetic, ("strain", ""): strain}
+        braked_solids = [(solid, solid.evaluate(q, v, 0.0)) for solid in self._solids if solid.damped]
         for number, name in self._damping.effects.items():
             own = owned & (self._elements.body == number)
             braked = self._elements.lumped_body == number
             lumps = self._elements.lumped_forces(v)[braked] @ v[self._elements.lumped[braked]]
-            parts["power", name] = parts.get(("power", name), 0.0) + float(elements.powers[own].sum()) - float(lumps)
+            solid = sum(float(now.powers[part.owned].sum()) for part, now in braked_solids if part.body == number)
+            braking = float(elements.powers[own].sum()) + solid - float(lumps)
+            parts["power", name] = parts.get(("power", name), 0.0) + braking
         for effect, vector in zip(self._load_effects, self._load_vectors):
             kind, moved = ("potential", -state.q) if effect.conservative else ("power", state.v)
             strength = float(effect.amplitude(time)) * float(vector @ moved)
@@ -215,13 +223,15 @@ class FullDistributed:
         q, multipliers = self._gather(state)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
+        solids = [solid.evaluate(q, v, gain_v) for solid in self._solids]
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
                 constraint = self._constraints.residual(everywhere, driven(self._motions, time).angle)[:, 0]
         rows, columns = self._constraints.jacobian_pattern
         residual = np.zeros(self.n_dofs)
-        np.add.at(residual, self._elements.dofs.ravel(), elements.forces.ravel())
+        for part, now in zip((self._elements, *self._solids), (elements, *solids)):
+            np.add.at(residual, part.dofs.ravel(), now.forces.ravel())
         np.add.at(residual, columns, jacobian * multipliers[rows])
         residual[self._elements.lumped] += self._elements.lumped_forces(v)
         tangents = np.zeros(0)
@@ -241,7 +251,8 @@ class FullDistributed:
             own -= effect.amplitude(time) * vector
         if fresh:
             curvature = self._constraints.curvature_values(everywhere, multipliers[:, None])[:, 0]
-            self._assemble(gains, scale, elements.tangents, jacobian, np.concatenate([curvature, tangents]))
+            found = [now.tangents for now in (elements, *solids)]
+            self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
         self._ksp.solve(self._rhs, self._x)
         if self._ksp.getConvergedReason() < 0:
@@ -259,23 +270,23 @@ class FullDistributed:
         curved_rows, curved_columns = (
             np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern)
         )
-        dofs, lumped = self._elements.dofs, self._elements.lumped
-        modal = [np.arange(3 * b.nodes.start, 3 * b.nodes.stop) for b in self._modal_bodies()]
+        elements, lumped = [part.dofs for part in (self._elements, *self._solids)], self._elements.lumped
+        modal = [b.dofs for b in self._modal_bodies()]
         off_diagonal = curved_rows != curved_columns
         self._mirrored = off_diagonal
         self._needed_dofs = np.unique(
-            np.concatenate([dofs.ravel(), columns, curved_rows, curved_columns, lumped, *modal])
+            np.concatenate([*(dofs.ravel() for dofs in elements), columns, curved_rows, curved_columns, lumped, *modal])
         )
         i = np.concatenate(
             [
-                np.repeat(dofs, 6, axis=1).ravel(), columns, self.n_dofs + rows,
+                *(np.repeat(dofs, dofs.shape[1], axis=1).ravel() for dofs in elements), columns, self.n_dofs + rows,
                 curved_rows, curved_columns[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
                 lumped,
             ]
         )
         j = np.concatenate(
             [
-                np.tile(dofs, (1, 6)).ravel(), self.n_dofs + rows, columns,
+                *(np.tile(dofs, (1, dofs.shape[1])).ravel() for dofs in elements), self.n_dofs + rows, columns,
                 curved_columns, curved_rows[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
                 lumped,
             ]
@@ -337,14 +348,14 @@ class FullDistributed:
         self,
         gains: tuple[float, float, float],
         scale: float,
-        tangents: np.ndarray,
+        tangents: Sequence[np.ndarray],
         jacobian: np.ndarray,
         curvature: np.ndarray,
     ) -> None:
         gain_v, gain_a, gain_k = gains
         values = np.concatenate(
             [
-                self._elements.matrices(gains, tangents).ravel(), scale * jacobian, scale * jacobian,
+                *(part.matrices(gains, now).ravel() for part, now in zip((self._elements, *self._solids), tangents)), scale * jacobian, scale * jacobian,
                 gain_k * curvature, gain_k * curvature[self._mirrored], np.zeros(self._constraints.n_constraints),
                 self._elements.lumped_tangents(gain_v, gain_a),
             ]

@@ -72,7 +72,7 @@ class RankElements:
     ) -> None:
         dofs, lengths, directions, sections, masses, owners = [], [], [], [], [], []
         for number, body in enumerate(bodies):
-            if not body.flexible:
+            if not body.is_beam:
                 continue
             chosen = touching(body, rows)
             section = body.section

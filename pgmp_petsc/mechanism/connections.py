@@ -9,6 +9,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.frame_tie import N_TIES, frame_ties
 from pgmp_petsc.mechanism.joints import N_FRAME, N_PAIR
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -16,7 +17,7 @@ from pgmp_petsc.mechanism.null_space import null_space
 
 
 class ConstraintSet:
-    """Constraints ``c(q) = 0`` of a mechanism, and ``phi_b - phi_a`` of the joints that are driven.
+    """Constraints ``c(q) = 0`` of a mechanism's joints and frame ties, and ``phi_b - phi_a`` of the joints that are driven.
 
     Parameters
     ----------
@@ -39,15 +40,16 @@ class ConstraintSet:
     """
 
     def __init__(self, mechanism: Mechanism, kept: np.ndarray | None = None) -> None:
-        n_joints = mechanism.n_constraints
-        driven = mechanism.driven_connections
-        self._n_all = n_joints + len(driven)
-        kept = np.arange(n_joints) if kept is None else kept
-        self._kept = np.concatenate([kept, np.arange(n_joints, self._n_all)])
+        self._ties = tuple(frame_ties(mechanism.bodies, mechanism.n_constraints))
+        n_own = self._ties[-1].rows.stop if self._ties else mechanism.n_constraints
+        driven = mechanism.driven_connections(n_own)
+        self._n_all = n_own + len(driven)
+        kept = np.arange(n_own) if kept is None else kept
+        self._kept = np.concatenate([kept, np.arange(n_own, self._n_all)])
         self.n_constraints = self._kept.size
         self.n_driven = len(driven)
         self._connections = (*mechanism.connections, *driven)
-        self.linear = all(connection.linear for connection in self._connections)
+        self.linear = not self._ties and all(connection.linear for connection in self._connections)
         self._entries = [_find_entries(connection) for connection in self._connections]
         self.jacobian_pattern = self._jacobian_pattern()
         self.curvature_pattern = self._curvature_pattern()
@@ -65,6 +67,8 @@ class ConstraintSet:
         result = np.empty((self._n_all, *q.shape[1:]))
         for connection in self._connections:
             result[connection.rows] = connection.residual(q)
+        for tie in self._ties:
+            result[tie.rows] = tie.residual(q)
         if self.n_driven:
             result[-self.n_driven :] -= driven.reshape(-1, *(1,) * (q.ndim - 1))
         return result[self._kept]
@@ -74,6 +78,8 @@ class ConstraintSet:
         parts = []
         for connection, (rows, columns) in zip(self._connections, self._entries):
             parts.append(connection.jacobian(q)[rows, columns])
+        for tie in self._ties:
+            parts.append(tie.jacobian(q).reshape(-1, *q.shape[1:]))
         return np.concatenate(parts)[self._kept_entries]
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
@@ -87,6 +93,8 @@ class ConstraintSet:
                 total = np.einsum("c...,cij...->ij...", everywhere[connection.rows], connection.hessian(q))
                 i, j = np.tril_indices(columns.size)
                 parts.append(total[columns[i], columns[j]])
+        for tie in self._ties:
+            parts.append(tie.curvature(q, everywhere[tie.rows]))
         return np.concatenate(parts)
 
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
@@ -100,6 +108,8 @@ class ConstraintSet:
                 rate = np.zeros((N_PAIR, *q.shape[1:]))
                 rate[connection.moving_columns] = v[connection.dofs]
                 result[connection.rows] = np.einsum("cij...,i...,j...->c...", connection.hessian(q), rate, rate)
+        for tie in self._ties:
+            result[tie.rows] = tie.drift(q, v)
         if self.n_driven:
             result[-self.n_driven :] = -driven.reshape(-1, *(1,) * (q.ndim - 1))
         return result[self._kept]
@@ -111,6 +121,9 @@ class ConstraintSet:
             unknown_of[connection.moving_columns] = connection.dofs
             rows.append(connection.rows.start + row)
             unknowns.append(unknown_of[column])
+        for tie in self._ties:
+            rows.append(np.repeat(np.arange(tie.rows.start, tie.rows.stop), tie.dofs.size))
+            unknowns.append(np.tile(tie.dofs, N_TIES))
         place = np.full(self._n_all, -1)
         place[self._kept] = np.arange(self._kept.size)
         row = place[np.concatenate(rows)]
@@ -124,6 +137,9 @@ class ConstraintSet:
                 i, j = np.tril_indices(connection.dofs.size)
                 rows.append(connection.dofs[i])
                 columns.append(connection.dofs[j])
+        for tie in self._ties:
+            rows.append(np.full(tie.dofs.size, tie.frame[2]))
+            columns.append(tie.dofs)
         return np.concatenate(rows), np.concatenate(columns)
 
 

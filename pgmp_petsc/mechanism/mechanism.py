@@ -116,13 +116,12 @@ class Mechanism:
         """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
         return self.attachment(address, entry).node
 
-    @property
-    def driven_connections(self) -> tuple[Connection, ...]:
+    def driven_connections(self, first_row: int) -> tuple[Connection, ...]:
         """The rotations that prescribed coordinates hold, in the coordinates' order; rows after all joints' ones."""
         driven = [coordinate for coordinate in self.coordinates if coordinate.prescribed]
         return tuple(
             Connection(c.name, Driver(), c.connection.a, c.connection.b, slice(row, row + 1))
-            for row, c in enumerate(driven, self.n_constraints)
+            for row, c in enumerate(driven, first_row)
         )
 
     def body_of(self, node: int) -> tuple[int, np.ndarray]:

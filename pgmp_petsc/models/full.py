@@ -9,7 +9,6 @@ from typing import Self
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.second_order_system import State
@@ -56,5 +55,4 @@ class FullModel:
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n_samples)."""
-        q = system.unpack(state.q)
-        return q.reshape(-1, DOFS_PER_NODE, q.shape[1])
+        return self.kinematics.mechanism.by_node(system.unpack(state.q))
