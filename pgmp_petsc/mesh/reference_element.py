@@ -176,7 +176,7 @@ def _number_at(places: np.ndarray, place: np.ndarray) -> int:
 
 
 def _tabulated(kind: str, nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return values, shape (n_points, n_nodes), and gradients, shape (n_points, d, n_nodes), at points (n_points, d)."""
+    """Return values (n_points, n_nodes) and gradients (n_points, d, n_nodes) of shape functions at points."""
     element = getattr(elements, _KINDS[kind][1])()
     order = [_number_at(element.doflocs, node) for node in nodes]
     tabulated = [element.lbasis(points.T, number) for number in order]
