@@ -1,5 +1,9 @@
-"""Meshes of the bodies: reading through meshio, named points. No PETSc, no MPI."""
+"""Meshes of the bodies: reading through meshio, named points, faces and regions. No PETSc, no MPI.
+
+Solid meshes are read by `pgmp_petsc.mesh.solid_mesh_reading`, which takes scikit-fem along; runs of beams do without.
+"""
 
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 
-__all__ = ["LineMesh", "read_line_mesh"]
+__all__ = ["LineMesh", "SolidMesh", "read_line_mesh"]

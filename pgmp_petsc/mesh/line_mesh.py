@@ -6,21 +6,17 @@ node set (Abaqus and others) that holds exactly one node.
 
 from __future__ import annotations
 
-import io
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 if TYPE_CHECKING:
     import meshio
-
-#: Lengths below this share of the mesh's extent count as zero (round-off of 12-digit coordinates).
-RELATIVE_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,35 +109,13 @@ def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
         z = 0, has cells of zero length or twice the same cell, or is not connected.
     """
     received = f'{entry} = "{path}"'
-    mesh = _read(Path(path), received)
+    mesh = read_mesh(Path(path), received)
     all_cells = _line_cells(mesh, received)
     used, cells = np.unique(all_cells, return_inverse=True)
     nodes = _planar(mesh.points, used, received)
     line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
     _check_cells(line_mesh, all_cells, received)
     return line_mesh
-
-
-def _read(path: Path, received: str) -> meshio.Mesh:
-    """Read `path` through meshio, whatever way it has of failing."""
-    import meshio  # takes a noticeable time, and only runs that read a mesh need it
-
-    if not path.is_file():
-        raise InputError(
-            f"{received}: {'this is a directory' if path.is_dir() else 'no such file'}; a mesh file that "
-            "meshio reads is needed (paths are relative to the scene's directory)"
-        )
-    printed = io.StringIO()
-    try:
-        # meshio prints its reasons, and some versions leave the interpreter.
-        with redirect_stdout(printed), redirect_stderr(printed):
-            return meshio.read(path)
-    except (Exception, SystemExit) as error:
-        reason = printed.getvalue() if isinstance(error, SystemExit) else str(error) or type(error).__name__
-        raise InputError(
-            f"{received}: meshio cannot read this file ({' '.join(reason.split())}); a mesh in a format "
-            "that meshio knows by the file's suffix is needed"
-        ) from error
 
 
 def _line_cells(mesh: meshio.Mesh, received: str) -> np.ndarray:

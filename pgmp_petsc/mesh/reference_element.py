@@ -121,19 +121,30 @@ class ReferenceElement:
 @cache
 def reference_element(kind: str) -> ReferenceElement:
     """Return the element on cells of one of meshio's types."""
-    shape, name, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
+    shape, _, middles, stiffness_degree, mass_degree, face_kind = _KINDS[kind]
     nodes = _nodes(shape, middles)
-    element = getattr(elements, name)()
-    order = np.array([_number_at(element.doflocs, node) for node in nodes])
     return ReferenceElement(
         kind,
         nodes.shape[1],
         nodes,
-        _quadrature(element, order, stiffness_degree),
-        _quadrature(element, order, mass_degree),
+        _quadrature(kind, nodes, stiffness_degree),
+        _quadrature(kind, nodes, mass_degree),
         _faces(shape, nodes, face_kind) if face_kind else np.empty((0, 0), dtype=int),
         face_kind,
     )
+
+
+def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
+    """Return the gradients of an element's shape functions in reference coordinates, shape (n_points, d, n_nodes).
+
+    Parameters
+    ----------
+    kind : str
+        meshio's name of the cell type.
+    points : ndarray of float, shape (n_points, d)
+        Reference coordinates.
+    """
+    return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
 
 def _nodes(shape: _Shape, middles: tuple[str, ...]) -> np.ndarray:
@@ -164,9 +175,16 @@ def _number_at(places: np.ndarray, place: np.ndarray) -> int:
     return int(np.argmin(np.abs(places - place).max(axis=1)))
 
 
-def _quadrature(element: elements.Element, order: np.ndarray, degree: int) -> Quadrature:
-    points, weights = get_quadrature(element.refdom, degree)
-    tabulated = [element.lbasis(points, number) for number in order]
-    values = np.array([np.broadcast_to(value, weights.shape) for value, _ in tabulated])
-    gradients = np.array([np.broadcast_to(gradient, points.shape) for _, gradient in tabulated])
-    return Quadrature(weights, values.T.copy(), np.moveaxis(gradients, 0, -1).swapaxes(0, 1).copy())
+def _tabulated(kind: str, nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (n_points, n_nodes) and gradients (n_points, d, n_nodes) of shape functions at points."""
+    element = getattr(elements, _KINDS[kind][1])()
+    order = [_number_at(element.doflocs, node) for node in nodes]
+    tabulated = [element.lbasis(points.T, number) for number in order]
+    values = np.array([np.broadcast_to(value, len(points)) for value, _ in tabulated])
+    gradients = np.array([np.broadcast_to(gradient, points.T.shape) for _, gradient in tabulated])
+    return values.T.copy(), np.moveaxis(gradients, 0, -1).swapaxes(0, 1).copy()
+
+
+def _quadrature(kind: str, nodes: np.ndarray, degree: int) -> Quadrature:
+    points, weights = get_quadrature(getattr(elements, _KINDS[kind][1]).refdom, degree)
+    return Quadrature(weights, *_tabulated(kind, nodes, points.T))

@@ -1,0 +1,75 @@
+"""Plane and solid meshes made in memory: rectangles and boxes of every kind of cells, without a file.
+
+They reach from the origin to the given lengths. Their sides are groups of faces: left and right across x; in the plane
+bottom and top across y; in space front and back across y, bottom and top across z. The region body has all cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import meshio
+import numpy as np
+
+from pgmp_petsc.mesh.incidence import cell_faces
+from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
+
+SIDES = {2: (("left", "right"), ("bottom", "top")), 3: (("left", "right"), ("front", "back"), ("bottom", "top"))}
+# corners of the parts into which a square or a cube is cut; a cube along the paths from its first to its last corner
+TRIANGLES = (((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)))
+TETRAHEDRA = (
+    ((0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1)), ((0, 0, 0), (1, 1, 0), (0, 1, 0), (1, 1, 1)),
+    ((0, 0, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1)), ((0, 0, 0), (0, 1, 1), (0, 0, 1), (1, 1, 1)),
+    ((0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)), ((0, 0, 0), (1, 0, 1), (1, 0, 0), (1, 1, 1)),
+)  # fmt: skip
+
+
+def rectangle_mesh(kind: str, counts: tuple[int, int], lengths: tuple[float, float]) -> SolidMesh:
+    """Return a rectangle of counts[0] by counts[1] quads, or of twice as many triangles; lengths in m."""
+    return solid_mesh(grid(kind, counts, lengths), 2, "rectangle")
+
+
+def box_mesh(kind: str, counts: tuple[int, int, int], lengths: tuple[float, float, float]) -> SolidMesh:
+    """Return a box of hexahedra, `counts` along x, y and z, or of six times as many tetrahedra; lengths in m."""
+    return solid_mesh(grid(kind, counts, lengths), 3, "box")
+
+
+def grid(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> meshio.Mesh:
+    """Return the rectangle or box as meshio's mesh, its sides and the body as gmsh's physical groups.
+
+    Blocks of cells: the body, then the sides in the order of `SIDES`.
+    """
+    counts, dimension = np.array(counts), len(counts)
+    # Places are whole numbers of half a square's or cube's side.
+    corners = 2 * np.moveaxis(np.indices(counts), 0, -1).reshape(-1, dimension)
+    parts = np.array([_part(kind, part) for part in _parts(kind)])
+    places = (corners[:, None, None] + parts).reshape(-1, parts.shape[1], dimension)
+    used, cells = np.unique(places.reshape(-1, dimension), axis=0, return_inverse=True)
+    cells = cells.reshape(-1, parts.shape[1])
+    points = np.zeros((len(used), 3))
+    points[:, :dimension] = used * np.array(lengths) / (2 * counts)
+    blocks, names = [(kind, cells)], {"body": np.array([1, dimension])}
+    faces, face_kind = cell_faces(kind, cells), reference_element(kind).face_kind
+    for axis, sides in enumerate(SIDES[dimension]):
+        for name, place in zip(sides, (0, 2 * counts[axis])):
+            blocks.append((face_kind, faces[(used[faces, axis] == place).all(axis=1)]))
+            names[name] = np.array([len(blocks), dimension - 1])
+    tags = [np.full(len(block), number) for number, (_, block) in enumerate(blocks, start=1)]
+    return meshio.Mesh(
+        points, blocks, cell_data={"gmsh:physical": tags, "gmsh:geometrical": list(tags)}, field_data=names
+    )
+
+
+def _parts(kind: str) -> tuple:
+    return {"tri": TRIANGLES, "tet": TETRAHEDRA, "qua": (None,), "hex": (None,)}[kind[:3]]
+
+
+def _part(kind: str, corners: tuple | None) -> np.ndarray:
+    """Return the places of a part's nodes in the square or cube from 0 to 2, shape (n_nodes, d)."""
+    nodes = reference_element(kind).nodes
+    if corners is not None:
+        corners = np.array(corners)
+        nodes = corners[0] + nodes @ (corners[1:] - corners[0])
+    return np.rint(2 * nodes).astype(int)
