@@ -33,7 +33,7 @@ class Gravity(Effect):
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
         # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
         return [
-            Load(self.name, weight * self._acceleration.monomial, mass @ self._field)
+            Load(self.name, weight * self._acceleration.monomial, mass @ self._field, (weight, self._field))
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]

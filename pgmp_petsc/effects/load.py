@@ -21,8 +21,12 @@ class Load:
         Its parameter dependence.
     vector
         Nodal forces (N) and couples (N m) in the inertial frame, for the rows of the matrices it was made with.
+    body_force
+        Of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is their
+        product where nodes are all there is, and a condensed body takes their product in its own frame. None of others.
     """
 
     effect: str
     weight: Monomial
     vector: np.ndarray
+    body_force: tuple[Monomial, np.ndarray] | None = None

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import skfem.element as elements
-from skfem.quadrature import get_quadrature
+
+if TYPE_CHECKING:
+    import skfem.element
 
 CORNERS_OF_TRIANGLE = ((0, 0), (1, 0), (0, 1))
 CORNERS_OF_QUAD = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -175,9 +177,15 @@ def _number_at(places: np.ndarray, place: np.ndarray) -> int:
     return int(np.argmin(np.abs(places - place).max(axis=1)))
 
 
+def _element(kind: str) -> skfem.element.Element:
+    import skfem.element  # takes a noticeable time, and runs with beams alone do not need it
+
+    return getattr(skfem.element, _KINDS[kind][1])()
+
+
 def _tabulated(kind: str, nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return values (n_points, n_nodes) and gradients (n_points, d, n_nodes) of shape functions at points."""
-    element = getattr(elements, _KINDS[kind][1])()
+    element = _element(kind)
     order = [_number_at(element.doflocs, node) for node in nodes]
     tabulated = [element.lbasis(points.T, number) for number in order]
     values = np.array([np.broadcast_to(value, len(points)) for value, _ in tabulated])
@@ -186,5 +194,7 @@ def _tabulated(kind: str, nodes: np.ndarray, points: np.ndarray) -> tuple[np.nda
 
 
 def _quadrature(kind: str, nodes: np.ndarray, degree: int) -> Quadrature:
-    points, weights = get_quadrature(getattr(elements, _KINDS[kind][1]).refdom, degree)
+    from skfem.quadrature import get_quadrature
+
+    points, weights = get_quadrature(_element(kind).refdom, degree)
     return Quadrature(weights, *_tabulated(kind, nodes, points.T))

@@ -166,8 +166,14 @@ def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray
     if not loads:
         return np.zeros((len(problem.rows), 0))
     poses = problem.kinematics.poses(theta)[..., 0]
+    own = slice(problem.rows.start, problem.rows.stop)
     vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
-    return to_body(problem.mechanism, poses, vectors)[problem.rows.start : problem.rows.stop]
+    turned = to_body(problem.mechanism, poses, vectors)[own]
+    for column, load in enumerate(loads):
+        if load.body_force is not None:
+            weight, field = load.body_force
+            turned[:, column] = problem.matrices.mass[weight] @ to_body(problem.mechanism, poses, field)
+    return turned
 
 
 def _ascending(modes: ModeSet) -> ModeSet:

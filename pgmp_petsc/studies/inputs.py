@@ -8,6 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.reduction.coordinate_limits import check_features
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -32,21 +33,27 @@ OF_EFFECTS = {
 
 def read_scene(
     path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
-) -> tuple[Scene, dict[str, LineMesh]]:
+) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
     """Read a scene and its meshes. Collective on `comm`."""
 
-    def read() -> tuple[Scene, dict[str, LineMesh]]:
+    def read() -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
         scene = load_scene(path, overrides, settings)
         return scene, {name: _mesh_of(scene, name) for name in scene.bodies}
 
     return on_root(comm, read)
 
 
-def _mesh_of(scene: Scene, name: str) -> LineMesh:
+def _mesh_of(scene: Scene, name: str) -> LineMesh | SolidMesh:
     body = scene.bodies[name]
     if body.line is not None:
         return straight_beam(body.line.length, body.line.elements, body.line.start)
-    return read_line_mesh(scene.path_of(body.mesh), f"bodies.{name}.mesh")
+    path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
+    if not body.continuum:
+        return read_line_mesh(path, entry)
+    # takes a noticeable time, and only runs with continuum bodies need it
+    from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
+
+    return read_solid_mesh(path, 2 if body.element == "solid2d" else 3, entry)
 
 
 def read_rom(
