@@ -156,7 +156,8 @@ def _members(annotation: Any) -> list[Any]:
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     if get_origin(annotation) in (Union, UnionType):
-        return [member for member in get_args(annotation) if member is not type(None)]
+        alternatives = [member for member in get_args(annotation) if member is not type(None)]
+        return [member for alternative in alternatives for member in _members(alternative)]
     return [annotation]
 
 

@@ -102,7 +102,7 @@ ENTRIES = [
     ("scene={}", "scene.name: missing; needed: short name, used in reports and titles"),
     (
         "bodies.crank.element='beam3d'",
-        "bodies.crank.element = \"beam3d\": unknown; did you mean 'beam2d'? (allowed: beam2d)",
+        "bodies.crank.element = \"beam3d\": unknown; did you mean 'beam2d'? (allowed: beam2d, solid2d, solid3d)",
     ),
     ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": unknown (allowed: x, y)'),
     ("outputs.slider_position.axis=1", "outputs.slider_position.axis = 1: unknown (allowed: x, y)"),
