@@ -1,31 +1,42 @@
 """Between inertial and body frames, and rigid velocities as vectors in body frames.
 
-Vectors have shape (n_dofs, ...) with ``(x, y, phi)`` a node, and internal coordinates, which are in body frames always. In its body's frame a vector is turned back by the
-body's angle: ``u = R^T v``. A rigid velocity of a body is then a combination of three constant vectors.
+Vectors have shape (n_dofs, ...): displacements and rotations of every node, and internal coordinates, which of condensed
+bodies are in body frames always. In its body's frame a vector is turned back: ``u = R^T v``. A rigid velocity of a body is
+then a combination of constant vectors.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
-
-
-def rotation(angle: float) -> np.ndarray:
-    """Return the 3 x 3 rotation of ``(x, y, phi)`` by an angle (rad)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+from pgmp_petsc.mechanism.space import at_nodes, at_points
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Turn nodal vectors (n_dofs, ...) from body frames at poses (n_bodies, 3) into the inertial frame."""
-    return _turn(mechanism, poses[:, 2], vectors)
+    """Turn vectors (n_dofs, ...) from body frames at poses (n_bodies, n_pose) into the inertial frame."""
+    return _turn(mechanism, [mechanism.space.rotation(pose) for pose in poses], vectors)
 
 
 def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Turn nodal vectors (n_dofs, ...) from the inertial frame into body frames at poses (n_bodies, 3)."""
-    return _turn(mechanism, -poses[:, 2], vectors)
+    """Turn vectors (n_dofs, ...) from the inertial frame into body frames at poses (n_bodies, n_pose)."""
+    return _turn(mechanism, [mechanism.space.rotation(pose).T for pose in poses], vectors)
+
+
+def linear_fields(body: Body) -> np.ndarray:
+    """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
+
+    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their nodes.
+    """
+    if body.component is not None:
+        return body.component.fields
+    d = body.mesh.nodes.shape[1]
+    unit = np.eye(d + d * d)
+    parts = [at_nodes(unit, body.mesh.nodes).reshape(-1, d + d * d)]
+    if body.meshed is not None:
+        parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
+    return np.concatenate(parts)
 
 
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -34,23 +45,17 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     Parameters
     ----------
     poses
-        One configuration, shape (n_bodies, 3).
+        One configuration, shape (n_bodies, n_pose).
     rates
-        ``dP/dtheta``, shape (n_bodies, 3, n_theta).
+        ``dP/dtheta``, shape (n_bodies, n_pose, n_theta).
 
     Returns
     -------
     ndarray, shape (n_dofs, n_theta)
     """
-    n_theta = rates.shape[2]
-    velocities = np.zeros((mechanism.n_dofs, n_theta))
-    nodal = mechanism.by_node(velocities)
+    velocities = np.zeros((mechanism.n_dofs, rates.shape[2]))
     for body, pose, rate in zip(mechanism.bodies, poses, rates):
-        local = rotation(pose[2]).T @ rate
-        nodal[body.nodes, :2] = _velocities(local, body.mesh.nodes)
-        nodal[body.nodes, 2] = rate[2]
-        if body.meshed is not None:
-            on_mesh(body, velocities)[:] = _velocities(local, body.meshed.solid.mesh.nodes)
+        velocities[body.dofs] = linear_fields(body) @ mechanism.space.velocity_field(pose, rate)
     return velocities
 
 
@@ -64,7 +69,7 @@ def rigid_curvatures(
     poses, rates
         As for `rigid_velocities`.
     curvatures
-        ``d2P/dtheta2``, shape (n_bodies, 3, n_theta, n_theta).
+        ``d2P/dtheta2``, shape (n_bodies, n_pose, n_theta, n_theta).
 
     Returns
     -------
@@ -72,41 +77,18 @@ def rigid_curvatures(
     """
     n_theta = rates.shape[2]
     result = np.zeros((mechanism.n_dofs, n_theta, n_theta))
-    nodal = mechanism.by_node(result)
     for body, pose, rate, curvature in zip(mechanism.bodies, poses, rates, curvatures):
-        local = np.einsum("ji,jkl->ikl", rotation(pose[2]), curvature)
-        centripetal = np.outer(rate[2], rate[2])
-        nodal[body.nodes, :2] = _accelerations(local, centripetal, body.mesh.nodes)
-        nodal[body.nodes, 2] = curvature[2]
-        if body.meshed is not None:
-            on_mesh(body, result)[:] = _accelerations(local, centripetal, body.meshed.solid.mesh.nodes)
-        if body.component is not None:
-            # a rigid motion has no internal coordinates, but a field that stretches the body has
-            stretching = body.component.spreading[DOFS_PER_NODE * body.n_nodes :]
-            result[body.internal] = -np.einsum("n,kl->nkl", stretching, centripetal)
+        field = mechanism.space.acceleration_field(pose, rate, curvature)
+        result[body.dofs] = np.tensordot(linear_fields(body), field, axes=1)
     return result
 
 
-def _turn(mechanism: Mechanism, angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    shape = vectors.shape
+def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    shape, d = vectors.shape, mechanism.space.dimension
     turned = vectors.reshape(len(vectors), -1).copy()
     nodal = mechanism.by_node(turned)
-    for body, angle in zip(mechanism.bodies, angles):
-        turn = rotation(angle)
-        nodal[body.nodes] = np.einsum("ij,njk->nik", turn, nodal[body.nodes])
+    for body, rotation in zip(mechanism.bodies, rotations):
+        nodal[body.nodes] = np.einsum("ij,njk->nik", rotation, nodal[body.nodes])
         if body.meshed is not None:
-            on_mesh(body, turned)[:] = np.einsum("ij,njk->nik", turn[:2, :2], on_mesh(body, turned))
+            on_mesh(body, turned)[:] = np.einsum("ij,njk->nik", rotation[:d, :d], on_mesh(body, turned))
     return turned.reshape(shape)
-
-
-def _velocities(twist: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the velocities (n, 2, k) of points (n, 2) of a body with velocities and spins (3, k), in its frame."""
-    x, y = points.T[..., None]
-    return np.stack([twist[0] - y * twist[2], twist[1] + x * twist[2]], axis=1)
-
-
-def _accelerations(local: np.ndarray, centripetal: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return ``d2 x / d theta_k d theta_l`` (n, 2, k, l) of points, from that of the pose (3, k, l), in its frame."""
-    x, y = points.T[..., None, None]
-    spin = local[2]
-    return np.stack([local[0] - y * spin - x * centripetal, local[1] + x * spin - y * centripetal], axis=1)

@@ -148,7 +148,8 @@ class Mechanism:
         for index, body in enumerate(self.bodies):
             nodal[body.nodes] = place_points(poses[index], body.mesh.nodes)
             if body.meshed is not None:
-                on_mesh(body, q)[:] = place_points(poses[index], body.meshed.solid.mesh.nodes)[:, :2]
+                mesh = body.meshed.solid.mesh
+                on_mesh(body, q)[:] = self.space.place(poses[index], mesh.nodes)[:, : mesh.dimension]
         return q
 
     def by_node(self, vectors: np.ndarray) -> np.ndarray:

@@ -1,0 +1,217 @@
+"""Rigid motion in the plane and in space: what a pose is, and how it moves the points of a body.
+
+In the plane a pose is ``(X, Y, Phi)``. In space it is the position of the body's origin and the three directors, the axes
+of the body's frame, ``(r, d_1, d_2, d_3)``: twelve numbers, six of which are independent. A point of the body is then linear
+in the pose, ``x = r + X_1 d_1 + X_2 d_2 + X_3 d_3``, joints are quadratic in it, and nothing is singular anywhere
+(natural coordinates; Garcia de Jalon and Bayo 1994).
+
+Velocities and accelerations of a rigid body are linear fields in its own frame, ``v_i + A_ij X_j``; their coefficients
+are kept as in `Component.fields`: first v, then A row by row.
+
+Displacements and rotations of a frame, small ones in the body's frame, are ``(u_x, u_y, phi)`` or ``(u, phi)`` with 6 numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from pgmp_petsc.mechanism.attachment import place_points, rotate
+
+
+class Space(Protocol):
+    """What mechanisms move in.
+
+    Attributes
+    ----------
+    dimension
+        2 or 3.
+    n_pose
+        Numbers of a pose: 3 or 12.
+    n_dofs
+        Unknowns of a node: 3 or 6.
+    n_tied
+        Numbers of a pose that depend on others: 0 or 6.
+    identity
+        The pose of a body at rest in the ground's frame, shape (n_pose,).
+    """
+
+    dimension: int
+    n_pose: int
+    n_dofs: int
+    n_tied: int
+    identity: np.ndarray
+
+    def units(self, size: float) -> np.ndarray:
+        """Return what the numbers of a pose are measured in, shape (n_pose,): the size for lengths, 1 for directions."""
+
+    def turns(self, step: np.ndarray) -> np.ndarray:
+        """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
+
+    def winding(self, change: np.ndarray) -> np.ndarray:
+        """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
+
+    def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, n) with whole turns (n_bodies, n) added."""
+
+    def rotation(self, pose: np.ndarray) -> np.ndarray:
+        """Return the matrix (n_dofs, n_dofs) that turns displacements of nodes from the body's frame."""
+
+    def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
+        """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
+
+    def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
+
+    def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the coefficients (d + d^2, k) of velocities for rates of the pose (n_pose, k)."""
+
+    def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
+        """Return the coefficients (d + d^2, k, k) of accelerations for second derivatives of the pose (n_pose, k, k)."""
+
+
+class Plane:
+    """The plane; see `Space`."""
+
+    dimension, n_pose, n_dofs, n_tied = 2, 3, 3, 0
+    identity = np.zeros(3)
+
+    def units(self, size: float) -> np.ndarray:
+        """Return the units of a pose."""
+        return np.array([size, size, 1.0])
+
+    def turns(self, step: np.ndarray) -> np.ndarray:
+        """Return the change of the angle."""
+        return np.abs(step[:, 2])
+
+    def winding(self, change: np.ndarray) -> np.ndarray:
+        """Return the whole turns of the angle."""
+        return np.rint(change[:, 2] / (2 * np.pi))
+
+    def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return poses with whole turns added."""
+        poses[:, 2] += 2 * np.pi * turns
+        return poses
+
+    def rotation(self, pose: np.ndarray) -> np.ndarray:
+        """Return the rotation of ``(u_x, u_y, phi)``."""
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+    frame_gradient = rotation
+
+    def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the frames of points."""
+        return place_points(pose, points)
+
+    def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return ``R^T r'`` and ``phi' J``, J a right angle's rotation."""
+        zero = np.zeros_like(rates[2])
+        return np.array([*rotate(-pose[2], rates[:2]), zero, -rates[2], rates[2], zero])
+
+    def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
+        """Return ``R^T r''`` and ``phi'' J - phi' phi' 1``."""
+        spin, centripetal = curvatures[2], np.outer(rates[2], rates[2])
+        return np.array([*rotate(-pose[2], curvatures[:2]), -centripetal, -spin, spin, -centripetal])
+
+
+class Spatial:
+    """Space; see `Space`."""
+
+    dimension, n_pose, n_dofs, n_tied = 3, 12, 6, 6
+    identity = np.concatenate([np.zeros(3), np.eye(3).ravel()])
+
+    def units(self, size: float) -> np.ndarray:
+        """Return the units of a pose."""
+        return np.concatenate([np.full(3, size), np.ones(9)])
+
+    def turns(self, step: np.ndarray) -> np.ndarray:
+        """Return the change of the directors."""
+        return np.max(np.abs(step[:, 3:]), axis=1)
+
+    def winding(self, change: np.ndarray) -> np.ndarray:
+        """Return zeros: directors come back after a turn."""
+        return np.zeros(len(change))
+
+    def turned(self, poses: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return the poses: directors do not count turns."""
+        return poses
+
+    def rotation(self, pose: np.ndarray) -> np.ndarray:
+        """Return the rotation of ``(u, phi)``."""
+        turn, zero = directors(pose), np.zeros((3, 3))
+        return np.block([[turn, zero], [zero, turn]])
+
+    def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
+        """Return ``dr = R u``, ``d(d_k) = R (phi x e_k)``."""
+        turn, gradient = directors(pose), np.zeros((12, 6))
+        gradient[:3, :3] = turn
+        for k, axis in enumerate(np.eye(3)):
+            gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
+        return gradient
+
+    def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Return the frames of points."""
+        frames = np.empty((len(points), *pose.shape))
+        frames[:, 3:] = pose[3:]
+        frames[:, :3] = pose[:3] + np.einsum("nk,ki...->ni...", points, pose[3:].reshape(3, 3, *pose.shape[1:]))
+        return frames
+
+    def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return ``R^T r'`` and ``R^T R'``."""
+        return self._field(pose, rates)
+
+    def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
+        """Return ``R^T r''`` and ``R^T R''``."""
+        return self._field(pose, curvatures)
+
+    def _field(self, pose: np.ndarray, change: np.ndarray) -> np.ndarray:
+        # director k is the column k of R: (R^T R')_ij = d_i . d_j'
+        axes = pose[3:].reshape(3, 3)
+        translation = np.einsum("ic,c...->i...", axes, change[:3])
+        moving = change[3:].reshape(3, 3, *change.shape[1:])
+        gradient = np.einsum("ic,jc...->ij...", axes, moving)
+        return np.concatenate([translation, gradient.reshape(9, *change.shape[1:])])
+
+
+def directors(pose: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix (3, 3) whose columns are the directors of a pose (12,)."""
+    return pose[3:].reshape(3, 3).T
+
+
+def cross_matrix(vector: np.ndarray) -> np.ndarray:
+    """Return the matrix (3, 3) of ``vector x``."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return what a linear field does to frames at points: displacements and rotations.
+
+    Parameters
+    ----------
+    coefficients
+        Shape (d + d^2, ...).
+    points
+        Shape (n, d), m.
+
+    Returns
+    -------
+    ndarray, shape (n, n_dofs, ...)
+    """
+    d = points.shape[1]
+    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
+    turn = [0.5 * (gradient[j, i] - gradient[i, j]) for i, j in (((0, 1),) if d == 2 else ((1, 2), (2, 0), (0, 1)))]
+    moved = at_points(coefficients, points)
+    return np.concatenate([moved, np.broadcast_to(np.array(turn), (len(points), len(turn), *moved.shape[2:]))], axis=1)
+
+
+def at_points(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return a linear field at points (n, d), shape (n, d, ...)."""
+    d = points.shape[1]
+    gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
+    return coefficients[:d] + np.einsum("nj,ij...->ni...", points, gradient)
+
+
+PLANE, SPATIAL = Plane(), Spatial()
