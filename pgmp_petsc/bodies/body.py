@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.bodies.framed_solid import FramedSolid
 
 DOFS_PER_NODE = 3  # x, y, phi
+DOFS_IN_SPACE = 6  # displacement and rotation
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Body:
 
     def alone(self) -> Body:
         """Return the body as the only one of a mechanism."""
-        return self.numbered(0, DOFS_PER_NODE * self.n_nodes)
+        return self.numbered(0, self.node_dofs * self.n_nodes)
 
     @property
     def flexible(self) -> bool:
@@ -195,6 +196,11 @@ class Body:
         return slice(self.first_node, self.first_node + self.n_nodes)
 
     @property
+    def node_dofs(self) -> int:
+        """Number of unknowns of a node: displacements and rotations, 3 in the plane and 6 in space."""
+        return DOFS_PER_NODE if self.mesh.nodes.shape[1] == 2 else DOFS_IN_SPACE
+
+    @property
     def n_internal(self) -> int:
         """Number of internal coordinates; those of a body on a mesh are the positions of the mesh's nodes."""
         if self.meshed is not None:
@@ -209,7 +215,7 @@ class Body:
     @property
     def dofs(self) -> np.ndarray:
         """The body's unknowns: those of its nodes, then the internal ones."""
-        nodal = DOFS_PER_NODE * self.first_node + np.arange(DOFS_PER_NODE * self.n_nodes)
+        nodal = self.node_dofs * self.first_node + np.arange(self.node_dofs * self.n_nodes)
         return np.concatenate([nodal, self.first_internal + np.arange(self.n_internal)])
 
     @property

@@ -127,11 +127,12 @@ def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
     """Return the unknowns of a body's nodes with masses of their own, and these masses by weight, each (n_lumped,)."""
     nodes = np.array(list(body.lumps), dtype=int)
     weights = {weight for lumps in body.lumps.values() for weight in lumps}
-    values = {weight: np.zeros((nodes.size, DOFS_PER_NODE)) for weight in sorted(weights)}
+    n, d = body.node_dofs, body.mesh.nodes.shape[1]
+    values = {weight: np.zeros((nodes.size, n)) for weight in sorted(weights)}
     for row, lumps in enumerate(body.lumps.values()):
         for weight, lump in lumps.items():
-            values[weight][row] = lump.mass, lump.mass, lump.inertia
-    dofs = DOFS_PER_NODE * (body.first_node + nodes)[:, None] + np.arange(DOFS_PER_NODE)
+            values[weight][row, :d], values[weight][row, d:] = lump.mass, lump.inertia
+    dofs = n * (body.first_node + nodes)[:, None] + np.arange(n)
     return dofs.ravel(), {weight: part.ravel() for weight, part in values.items()}
 
 

@@ -13,14 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_equations import Layout
 from pgmp_petsc.dynamics.reduced_kernel import Tables
-from pgmp_petsc.mechanism.body_frames import rigid_velocities
-from pgmp_petsc.mechanism.joints import N_FRAME
+from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -110,7 +108,8 @@ class ReducedTerms:
             parts.append(_spread(pack(damping.table), damping.weights, weights))
         ends = [int(end) for end in np.cumsum([part.shape[2] for part in parts])]
         r, n_eta = tables.n_coordinates, tables.n_coordinates + tables.n_modes
-        nodal = projection[:, : DOFS_PER_NODE * kinematics.mechanism.n_nodes]
+        space = kinematics.mechanism.space
+        nodal = projection[:, : space.n_dofs * kinematics.mechanism.n_nodes]
         return cls(
             tables=tables,
             weights=weights,
@@ -118,7 +117,7 @@ class ReducedTerms:
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
             layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
-            scale=np.concatenate([np.ones(r), displacement_scale(nodal, kinematics.size)]),
+            scale=np.concatenate([np.ones(r), displacement_scale(nodal, kinematics.size, space.dimension)]),
             damping=damping,
         )
 
@@ -153,18 +152,18 @@ def rigid_inertia(
     """
     fine = fine_grid(tables.samples)
     mechanism = kinematics.mechanism
-    n_bodies = len(mechanism.bodies)
-    frames = np.eye(N_FRAME * n_bodies).reshape(n_bodies, N_FRAME, -1)
-    unit = rigid_velocities(mechanism, np.zeros((n_bodies, N_FRAME)), frames)
+    unit = np.zeros((mechanism.n_dofs, 0))
+    for body in mechanism.bodies:
+        fields = linear_fields(body)
+        own = np.zeros((mechanism.n_dofs, fields.shape[1]))
+        own[body.dofs] = fields
+        unit = np.hstack([unit, own])
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     poses = kinematics.poses(fine.theta)
-    local = kinematics.rates(poses)
-    cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
-    local[:, 0], local[:, 1] = cos * local[:, 0] + sin * local[:, 1], cos * local[:, 1] - sin * local[:, 0]
-    local = local.reshape(N_FRAME * n_bodies, -1, fine.n)
+    rates = kinematics.rates(poses)
+    local = np.concatenate([mechanism.space.velocity_field(*pair) for pair in zip(poses, rates)])
     values = [
-        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True)
-        for w in tables.mass_weights
+        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in tables.mass_weights
     ]
     return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
 
@@ -212,7 +211,7 @@ def pack_cubic(tensors: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(tensors[..., i[chosen], j[chosen], k[chosen]])
 
 
-def displacement_scale(projection: np.ndarray, size: float) -> np.ndarray:
+def displacement_scale(projection: np.ndarray, size: float, dimension: int = 2) -> np.ndarray:
     """Return the largest displacement per unit of each flexible coordinate.
 
     Parameters
@@ -221,10 +220,13 @@ def displacement_scale(projection: np.ndarray, size: float) -> np.ndarray:
         Flexible vectors, shape (n, n_dofs, n_delta).
     size
         Length that translations are measured in, m.
+    dimension
+        2 in the plane, 3 in space.
 
     Returns
     -------
     ndarray, shape (n_delta,)
     """
-    units = np.tile([1.0 / size, 1.0 / size, 1.0], projection.shape[1] // 3)
+    node = [1.0 / size] * dimension + [1.0] * (1 if dimension == 2 else 3)
+    units = np.tile(node, projection.shape[1] // len(node))
     return np.max(np.abs(projection) * units[:, None], axis=(0, 1))

@@ -57,7 +57,7 @@ class FixedForce(Effect):
         super().__init__(name)
         self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
-        self._direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
+        self._direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
         self._point, self._guided = point, guided
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
@@ -66,8 +66,8 @@ class FixedForce(Effect):
         return [Load(self.name, self._scale.monomial, vector)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return unit forces along both axes of the body in whose frame the direction turns; none of a guided point."""
-        return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(2)]
+        """Return unit forces along all axes of the body in whose frame the direction turns; none of a guided point."""
+        return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(self._direction.size)]
 
     def turning_patterns(self) -> list[Action]:
         """Return the force on a guided point, in its own direction."""

@@ -21,13 +21,13 @@ class Gravity(Effect):
 
     def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
         super().__init__(name)
-        direction = np.asarray(entry.direction, dtype=float) / np.hypot(*entry.direction)
+        direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
         self._acceleration = Quantity.of(entry.acceleration)
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._mechanism = mechanism
         self._field = np.zeros(mechanism.n_dofs)
-        mechanism.by_node(self._field)[:, :2] = direction * self._acceleration.coefficient
+        mechanism.by_node(self._field)[:, : direction.size] = direction * self._acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
@@ -42,7 +42,7 @@ class Gravity(Effect):
         """Return the weight of every body along the two axes of its own frame: gravity turns in it."""
         vectors = []
         for body in self._bodies:
-            for weight, axis in product(sorted(body.translational_weights), range(2)):
+            for weight, axis in product(sorted(body.translational_weights), range(self._mechanism.space.dimension)):
                 field = np.zeros_like(self._field)
                 self._mechanism.by_node(field)[body.nodes, axis] = 1.0
                 vectors.append(matrices.mass[weight] @ field)

@@ -10,6 +10,7 @@ from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 from pgmp_petsc.scene import effects as schema
 
 
@@ -21,17 +22,20 @@ class Torque(Effect):
         self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._connection = mechanism.connection(entry.joint)
+        spatial = isinstance(self._connection, SpatialConnection)
+        self._axes = [axes[:, 0] for axes in self._connection.axes] if spatial else [np.ones(1)] * 2
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
-        """Return one term: unit couples at the joint's nodes."""
+        """Return one term: unit couples about the joint's axis at its nodes; the axis is fixed in both bodies."""
         vector = np.zeros(len(matrices.rows))
-        for sign, side in ((-1.0, self._connection.a), (1.0, self._connection.b)):
-            if not side.on_ground and side.dofs[2] in matrices.rows:
-                vector[side.dofs[2] - matrices.rows.start] += sign * self._scale.coefficient
-        return [Load(self.name, self._scale.monomial, vector)]
+        for sign, side, axis in zip((-1.0, 1.0), self._connection.sides, self._axes):
+            for dof, component in zip(side.dofs[-axis.size :], axis):
+                if not side.on_ground and dof in matrices.rows:
+                    vector[dof - matrices.rows.start] += sign * component * self._scale.coefficient
+        return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return the couples, which are the same in every frame of the plane."""
+        """Return the couples, which are constant in the bodies."""
         return [load.vector for load in self.loads(matrices)]
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:

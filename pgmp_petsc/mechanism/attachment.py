@@ -47,6 +47,11 @@ class Attachment:
         """The node's unknowns, shape (3,)."""
         return DOFS_PER_NODE * self.node + np.arange(N_FRAME)
 
+    @property
+    def pose_map(self) -> np.ndarray:
+        """What of a pose turns the point's frame, shape (3, 3); its position turns with it, which no coordinate measures."""
+        return np.eye(N_FRAME)
+
     def frame_of_node(self, q: np.ndarray) -> np.ndarray:
         """Return the frame (3, ...) from nodal unknowns q of shape (n_dofs, ...)."""
         if self.on_ground:

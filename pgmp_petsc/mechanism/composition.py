@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body, LumpedMass, joined
+from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.section import BeamSection
@@ -55,7 +55,7 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
                 particle = Body.particle(_welded(name), bodies[owner].shape.nodes[node], lumps)
                 bodies[_welded(name)] = particle.with_lumps(0, lent)
     numbered, first_node = [], 0
-    first_internal = DOFS_PER_NODE * sum(body.n_nodes for body in bodies.values())
+    first_internal = sum(body.node_dofs * body.n_nodes for body in bodies.values())
     for body in bodies.values():
         numbered.append(body.numbered(first_node, first_internal))
         first_node += body.n_nodes
@@ -81,7 +81,7 @@ def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str
     """
     name, _, point = address.partition(":")
     if name == GROUND:
-        return Attachment(-1, -1, np.asarray(scene.ground.positions[point], dtype=float))
+        return Attachment(-1, -1, np.asarray(scene.ground.position(point, 2)))
     index = next(i for i, body in enumerate(bodies) if body.name == name)
     body = bodies[index]
     number = body.shape.point(point, entry)

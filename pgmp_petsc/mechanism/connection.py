@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment, onto_nodes
 from pgmp_petsc.mechanism.joints import N_FRAME, Joint
+from pgmp_petsc.mechanism.space import PLANE
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,5 +60,31 @@ class Connection:
         onto_nodes(self.sides, q, gradient, hessian)
         return hessian
 
+    def on_poses(self) -> Connection:
+        """Return the joint between points of rigid bodies, in the unknowns of the bodies' poses."""
+        return Connection(self.name, self.joint, _on_pose(self.a), _on_pose(self.b), self.rows)
+
+    def body_jacobian(self, poses: np.ndarray, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return, for each side that moves, its node's unknowns (3,) and dc in them (n_constraints, 3), in body frames.
+
+        Parameters
+        ----------
+        poses
+            One configuration, shape (n_bodies, 3).
+        q
+            The undeformed bodies there, shape (n_dofs,).
+        """
+        jacobian = self.jacobian(q)
+        return [
+            (side.dofs, jacobian[:, first : first + N_FRAME] @ PLANE.rotation(poses[side.body]))
+            for first, side in zip((0, N_FRAME), self.sides)
+            if not side.on_ground
+        ]
+
     def _frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.a.frame_of_node(q), self.b.frame_of_node(q)
+
+
+def _on_pose(side: Attachment) -> Attachment:
+    """Return an attachment whose node is the pose of its body: the point is then at an arm of it."""
+    return side if side.on_ground else Attachment(side.body, side.body, side.point, side.point)

@@ -13,9 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from pgmp_petsc.mechanism.body_frames import rotation
-from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.space import PLANE
 
 
 def constraint_jacobian(
@@ -36,27 +35,21 @@ def constraint_jacobian(
         The ties of frames to the meshes of continuum bodies come last.
     """
     rows, columns, values = [], [], []
-    q = mechanism.place(poses)
+    # joints in the plane hold at nodes, those in space at points of the rigid bodies
+    held = mechanism.place(poses) if mechanism.space is PLANE else poses
     for connection in mechanism.connections:
-        jacobian = connection.jacobian(q)
-        for offset, side in zip((0, N_FRAME), connection.sides):
-            if side.on_ground:
-                continue
-            block = jacobian[:, offset : offset + N_FRAME] @ rotation(poses[side.body, 2])
-            row, column = np.meshgrid(
-                np.arange(connection.rows.start, connection.rows.stop), side.dofs, indexing="ij"
-            )
+        for dofs, block in connection.body_jacobian(poses, held):
+            row, column = np.meshgrid(np.arange(connection.rows.start, connection.rows.stop), dofs, indexing="ij")
             # explicit zeros are dropped: an unknown that no constraint feels must not become a dependent one
             chosen = np.abs(block) > 1e-14
             rows.append(row[chosen])
             columns.append(column[chosen])
             values.append(block[chosen])
     for row, coordinate in enumerate(clamped, mechanism.n_constraints):
-        for sign, side in ((-1.0, coordinate.connection.a), (1.0, coordinate.connection.b)):
-            if not side.on_ground:
-                rows.append([row])
-                columns.append([side.dofs[2]])
-                values.append([sign])
+        for dofs, gradient in coordinate.body_gradient(poses):
+            rows.append(np.full(dofs.size, row))
+            columns.append(dofs)
+            values.append(gradient)
     shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
     joints = sp.coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     return sp.vstack([joints, *_ties(mechanism)]).tocsr()
@@ -101,7 +94,7 @@ def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[Constra
     for connection in mechanism.connections:
         if not connection.linear:
             columns = connection.moving_columns
-            turn = block_diag(*(rotation(poses[side.body, 2]) for side in connection.sides if not side.on_ground))
+            turn = block_diag(*(mechanism.space.rotation(poses[side.body]) for side in connection.sides if not side.on_ground))
             values = connection.hessian(q)[:, columns][:, :, columns]
             hessians.append(ConstraintHessian(connection.rows, connection.dofs, turn.T @ values @ turn))
     return hessians

@@ -80,9 +80,10 @@ class Continuation:
         everywhere = self.poses.reshape(*self.poses.shape[:2], *self.shape)
         change = np.take(everywhere, -1, axis + 2) - np.take(everywhere, 0, axis + 2)
         change = change.reshape(*change.shape[:2], -1)
-        winding = np.rint(change[:, 2, 0] / (2 * np.pi))
-        change[:, 2] -= 2 * np.pi * winding[:, None]
-        if np.max(np.abs(change / np.array([self._closure.size, self._closure.size, 1.0])[:, None])) > 1e-8:
+        space = self._closure.mechanism.space
+        winding = space.winding(change[..., 0])
+        change = space.turned(change, -winding[:, None])
+        if np.max(np.abs(change / space.units(self._closure.size)[:, None])) > 1e-8:
             raise InputError(
                 f"coordinates.{self._closure.mechanism.coordinates[axis].name}.periodic = true: after one turn the "
                 "mechanism does not come back to where it began (it moved to another assembly branch); give a range "
@@ -111,7 +112,7 @@ class Continuation:
             after = np.take(numbers, range(1, self.shape[axis]), axis).ravel()
             guess = self.poses[..., before] + rates[:, :, axis, before] * self._steps[axis]
             found = closure.close(guess, self.theta[after])
-            gap = np.abs(found - self.poses[..., after]) / np.array([closure.size, closure.size, 1.0])[:, None]
+            gap = np.abs(found - self.poses[..., after]) / closure.mechanism.space.units(closure.size)[:, None]
             worst = int(np.argmax(gap.max(axis=(0, 1))))
             if gap[..., worst].max() > SAME_BRANCH:
                 at = self.theta[after[worst]]

@@ -20,6 +20,7 @@ class Joint(Protocol):
 
     n_constraints: int
     linear: bool  # in the frame unknowns: constant Jacobian, no Hessian
+    lengths: np.ndarray  # which constraints are measured by the mechanism's size, shape (n_constraints,)
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return c, shape (n_constraints, ...), for frames of shape (3, ...)."""
@@ -41,6 +42,11 @@ class _SharedUnknowns:
     def n_constraints(self) -> int:
         """Number of constraints."""
         return len(self.unknowns)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """All constraints: rotations are held as strictly as lengths."""
+        return np.ones(len(self.unknowns), dtype=bool)
 
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return the differences, m and rad."""
@@ -95,6 +101,7 @@ class PointOnLine:
     """
 
     n_constraints = 1
+    lengths = np.array([True])
 
     def __init__(self, direction: tuple[float, float], turning: bool) -> None:
         self._direction = np.asarray(direction, dtype=float) / np.hypot(*direction)

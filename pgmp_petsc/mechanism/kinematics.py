@@ -13,8 +13,6 @@ from numba import njit
 
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
-from pgmp_petsc.mechanism.joints import N_FRAME
-from pgmp_petsc.mechanism.attachment import place_points
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.runtime.errors import InputError
 
@@ -108,9 +106,7 @@ class RigidKinematics:
                 turns[:, k] = np.floor((theta[:, k] - coordinate.lower) / (2 * np.pi))
         inside = theta - 2 * np.pi * turns
         poses = self._closure.close(self._branch.guess(inside), inside)
-        for winding, turn in zip(self._winding, turns.T):
-            poses[:, 2] += np.outer(winding, 2 * np.pi * turn)
-        return poses
+        return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self._winding, turns))
 
     def rates(self, poses: np.ndarray) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""
@@ -141,7 +137,7 @@ class RigidKinematics:
     def positions(self, node: int, theta: np.ndarray) -> np.ndarray:
         """Return the frame of one node of the rigid mechanism, shape (3, n), at theta of shape (n, n_theta)."""
         body, point = self.mechanism.body_of(node)
-        return place_points(self.poses(theta)[body], point[None])[0]
+        return self.mechanism.space.place(self.poses(theta)[body], point[None])[0]
 
     def within_reach(self, theta: np.ndarray) -> np.ndarray:
         """Return where the rigid mechanism can be placed: in the range, or a little (`REACH`) outside it.
@@ -194,9 +190,12 @@ class RigidKinematics:
 
     def _check_count(self, poses: np.ndarray) -> None:
         """Compare the number of coordinates with the degrees of freedom at the assembled configuration."""
-        n_constraints, n_poses = self.mechanism.n_constraints, N_FRAME * len(self.mechanism.bodies)
-        values = np.linalg.svd(self._closure.scaled_jacobian(poses)[0, :n_constraints], compute_uv=False)
-        rank = int(np.sum(values > SINGULAR_TOLERANCE * values[0])) if values.size else 0
+        space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
+        n_tied = space.n_tied * n_bodies  # constraints that make poses rigid, and no joints
+        n_constraints, n_poses = self.mechanism.n_constraints, space.n_pose * n_bodies - n_tied
+        rows = slice(self._closure.n_constraints)
+        values = np.linalg.svd(self._closure.scaled_jacobian(poses)[0, rows], compute_uv=False)
+        rank = int(np.sum(values > SINGULAR_TOLERANCE * values[0])) - n_tied if values.size else 0
         if n_poses - rank != self.n_coordinates:
             names = ", ".join(coordinate.name for coordinate in self.coordinates)
             named = "1 coordinate was" if self.n_coordinates == 1 else f"{self.n_coordinates} coordinates were"
@@ -227,7 +226,7 @@ class _Branch:
         poses = poses - closure.newton_step(poses, closure.residual(poses, self._theta))
         rates = closure.rates(poses)
         curvatures = closure.curvatures(poses, rates)
-        self._pose_shape, n_poses = poses.shape[:2], poses.shape[0] * N_FRAME
+        self._pose_shape, n_poses = poses.shape[:2], poses.shape[0] * poses.shape[1]
         n_theta = len(axes)
         self._poses = poses.reshape(n_poses, -1).T
         self._rates = np.moveaxis(rates.reshape(n_poses, n_theta, -1), -1, 0)

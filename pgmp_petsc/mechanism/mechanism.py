@@ -12,12 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE, Body
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment, place_points, rotate
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import Driver
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space
+from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
+from pgmp_petsc.mechanism.spatial_composition import spatial_attachment, spatial_connections, spatial_first_guess
+from pgmp_petsc.mechanism.spatial_connection import (
+    PoseConnection,
+    SpatialConnection,
+    angle_between,
+    angle_derivatives,
+)
+from pgmp_petsc.mechanism.spatial_joints import orthonormality
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
 
@@ -30,15 +40,38 @@ class Coordinate:
     """
 
     name: str
-    connection: Connection
+    connection: Connection | SpatialConnection
     lower: float
     upper: float
     periodic: bool
     prescribed: bool = False
 
     def measure(self, frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
-        """Return the coordinate for frames of shape (3, ...)."""
+        """Return the coordinate for frames of shape (n_pose, ...), rad."""
+        if isinstance(self.connection, SpatialConnection):
+            return angle_between(self.connection.axes, frame_a, frame_b)
         return frame_b[2] - frame_a[2]
+
+    def derivatives(self, frame_a: np.ndarray, frame_b: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return first and second derivatives in both frames, (2 n_pose, ...) and (2 n_pose, 2 n_pose, ...) or None."""
+        if isinstance(self.connection, SpatialConnection):
+            return angle_derivatives(self.connection.axes, frame_a, frame_b)
+        gradient = np.zeros((2 * PLANE.n_pose, *frame_a.shape[1:]))
+        gradient[2], gradient[5] = -1.0, 1.0
+        return gradient, None
+
+    def body_gradient(self, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives in them, in body frames."""
+        sides = self.connection.sides
+        if not isinstance(self.connection, SpatialConnection):
+            return [(s.dofs[2:], np.array([sign])) for sign, s in zip((-1.0, 1.0), sides) if not s.on_ground]
+        frames = [side.frame_of_pose(poses) for side in sides]
+        gradient, _ = self.derivatives(*frames)
+        return [
+            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.frame_gradient(frame) @ side.node_map)
+            for first, side, frame in zip((0, SPATIAL.n_pose), sides, frames)
+            if not side.on_ground
+        ]
 
 
 def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
@@ -68,10 +101,28 @@ class Mechanism:
     """
 
     bodies: tuple[Body, ...]
-    connections: tuple[Connection, ...]
+    connections: tuple[Connection | SpatialConnection, ...]
     coordinates: tuple[Coordinate, ...]
     first_guess: np.ndarray
     scene: Scene
+
+    @property
+    def space(self) -> Space:
+        """What the mechanism moves in."""
+        return PLANE if self.scene.dimension == 2 else SPATIAL
+
+    @property
+    def pose_connections(self) -> tuple[Connection | PoseConnection, ...]:
+        """What holds the poses of rigid bodies together: the joints, and in space what makes poses rigid."""
+        connections = [connection.on_poses() for connection in self.connections]
+        row = self.n_constraints
+        if self.space is SPATIAL:
+            for number in range(len(self.bodies)):
+                joint = orthonormality()
+                ground, body = (SpatialAttachment(index, -1, np.zeros(3)) for index in (-1, number))
+                connections.append(PoseConnection(joint, ground, body, slice(row, row + joint.n_constraints)))
+                row += joint.n_constraints
+        return tuple(connections)
 
     @property
     def n_nodes(self) -> int:
@@ -81,7 +132,7 @@ class Mechanism:
     @property
     def n_dofs(self) -> int:
         """Number of unknowns."""
-        return DOFS_PER_NODE * self.n_nodes + sum(body.n_internal for body in self.bodies)
+        return self.space.n_dofs * self.n_nodes + sum(body.n_internal for body in self.bodies)
 
     @property
     def n_constraints(self) -> int:
@@ -102,7 +153,7 @@ class Mechanism:
         """Return the connection of the joint with this name."""
         return next(connection for connection in self.connections if connection.name == name)
 
-    def attachment(self, address: str, entry: str) -> Attachment:
+    def attachment(self, address: str, entry: str) -> Attachment | SpatialAttachment:
         """Return the attachment at ``"body:point"`` or ``"ground:point"``.
 
         Raises
@@ -110,7 +161,8 @@ class Mechanism:
         InputError
             If the body's mesh has no such point; `entry` is the scene entry to blame.
         """
-        return attachment_at(self.scene, self.bodies, address, entry)
+        find = attachment_at if self.space is PLANE else spatial_attachment
+        return find(self.scene, self.bodies, address, entry)
 
     def node(self, address: str, entry: str) -> int:
         """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
@@ -153,9 +205,9 @@ class Mechanism:
         return q
 
     def by_node(self, vectors: np.ndarray) -> np.ndarray:
-        """View the nodal part of vectors (n_dofs, ...) as (n_nodes, 3, ...)."""
-        nodal = vectors[: DOFS_PER_NODE * self.n_nodes]
-        return nodal.reshape(self.n_nodes, DOFS_PER_NODE, *vectors.shape[1:])
+        """View the nodal part of vectors (n_dofs, ...) as (n_nodes, n_dofs of a node, ...)."""
+        per_node = self.space.n_dofs
+        return vectors[: per_node * self.n_nodes].reshape(self.n_nodes, per_node, *vectors.shape[1:])
 
     def place_rates(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d rho / d theta`` in the inertial frame.
@@ -188,12 +240,17 @@ class Mechanism:
             If a joint names a point that its body's mesh does not have.
         """
         bodies = bodies_of(scene, meshes)
-        connections = connections_of(scene, bodies)
+        if scene.dimension == 3:
+            guess = spatial_first_guess(scene, bodies)
+            connections = spatial_connections(scene, bodies, guess)
+        else:
+            connections = connections_of(scene, bodies)
+            guess = first_guess(scene, bodies, connections)
         prescribed = {e.coordinate for e in scene.effects.values() if isinstance(e, PrescribedMotion)}
         by_name = {connection.name: connection for connection in connections}
         coordinates = tuple(
             Coordinate(name, by_name[entry.joint], *entry.range, entry.periodic, name in prescribed)
             for name, entry in scene.coordinates.items()
         )
-        return cls(bodies, connections, coordinates, first_guess(scene, bodies, connections), scene)
+        return cls(bodies, connections, coordinates, guess, scene)
 

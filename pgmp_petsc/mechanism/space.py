@@ -49,6 +49,9 @@ class Space(Protocol):
     def turns(self, step: np.ndarray) -> np.ndarray:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
 
+    def principal(self, away: np.ndarray) -> np.ndarray:
+        """Return differences of measured and wanted angles, less whole turns where measured ones have none, rad."""
+
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
 
@@ -58,6 +61,9 @@ class Space(Protocol):
     def rotation(self, pose: np.ndarray) -> np.ndarray:
         """Return the matrix (n_dofs, n_dofs) that turns displacements of nodes from the body's frame."""
 
+    def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Turn vectors (d, n) into the frame of a body at poses (n_pose, n)."""
+
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
         """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
 
@@ -65,7 +71,7 @@ class Space(Protocol):
         """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
 
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k) of velocities for rates of the pose (n_pose, k)."""
+        """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k, ...)."""
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
         """Return the coefficients (d + d^2, k, k) of accelerations for second derivatives of the pose (n_pose, k, k)."""
@@ -85,6 +91,10 @@ class Plane:
         """Return the change of the angle."""
         return np.abs(step[:, 2])
 
+    def principal(self, away: np.ndarray) -> np.ndarray:
+        """Return the differences as they are: angles count turns."""
+        return away
+
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns of the angle."""
         return np.rint(change[:, 2] / (2 * np.pi))
@@ -100,6 +110,10 @@ class Plane:
         return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
     frame_gradient = rotation
+
+    def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Turn vectors back."""
+        return rotate(-pose[2], vectors)
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames of points."""
@@ -130,6 +144,10 @@ class Spatial:
         """Return the change of the directors."""
         return np.max(np.abs(step[:, 3:]), axis=1)
 
+    def principal(self, away: np.ndarray) -> np.ndarray:
+        """Return the differences in (-pi, pi]."""
+        return away - 2 * np.pi * np.rint(away / (2 * np.pi))
+
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return zeros: directors come back after a turn."""
         return np.zeros(len(change))
@@ -142,6 +160,10 @@ class Spatial:
         """Return the rotation of ``(u, phi)``."""
         turn, zero = directors(pose), np.zeros((3, 3))
         return np.block([[turn, zero], [zero, turn]])
+
+    def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Return the parts along the directors."""
+        return np.einsum("kcn,cn->kn", pose[3:12].reshape(3, 3, -1), vectors)
 
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
         """Return ``dr = R u``, ``d(d_k) = R (phi x e_k)``."""
@@ -164,14 +186,15 @@ class Spatial:
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
         """Return ``R^T r''`` and ``R^T R''``."""
-        return self._field(pose, curvatures)
+        found = self._field(pose, curvatures.reshape(12, -1))
+        return found.reshape(len(found), *curvatures.shape[1:])
 
     def _field(self, pose: np.ndarray, change: np.ndarray) -> np.ndarray:
         # director k is the column k of R: (R^T R')_ij = d_i . d_j'
-        axes = pose[3:].reshape(3, 3)
-        translation = np.einsum("ic,c...->i...", axes, change[:3])
+        axes = pose[3:].reshape(3, 3, *pose.shape[1:])
+        translation = np.einsum("ic...,ck...->ik...", axes, change[:3])
         moving = change[3:].reshape(3, 3, *change.shape[1:])
-        gradient = np.einsum("ic,jc...->ij...", axes, moving)
+        gradient = np.einsum("ic...,jck...->ijk...", axes, moving)
         return np.concatenate([translation, gradient.reshape(9, *change.shape[1:])])
 
 

@@ -39,6 +39,11 @@ class SpatialAttachment:
         return self.body < 0
 
     @property
+    def at_node(self) -> bool:
+        """Whether the point is the node itself."""
+        return not self.arm.any()
+
+    @property
     def dofs(self) -> np.ndarray:
         """The node's unknowns, shape (6,)."""
         return SPATIAL.n_dofs * self.node + np.arange(SPATIAL.n_dofs)

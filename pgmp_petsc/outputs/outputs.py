@@ -1,6 +1,7 @@
 """Outputs: what a user sees of a motion.
 
-All outputs are functions of the frames ``(x, y, phi)`` of some nodes, whichever model moved them. A deformation is the
+All outputs are functions of the frames of some nodes, whichever model moved them: ``(x, y, phi)`` in the plane, and in
+space position, directors and the rigid coordinates, which say how often a joint has turned. A deformation is the
 position less that of the rigid mechanism at the same measured coordinates, e.g. the same rotation of the hinge node,
 which in a free-free basis is not theta itself. It is not a number (NaN) where a measured coordinate is far outside a
 limited range, because the rigid mechanism may not exist there.
@@ -13,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.mechanism.attachment import rotate
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Attachment
+from pgmp_petsc.mechanism.mechanism import Attachment, Coordinate
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.scene import Scene
 
-AXES = {"x": 0, "y": 1}
-Frames = dict[int, np.ndarray]  # node -> frame, shape (3, n)
+AXES = {"x": 0, "y": 1, "z": 2}
+Frames = dict[int, np.ndarray]  # node -> frame, shape (n_frame, n)
 
 
 @dataclass(frozen=True)
@@ -79,22 +80,32 @@ class OutputSet:
 
 
 def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:
-    return np.zeros((3, n)) if side.on_ground else frames[side.node]
+    return side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
 
 
-def _joint_angle(connection) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
-    """Return the relative rotation b - a of a joint."""
+def _joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the relative rotation b - a of a joint.
+
+    In space a joint that is a coordinate counts its turns as the coordinate does; another one is in (-pi, pi].
+    """
+    numbers = [k for k, c in enumerate(kinematics.coordinates) if c.connection is connection]
+    measuring = Coordinate("", connection, 0.0, 0.0, periodic=False)
     nodes = {side.node for side in (connection.a, connection.b) if not side.on_ground}
 
     def angle(frames: Frames) -> np.ndarray:
-        n = next(iter(frames.values())).shape[1]
-        return _frame(connection.b, frames, n)[2] - _frame(connection.a, frames, n)[2]
+        first = next(frames[node] for node in nodes)
+        n = first.shape[1]
+        measured = measuring.measure(*(_frame(side, frames, n) for side in (connection.a, connection.b)))
+        if kinematics.mechanism.space is SPATIAL and numbers:
+            turned = first[SPATIAL.n_pose + numbers[0]]
+            measured = turned + SPATIAL.principal(measured - turned)
+        return measured
 
     return angle, nodes
 
 
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
-    return *_joint_angle(kinematics.mechanism.connection(entry.joint)), "rad"
+    return *_joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
 
 
 def _rotation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
@@ -115,16 +126,17 @@ def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinemati
 
 def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    measures = [_joint_angle(coordinate.connection) for coordinate in kinematics.mechanism.coordinates]
+    measures = [_joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.mechanism.coordinates]
 
     def deformation(frames: Frames) -> np.ndarray:
         measured = np.stack([angle(frames) for angle, _ in measures], axis=1)
         values = np.full(len(measured), np.nan)
         inside = kinematics.within_reach(measured).reshape(len(measured))
         poses = kinematics.poses(measured[inside])
-        moved = point.frame_of(frames[point.node])[:2, inside] - point.frame_of_pose(poses)[:2]
+        d = kinematics.mechanism.space.dimension
+        moved = point.frame_of(frames[point.node])[:d, inside] - point.frame_of_pose(poses)[:d]
         if entry.frame == "body":
-            moved = rotate(-poses[point.body, 2], moved)
+            moved = kinematics.mechanism.space.to_body(poses[point.body], moved)
         values[inside] = moved[axis]
         return values
 

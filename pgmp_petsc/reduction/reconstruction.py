@@ -13,8 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
+from scipy.spatial.transform import Rotation
+
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
@@ -42,7 +45,9 @@ class Reconstruction:
     ) -> None:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
-        rows = (DOFS_PER_NODE * self._nodes[:, None] + np.arange(DOFS_PER_NODE)).ravel()
+        self._space = kinematics.mechanism.space
+        per_node = self._space.n_dofs
+        rows = (per_node * self._nodes[:, None] + np.arange(per_node)).ravel()
         self._curved = rom.curvature is not None
         shapes = [rom.projection[:, rows]]
         if self._curved:
@@ -54,14 +59,32 @@ class Reconstruction:
         self._points = np.concatenate([body.mesh.nodes for body in bodies])[self._nodes]
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
-        """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta)."""
+        """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta).
+
+        In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n).
+        """
         n_theta = self._kinematics.n_coordinates
         theta, delta = eta[:, :n_theta], eta[:, n_theta:]
         factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
         local = self._shapes.product(theta, factors)
-        frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
         poses = self._kinematics.poses(theta)
+        if self._space is SPATIAL:
+            return self._in_space(theta, poses, local)
+        frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
         _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
+        return frames
+
+    def _in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """Return frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
+        n, n_theta = theta.shape
+        moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
+        frames = np.empty((self._nodes.size, SPATIAL.n_pose + n_theta, n))
+        for node, (body, point) in enumerate(zip(self._bodies, self._points)):
+            axes = poses[body, 3:].reshape(3, 3, n)
+            frames[node, :3] = poses[body, :3] + np.einsum("nk,kcn->cn", point + moved[:, node, :3], axes)
+            turn = Rotation.from_rotvec(moved[:, node, 3:]).as_matrix()
+            frames[node, 3:12] = np.einsum("njk,jcn->kcn", turn, axes).reshape(9, n)
+        frames[:, 12:] = theta.T
         return frames
 
 

@@ -170,7 +170,9 @@ def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray
     vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
     turned = to_body(problem.mechanism, poses, vectors)[own]
     for column, load in enumerate(loads):
-        if load.body_force is not None:
+        if load.in_bodies:
+            turned[:, column] = load.vector
+        elif load.body_force is not None:
             weight, field = load.body_force
             turned[:, column] = problem.matrices.mass[weight] @ to_body(problem.mechanism, poses, field)
     return turned

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
@@ -11,10 +12,11 @@ from pgmp_petsc.scene.fields import (
     Name,
     NotNegativeOrParameter,
     Number,
-    Pair,
     PositiveNumber,
     PositiveOrParameter,
     Table,
+    Triple,
+    Vector,
     exactly_one,
     refusal,
 )
@@ -72,8 +74,13 @@ class StraightBeam(Table):
 class Placement(Table):
     """First guess of a body's place for the assembly: rotate about the mesh's origin, then move."""
 
-    origin: Pair = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
-    angle: Number = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise)")
+    origin: Vector = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
+    angle: Number = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise); in the plane")
+    rotation: Triple | None = Field(None, description="rotation vector: axis times angle (rad); in space")
+
+    def origin_in(self, dimension: int) -> np.ndarray:
+        """Return the origin, shape (dimension,)."""
+        return np.array((*self.origin, 0.0)[:dimension])
 
 
 class Body(Table):
@@ -113,6 +120,8 @@ class Body(Table):
         for key in ("line", "section"):
             if getattr(self, key) is not None:
                 raise refusal(f"{self.element} takes its shape from a mesh; {key} is for beam2d", key)
+        if not self.flexible:
+            raise refusal(f"{self.element} bodies are flexible; a rigid body is made of beam2d", "flexible")
         if self.material is None:
             raise refusal("missing; needed: name of a material", "material")
         if self.element == "solid2d" and self.thickness is None:

@@ -54,7 +54,7 @@ class Force(_OverTime):
 
     type: Literal["force"]
     point: Point = Field(description='where it acts, "body:point"')
-    direction: Direction | None = Field(None, description="direction (x, y); its length does not matter")
+    direction: Direction | None = Field(None, description="direction (x, y), in space (x, y, z); its length does not matter")
     follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
     towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
 
@@ -70,7 +70,7 @@ class Gravity(Table):
     """A uniform field of acceleration on every body and every point mass."""
 
     type: Literal["gravity"]
-    direction: Direction = Field((0.0, -1.0), description="direction (x, y); its length does not matter")
+    direction: Direction = Field((0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter")
     acceleration: NumberOrParameter = Field(
         9.81, description="acceleration (m/s2), a number or a parameter's name"
     )

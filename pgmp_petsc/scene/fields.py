@@ -75,6 +75,18 @@ def _two_numbers(value: object) -> object:
     return value
 
 
+def _two_or_three_numbers(value: object) -> object:
+    if not (isinstance(value, (list, tuple)) and len(value) in (2, 3) and all(map(is_number, value))):
+        raise refusal("two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0]")
+    return value
+
+
+def _three_numbers(value: object) -> object:
+    if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
+        raise refusal("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]")
+    return value
+
+
 def _two_points(value: object) -> object:
     if not (isinstance(value, (list, tuple)) and len(value) == 2):
         raise refusal('two points in brackets are needed, such as ["ground:origin", "crank:hinge"]')
@@ -93,9 +105,9 @@ def _increasing(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _nonzero(value: tuple[float, float]) -> tuple[float, float]:
-    if value == (0.0, 0.0):
-        raise refusal("a direction other than [0, 0] is needed")
+def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(value):
+        raise refusal(f"a direction other than [{', '.join('0' for _ in value)}] is needed")
     return value
 
 
@@ -117,8 +129,14 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers)]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
-#: A vector (x, y) other than zero; its length does not matter.
-Direction = Annotated[Pair, AfterValidator(_nonzero)]
+#: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
+Vector = Annotated[tuple[float, ...], BeforeValidator(_two_or_three_numbers)]
+#: A vector other than zero; its length does not matter.
+Direction = Annotated[Vector, AfterValidator(_nonzero)]
+#: Three finite numbers (x, y, z).
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
+#: A direction in space.
+Axis = Annotated[Triple, AfterValidator(_nonzero)]
 #: Name of a table that the user chooses; it becomes the name of a data set.
 Name = Annotated[str, AfterValidator(_name)]
 #: "body:point" or "ground:point".

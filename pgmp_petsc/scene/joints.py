@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from pgmp_petsc.scene.fields import Connection, Direction, Interval, Name, Pair, Table, refusal
+from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name, Table, Vector, refusal
 
 ORIGIN = "origin"
 
@@ -15,29 +15,51 @@ ORIGIN = "origin"
 class Ground(Table):
     """Points fixed in space; ``ground:origin`` at (0, 0) is always there."""
 
-    points: dict[Name, Pair] = Field({ORIGIN: (0.0, 0.0)}, description="position (x, y) of each point (m)")
+    points: dict[Name, Vector] = Field(
+        {ORIGIN: (0.0, 0.0)}, description="position (x, y) of each point (m), (x, y, z) in space"
+    )
 
     @property
-    def positions(self) -> dict[str, tuple[float, float]]:
-        """Position (x, y) of every ground point (m), the origin included."""
+    def positions(self) -> dict[str, tuple[float, ...]]:
+        """Position of every ground point (m), the origin included."""
         return {ORIGIN: (0.0, 0.0), **self.points}
+
+    def position(self, point: str, dimension: int) -> tuple[float, ...]:
+        """Return the position of a point (m): as many numbers as the mechanism's space has dimensions."""
+        return (*self.positions[point], 0.0)[:dimension]
 
     @field_validator("points")
     @classmethod
     def _origin_stays(cls, points: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        if points.get(ORIGIN, (0.0, 0.0)) != (0.0, 0.0):
+        if any(points.get(ORIGIN, ())):
             raise refusal("the ground's origin is always at [0, 0]; give the point another name", ORIGIN)
         return points
 
 
-class Revolute(Table):
-    """Two points share their position; the relative rotation is free."""
+class _Joint(Table):
+    """Two points of different bodies, or of a body and the ground."""
 
-    type: Literal["revolute"]
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Directions that say how the joint stands in space, in the frame of the first point's owner; one or two."""
+        return ((1.0, 0.0, 0.0),)
 
-class PointOnLine(Table):
+
+class Revolute(_Joint):
+    """Two points share their position; the relative rotation is free, in space about an axis."""
+
+    type: Literal["revolute"]
+    axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """The axis of rotation."""
+        return (self.axis,)
+
+
+class PointOnLine(_Joint):
     """The second point moves on a line through the first."""
 
     type: Literal["point_on_line"]
@@ -45,18 +67,79 @@ class PointOnLine(Table):
         description="the point that carries the line, then the point that moves on it"
     )
     direction: Direction = Field(
-        description="direction (x, y) of the line, fixed to the owner of the first point"
+        description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
     )
 
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """The line's direction."""
+        return (self.direction,)
 
-class Fixed(Table):
+
+class Fixed(_Joint):
     """Two points share position and rotation: their bodies are welded at the angle that they are placed at."""
 
     type: Literal["fixed"]
-    connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
 
-Joint = Annotated[Revolute | PointOnLine | Fixed, Field(discriminator="type")]
+class Spherical(_Joint):
+    """Two points share their position; every rotation is free. In space."""
+
+    type: Literal["spherical"]
+
+
+class Universal(_Joint):
+    """Two points share their position, and an axis of each body stays at a right angle to one of the other. In space."""
+
+    type: Literal["universal"]
+    axis: Axis = Field(description="axis (x, y, z) fixed in the first body, in its frame")
+    second_axis: Axis = Field(description="axis fixed in the second body; in the frame of the first one, as assembled")
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """Both axes of rotation."""
+        return self.axis, self.second_axis
+
+
+class _Guided(_Joint):
+    axis: Axis = Field(description="axis (x, y, z) in the frame of the first point's owner")
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """The axis of the motion."""
+        return (self.axis,)
+
+
+class Cylindrical(_Guided):
+    """The second point moves on an axis through the first, and turns about it. In space."""
+
+    type: Literal["cylindrical"]
+
+
+class Prismatic(_Guided):
+    """The second point moves on an axis through the first without turning. In space."""
+
+    type: Literal["prismatic"]
+
+
+class PointOnPlane(_Joint):
+    """The second point moves on a plane through the first. In space."""
+
+    type: Literal["point_on_plane"]
+    normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
+
+    @property
+    def axes(self) -> tuple[tuple[float, ...], ...]:
+        """The plane's normal."""
+        return (self.normal,)
+
+
+Joint = Annotated[
+    Revolute | PointOnLine | Fixed | Spherical | Universal | Cylindrical | Prismatic | PointOnPlane,
+    Field(discriminator="type"),
+]
+#: Joints that a mechanism in the plane may have.
+PLANAR_JOINTS = ("revolute", "point_on_line", "fixed")
 
 
 class Coordinate(Table):

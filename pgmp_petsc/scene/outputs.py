@@ -8,7 +8,7 @@ from pydantic import Field
 
 from pgmp_petsc.scene.fields import Point, Table
 
-Axis = Literal["x", "y"]
+Axis = Literal["x", "y", "z"]
 
 
 class Angle(Table):
@@ -30,7 +30,7 @@ class Position(Table):
 
     type: Literal["position"]
     point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y")
+    axis: Axis = Field(description="x or y, in space also z")
 
 
 class Displacement(Table):
@@ -38,7 +38,7 @@ class Displacement(Table):
 
     type: Literal["displacement"]
     point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y")
+    axis: Axis = Field(description="x or y, in space also z")
 
 
 class Deformation(Table):
@@ -46,7 +46,7 @@ class Deformation(Table):
 
     type: Literal["deformation"]
     point: Point = Field(description='point of a body, "body:point"')
-    axis: Axis = Field(description="x or y")
+    axis: Axis = Field(description="x or y, in space also z")
     frame: Literal["ground", "body"] = Field(
         "ground", description="whose axes: the ground's, or those of the rigid body that carries the point"
     )

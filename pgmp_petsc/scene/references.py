@@ -13,6 +13,7 @@ from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import Angle
+from pgmp_petsc.scene.space_checks import space_problems
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -29,6 +30,7 @@ def reference_problems(scene: Scene) -> list[str]:
             _outputs(scene),
             _initial_states(scene),
             _parameter_uses(scene),
+            space_problems(scene),
         )
     )
 

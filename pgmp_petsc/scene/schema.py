@@ -61,6 +61,11 @@ class Scene(Table):
         return self._directory
 
     @property
+    def dimension(self) -> int:
+        """2 for a mechanism in the plane, 3 in space: as soon as one body is a solid3d."""
+        return 3 if any(body.element == "solid3d" for body in self.bodies.values()) else 2
+
+    @property
     def values(self) -> dict[str, float]:
         """Value of each parameter in a single run: nominal, or what ``--set`` gave."""
         return {name: parameter.current for name, parameter in self.parameters.items()}

@@ -8,7 +8,8 @@ from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, rotation, to_body, to_inertial
+from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body, to_inertial
+from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
@@ -19,8 +20,8 @@ def kinematics(request: pytest.FixtureRequest) -> RigidKinematics:
 
 
 def test_a_rotation_turns_positions_and_leaves_angles() -> None:
-    np.testing.assert_allclose(rotation(np.pi / 2) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15)
-    np.testing.assert_allclose(rotation(0.3) @ rotation(-0.3), np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(PLANE.rotation(np.array([0.0, 0.0, np.pi / 2])) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15)
+    np.testing.assert_allclose(PLANE.rotation(np.array([1.0, 2.0, 0.3])) @ PLANE.rotation(np.array([0.0, 0.0, -0.3])), np.eye(3), atol=1e-15)
 
 
 @pytest.mark.parametrize("trailing", [(), (1,), (2, 3)])

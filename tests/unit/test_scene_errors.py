@@ -104,8 +104,9 @@ ENTRIES = [
         "bodies.crank.element='beam3d'",
         "bodies.crank.element = \"beam3d\": unknown; did you mean 'beam2d'? (allowed: beam2d, solid2d, solid3d)",
     ),
-    ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": unknown (allowed: x, y)'),
-    ("outputs.slider_position.axis=1", "outputs.slider_position.axis = 1: unknown (allowed: x, y)"),
+    ("outputs.slider_position.axis='w'", 'outputs.slider_position.axis = "w": unknown (allowed: x, y, z)'),
+    ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),
+    ("outputs.slider_position.axis=1", "outputs.slider_position.axis = 1: unknown (allowed: x, y, z)"),
     ("effects.motor=3", "effects.motor = 3: a table is needed"),
     ("effects.motor={}", f"effects.motor.type: missing (allowed: {EFFECTS})"),
     (
