@@ -21,8 +21,6 @@ from pgmp_petsc.results.trajectory import frame_name
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import check_writable, open_file, take
 
-_ATTRIBUTES = {"displacement": "Vector", "rotation": "Scalar"}
-
 
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
     """Write the XDMF description of a trajectory's frames and return their number; by one process only.
@@ -80,8 +78,9 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
         _refer(topology, cells, heavy)
         geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         _refer(geometry, file[f"frames/points/{name}"], heavy)
-        for attribute, kind in _ATTRIBUTES.items():
-            _refer(_attribute(grid, attribute, kind), file[f"frames/{attribute}/{name}"], heavy)
+        for attribute in ("displacement", "rotation"):
+            data = file[f"frames/{attribute}/{name}"]
+            _refer(_attribute(grid, attribute, "Scalar" if data.ndim == 1 else "Vector"), data, heavy)
         _refer(_attribute(grid, "body", "Scalar"), file["mesh/body"], heavy)
     return ElementTree.ElementTree(root), len(time)
 

@@ -5,7 +5,7 @@ A triangle stands below the ends of bodies that the ground holds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import matplotlib
@@ -25,6 +25,9 @@ BAR, HOLLOW = 1.6, 0.5
 KEY_WIDTH = 3.0  # points
 # A pin that moves by less than this share of the mechanism's extent is held by the ground.
 AT_REST = 1e-6
+# A motion that leaves the plane by less than this share of its extent is shown along z, another one obliquely.
+FLAT = 1e-3
+OBLIQUE = np.array([[1.0, 0.0], [0.0, 1.0], [-0.45, -0.35]])
 # A triangle below the pin, as a marker's vertices.
 _GROUND = ((0.0, 0.0), (-0.65, -1.0), (0.65, -1.0), (0.0, 0.0))
 
@@ -76,7 +79,9 @@ class Shapes:
     @classmethod
     def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:
         """Return the shapes with their deformation enlarged, in the unit of which a metre has `factor`."""
-        return cls(frames, {body: factor * shown_positions(frames, body, exaggeration) for body in frames.nodes})
+        shown = {body: shown_positions(frames, body, exaggeration) for body in frames.nodes}
+        view = _view(shown.values())
+        return cls(frames, {body: factor * positions @ view for body, positions in shown.items()})
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -140,14 +145,14 @@ class Shapes:
 
 
 def shown_positions(frames: Frames, body: str, exaggeration: float) -> np.ndarray:
-    """Return a body's positions (n_f, n_nodes, 2), in m, with its deformation enlarged.
+    """Return a body's positions (n_f, n_nodes, d), in m, with its deformation enlarged in the plane.
 
     The undeformed body is turned, moved and (by the tiny change of the chord) scaled so that its two ends
     meet the deformed ones; what is then left is the deformation. A body that has not exactly two ends is left
     as it is.
     """
     positions, tips = frames.positions[body], ends(frames.cells[body])
-    if exaggeration == 1.0 or len(tips) != 2:
+    if exaggeration == 1.0 or len(tips) != 2 or positions.shape[-1] != 2:
         return positions
     # In the plane as complex numbers, turning and scaling is one multiplication.
     deformed = positions[..., 0] + 1j * positions[..., 1]
@@ -157,6 +162,15 @@ def shown_positions(frames: Frames, body: str, exaggeration: float) -> np.ndarra
     rigid = deformed[:, [first]] + turn[:, None] * (plain - plain[first])[None, :]
     shown = rigid + exaggeration * (deformed - rigid)
     return np.stack([shown.real, shown.imag], axis=-1)
+
+
+def _view(positions: Iterable[np.ndarray]) -> np.ndarray:
+    """Return what projects positions onto the paper, shape (d, 2): along z, or obliquely where a motion leaves the plane."""
+    points = np.concatenate([part.reshape(-1, part.shape[-1]) for part in positions])
+    extents = np.ptp(points, axis=0)
+    if extents.size == 2 or extents[2] < FLAT * extents.max():
+        return np.eye(extents.size)[:, :2]
+    return OBLIQUE
 
 
 def ends(cells: np.ndarray) -> np.ndarray:

@@ -12,8 +12,8 @@ dataset                       shape                content
 ``/frames/time``              (n_f)                s; this and all below only where frames were stored
 ``/frames/points/<k>``        (n_nodes, 3)         positions at frame k = 00000, 00001, ..., ground frame, m
 ``/frames/displacement/<k>``  (n_nodes, 3)         positions minus those of frame 00000, m
-``/frames/rotation/<k>``      (n_nodes)            rotation of the nodes, rad
-``/mesh/nodes``               (n_nodes, 2)         undeformed nodes in their body's frame, m; of rigid bodies those of
+``/frames/rotation/<k>``      (n_nodes)            rotation of the nodes, rad; in space (n_nodes, 3), axis times angle
+``/mesh/nodes``               (n_nodes, d)         undeformed nodes in their body's frame, m; of rigid bodies those of
                                                    the mesh that gives their shape
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
 ``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
@@ -77,10 +77,12 @@ class Frames:
             unknown = ", ".join(sorted(self.rigid - self.nodes.keys()))
             raise ValueError(f"rigid bodies of frames are none of theirs: {unknown}")
         for body, nodes in self.nodes.items():
-            check_shape(f"nodes of '{body}'", nodes, (None, 2))
+            d = 3 if nodes.shape[-1] == 3 else 2
+            check_shape(f"nodes of '{body}'", nodes, (None, d))
             check_shape(f"cells of '{body}'", self.cells[body], (None, 2))
-            check_shape(f"positions of '{body}'", self.positions[body], (n_frames, len(nodes), 2))
-            check_shape(f"rotations of '{body}'", self.rotations[body], (n_frames, len(nodes)))
+            check_shape(f"positions of '{body}'", self.positions[body], (n_frames, len(nodes), d))
+            angles = (n_frames, len(nodes)) if d == 2 else (n_frames, len(nodes), 3)
+            check_shape(f"rotations of '{body}'", self.rotations[body], angles)
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,7 @@ def _write_frames(file: h5py.File, frames: Frames) -> None:
     first = None
     for number, instant in enumerate(frames.time):
         points = np.zeros((len(nodes), 3))
-        points[:, :2] = np.concatenate([frames.positions[body][number] for body in bodies])
+        points[:, : nodes.shape[1]] = np.concatenate([frames.positions[body][number] for body in bodies])
         first = points if first is None else first
         rotation = np.concatenate([frames.rotations[body][number] for body in bodies])
         name, at = frame_name(number), f"at {instant:g} s"
@@ -209,8 +211,9 @@ def _read_frames(file: h5py.File) -> Frames:
     time, number_of_body = take(file, "frames/time", 1), take(file, "mesh/body", 1)
     nodes, cells = take(file, "mesh/nodes", 2), take(file, "mesh/cells", 2)
     names = [frame_name(number) for number in range(len(time))]
-    points = np.array([take(file["frames/points"], name, 2)[:, :2] for name in names])
-    rotation = np.array([take(file["frames/rotation"], name, 1) for name in names])
+    d = nodes.shape[1]
+    points = np.array([take(file["frames/points"], name, 2)[:, :d] for name in names])
+    rotation = np.array([take(file["frames/rotation"], name, 1 if d == 2 else 2) for name in names])
     bodies = json.loads(file["mesh/body"].attrs["names"])
     of_body = {body: np.flatnonzero(number_of_body == number) for number, body in enumerate(bodies)}
     return Frames(
