@@ -39,6 +39,19 @@ def linear_fields(body: Body) -> np.ndarray:
     return np.concatenate(parts)
 
 
+def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
+    """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,).
+
+    Poses have the shape (n_bodies, n_pose). What belongs to rotations is zero: a position has none.
+    """
+    d = mechanism.space.dimension
+    places = np.zeros(mechanism.n_dofs)
+    for body, pose in zip(mechanism.bodies, poses):
+        origin = mechanism.space.to_body(pose[:, None], pose[:d, None])[:, 0]
+        places[body.dofs] = linear_fields(body) @ np.concatenate([origin, np.eye(d).ravel()])
+    return places
+
+
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return ``d rho / d theta`` in body frames.
 

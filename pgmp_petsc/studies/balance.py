@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.effects import loads_of
+from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.balance import Balance
 
@@ -46,10 +47,15 @@ def with_weights(balance: Balance, model: ReducedModel) -> Balance:
     if not effects:
         return balance
     mechanism = model.kinematics.mechanism
-    start = mechanism.place(model.kinematics.poses(model.start[0]))[:, 0]
+    poses = model.kinematics.poses(model.start[0])[..., 0]
+    places = rigid_positions(mechanism, poses)
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     potential = balance.potential
     for effect in effects:
-        loads = loads_of([effect], assemble(mechanism.bodies, range(mechanism.n_dofs)))
-        lifted = sum(float(load.weight.evaluate(model.scene.values)) * float(load.vector @ start) for load in loads)
+        lifted = 0.0
+        for load in loads_of([effect], matrices):
+            weight, field = load.body_force
+            force = matrices.mass[weight] @ to_body(mechanism, poses, field)
+            lifted += float(load.weight.evaluate(model.scene.values)) * float(force @ places)
         potential = potential - float(effect.amplitude(0.0)) * lifted - balance.work[effect.name]
     return replace(balance, potential=potential)
