@@ -9,9 +9,11 @@ import click
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.coordinate_limits import check_features, check_flexible
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import InputError, PgmpError
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.selection.choice import choose, leaves_open
@@ -25,6 +27,7 @@ POOR_COSINE = 0.5
 @click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
 @output_option
 @ranks_per_angle_option
+@click.option("--resume", is_flag=True, help="Take up a build of the same file that was stopped.")
 @scene_options
 @click.pass_context
 def build(
@@ -32,6 +35,7 @@ def build(
     scene: Path,
     output: Path,
     ranks_per_angle: int,
+    resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
@@ -40,6 +44,9 @@ def build(
     With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
     error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
     out, and terms of the reduced model that do are added; the estimate is printed and kept too.
+
+    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up, with any
+    number of ranks.
     """
     comm = context.obj.comm
     on_root(comm, check_writable, output)
@@ -51,9 +58,22 @@ def build(
         loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
         say(context, "\n".join(sizes.lines()))
     group = RankGroup.split(comm, ranks_per_angle)
-    choice = choose(loaded, meshes, group) if leaves_open(loaded) else None
-    rom = build_rom(loaded, meshes, group) if choice is None else choice.rom
+    choice, checkpoint = None, None
+    if leaves_open(loaded):
+        if resume:
+            raise InputError("--resume: not with reduction.tolerance or simulation.tolerance, which try many models")
+        choice = choose(loaded, meshes, group)
+        rom = choice.rom
+    else:
+        checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)
+        try:
+            rom = build_rom(loaded, meshes, group, checkpoint=checkpoint)
+        except PgmpError:
+            checkpoint.forget()
+            raise
     save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
+    if checkpoint is not None:
+        checkpoint.remove()
     if rom is not None:
         say(context, report(rom, output))
     if choice is not None:

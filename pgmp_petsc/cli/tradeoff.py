@@ -9,7 +9,7 @@ import click
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.cli.tradeoff_table import summary
-from pgmp_petsc.reduction.coordinate_limits import check_single
+from pgmp_petsc.reduction.limits import check_single
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable

@@ -27,6 +27,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.matrices import weighted_sum
 from pgmp_petsc.bodies.solid import Solid
+from pgmp_petsc.components.displacement_fields import linear_fields, polynomial_fields
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.components.subspace import Subspace
 from pgmp_petsc.runtime.errors import RunError
@@ -52,8 +53,8 @@ class BodyProblem:
         This rank's rows by weight.
     values
         Parameter values.
-    n_rigid
-        Number of rigid motions.
+    places
+        This rank's nodes, shape (n, d), m.
     comm
         Ranks that share the body.
     """
@@ -63,10 +64,11 @@ class BodyProblem:
         mass: Mapping[Monomial, sp.csr_matrix],
         stiffness: Mapping[Monomial, sp.csr_matrix],
         values: Mapping[str, float],
-        n_rigid: int,
+        places: np.ndarray,
         comm: MPI.Comm,
     ) -> None:
-        self.comm, self._n_rigid = comm, n_rigid
+        d = places.shape[1]
+        self.comm, self._places, self._n_rigid = comm, places, d * (d + 1) // 2
         n_local = next(iter(mass.values())).shape[0]
         self.mass = aij_matrix(weighted_sum(mass, values), comm, n_local)
         self.stiffness = aij_matrix(weighted_sum(stiffness, values), comm, n_local)
@@ -76,13 +78,18 @@ class BodyProblem:
 
     def modes(self, n_modes: int, where: str) -> tuple[np.ndarray, np.ndarray]:
         """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body."""
-        guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
-        trial = ShiftInvertSolver(self.mass.getComm(), -guess)
-        first = trial.solve(self.stiffness, self.mass, self._n_rigid, 1, where).values[-1]
-        trial.close()
-        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * first)
+        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest())
         pairs = self._solver.solve(self.stiffness, self.mass, self._n_rigid, n_modes, where)
         return pairs.values[self._n_rigid :], pairs.vectors[:, self._n_rigid :]
+
+    def _lowest(self) -> float:
+        """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the place."""
+        from mpi4py import MPI
+
+        fields = polynomial_fields(self._places, self.comm)
+        products = [fields.T @ times(matrix, fields) for matrix in (self.stiffness, self.mass)]
+        stiffness, mass = self.comm.allreduce(np.array(products), op=MPI.SUM)
+        return float(eigh(stiffness, mass, eigvals_only=True)[self._n_rigid])
 
     def answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `modes`."""
@@ -136,10 +143,11 @@ def condense(
     stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
     interface = [frame.functionals(n_nodes) for frame in frames.values()]
     loads = np.vstack([functionals.toarray() for functionals in interface])[:, own].T
-    fields = linear_fields(solid.mesh.nodes[nodes.start : nodes.stop])
+    places = solid.mesh.nodes[nodes.start : nodes.stop]
+    fields = linear_fields(places)
     subspace, error = None, 0.0
     for values in points:
-        problem = BodyProblem(mass, stiffness, values, n_rigid=d * (d + 1) // 2, comm=comm)
+        problem = BodyProblem(mass, stiffness, values, places, comm)
         try:
             if subspace is None:
                 subspace = Subspace(problem.mass, problem.stiffness, comm)
@@ -150,26 +158,6 @@ def condense(
         finally:
             problem.close()
     return _condensed(solid, frames, points[0], subspace, loads, fields, (mass, stiffness), nodes, error)
-
-
-def linear_fields(places: np.ndarray) -> np.ndarray:
-    """Return the displacement fields that are linear in the place, in the order of `Component.fields`.
-
-    Parameters
-    ----------
-    places
-        Shape (n, d), m.
-
-    Returns
-    -------
-    ndarray, shape (n d, d (d + 1))
-    """
-    n, d = places.shape
-    fields = np.zeros((n, d, d + d * d))
-    for i in range(d):
-        fields[:, i, i] = 1.0
-        fields[:, i, d + d * i : d + d * (i + 1)] = places
-    return fields.reshape(n * d, -1)
 
 
 def _serve(problem: BodyProblem, subspace: Subspace, loads: np.ndarray, n_modes: int, name: str) -> float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
@@ -15,7 +17,18 @@ from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 
-def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -> dict[str, BodyShape]:
+class Finished(Protocol):
+    """Keeps bodies that are condensed, for a run that is resumed."""
+
+    components: Mapping[str, Component]
+
+    def add_component(self, name: str, component: Component) -> None:
+        """Keep one."""
+
+
+def condensed(
+    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, finished: Finished | None = None
+) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on ``group.world``.
 
     Parameters
@@ -26,13 +39,16 @@ def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -
         By body; what is no continuum mesh stays as it is.
     group
         Ranks that share a body.
+    finished
+        Bodies that are condensed already, and where to keep others.
 
     Raises
     ------
     InputError, RunError
         On all ranks, whichever rank met it.
     """
-    waiting = [name for name, shape in shapes.items() if isinstance(shape, SolidMesh)]
+    done = dict(shapes) | dict({} if finished is None else finished.components)
+    waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
     with agreed(group.world, "components"):
         for name in waiting[group.index :: group.count]:
@@ -42,7 +58,8 @@ def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -
             found[name], _ = condense(
                 meshed.solid, meshed.frames, _points(scene, meshed), scene.reduction.modes, group.comm
             )
-    done = dict(shapes)
+            if finished is not None:
+                finished.add_component(name, found[name])
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
     return done

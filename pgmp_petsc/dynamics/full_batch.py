@@ -111,6 +111,9 @@ class FullBatch:
         gains = (scheme.gain_v, scheme.gain_a, 1.0)
         return self._correct(time, state, gains, residual, self._fill(active), fresh)
 
+    def close(self) -> None:
+        """Nothing is to be given back."""
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
         chosen = self._fill(samples)

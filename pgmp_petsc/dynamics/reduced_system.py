@@ -175,6 +175,9 @@ class ReducedSystem:
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
         return energies
 
+    def close(self) -> None:
+        """Nothing is to be given back."""
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
         for now, before in ((state.q, previous.q), (state.v, previous.v), (state.a, previous.a)):

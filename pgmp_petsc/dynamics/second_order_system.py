@@ -96,6 +96,9 @@ class SecondOrderSystem(Protocol):
             Size of the correction, in units of the mechanism's size or of 1 rad; not finite where it failed.
         """
 
+    def close(self) -> None:
+        """Give back what the system holds outside Python."""
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put the given samples (a mask) of `state` back to `previous`."""
 

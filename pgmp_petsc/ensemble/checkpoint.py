@@ -1,21 +1,14 @@
-"""The checkpoint of an ensemble: a folder of finished batches beside the result, ``<output>.partial/``.
-
-Every batch is a file of its own, written under another name and renamed, so that a run may be killed at any moment. The
-folder says which run it belongs to and is removed once the result is written.
-"""
+"""The checkpoint of an ensemble: its finished batches in a folder beside the result."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.ensemble.batch import Batch, Plan
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 
 FORMAT = 2
 NAMED = ("parameters", "outputs", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
@@ -35,15 +28,20 @@ class Checkpoint:
     """
 
     def __init__(self, plan: Plan, scene_toml: str, model: str) -> None:
-        self.folder = plan.output.with_name(f"{plan.output.name}.partial")
         self._resume = plan.resume
-        self._run = {
+        run = {
             "format": FORMAT,
             "model": model,
             "samples": plan.n_samples,
             "seed": plan.seed,
             "scene": hashlib.sha256(scene_toml.encode()).hexdigest(),
         }
+        self._folder = CheckpointFolder(plan.output, run)
+
+    @property
+    def folder(self) -> Path:
+        """Where the batches are."""
+        return self._folder.path
 
     def open(self) -> set[int]:
         """Start anew, or take up what is there if the plan says so; return the first samples of finished batches.
@@ -53,51 +51,23 @@ class Checkpoint:
         InputError
             If what is there belongs to another run.
         """
-        label = self.folder / "run.json"
-        if self._resume and label.exists():
-            self._check(_read_label(label))
-            return {int(path.stem) for path in self.folder.glob("*.npz")}
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir()
-        waiting = label.with_suffix(".writing")
-        waiting.write_text(json.dumps(self._run))
-        os.replace(waiting, label)
-        return set()
+        taken_up = self._folder.open(self._resume)
+        return {int(path.stem) for path in self._folder.pieces()} if taken_up else set()
 
     def add(self, batch: Batch) -> None:
         """Store a finished batch."""
-        target = self.folder / f"{batch.first:09d}.npz"
-        waiting = target.with_suffix(".writing")
         arrays = {f"{kind}.{name}": values for kind in NAMED for name, values in getattr(batch, kind).items()}
-        with open(waiting, "wb") as file:
-            np.savez(file, status=batch.status, failure_time=batch.failure_time, **arrays)
-        os.replace(waiting, target)
+        self._folder.put(
+            f"{batch.first:09d}", {"status": batch.status, "failure_time": batch.failure_time, **arrays}
+        )
 
     def batches(self) -> list[Batch]:
         """Return all batches in the order of their samples."""
-        return [_load(path) for path in sorted(self.folder.glob("*.npz"))]
+        return [_load(path) for path in self._folder.pieces()]
 
     def remove(self) -> None:
         """Remove the folder; the result holds all of it."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _check(self, found: dict) -> None:
-        for key, value in self._run.items():
-            if found.get(key) != value:
-                shown = "" if key == "scene" else f" ({found.get(key)} there, {value} here)"
-                raise InputError(
-                    f"--resume: '{self.folder}' belongs to another run: its {key} differs{shown}; "
-                    "repeat the command as it was, or leave --resume out to start anew"
-                )
-
-
-def _read_label(path: Path) -> dict:
-    try:
-        return json.loads(path.read_text())
-    except ValueError as error:
-        raise InputError(
-            f"--resume: '{path}' is damaged ({error}); leave --resume out to start anew"
-        ) from error
+        self._folder.remove()
 
 
 def _load(path: Path) -> Batch:

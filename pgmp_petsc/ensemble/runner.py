@@ -46,7 +46,7 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     """
     timings = Timings()
     scene_toml = scene_to_toml(model.scene)
-    size = model.scene.ensemble.batch
+    size = model.largest_batch
     draw(model.scene, plan.seed, 0, 1)  # a scene with nothing to draw is refused before anything is touched
     checkpoint = Checkpoint(plan, scene_toml, model.name)
     finished = on_root(comm, checkpoint.open)
@@ -96,6 +96,7 @@ def run_batch(
         frames = model.output_frames(system, run.state)[..., fine]
         for name, result in model.outputs.evaluate(frames).items():
             outputs[name][fine] = result
+    system.close()
     batch = Batch(first, values, outputs, run.status.astype(int), run.failure_time)
     return batch if indicator is None else _with_estimates(batch, watched, run.status, chosen)
 

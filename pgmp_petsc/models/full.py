@@ -18,6 +18,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
@@ -27,6 +28,8 @@ class FullModel:
     name = "full"
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
+        if scene.dimension == 3:
+            raise InputError("--full: the full-order model is for mechanisms in the plane; in space, build a reduced one")
         self.scene = scene
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)
@@ -41,8 +44,15 @@ class FullModel:
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
         return other
 
-    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch:
-        """Return a batch of samples on this rank."""
+    @property
+    def largest_batch(self) -> int:
+        """Most samples that a batch may have: continuum bodies are integrated one by one."""
+        return 1 if any(body.continuum for body in self.scene.bodies.values()) else self.scene.ensemble.batch
+
+    def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:
+        """Return a batch of samples on this rank, at most `largest_batch`."""
+        if any(body.continuum for body in self.scene.bodies.values()):
+            return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
         return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:

@@ -24,12 +24,15 @@ class Model(Protocol):
         ``full`` or ``reduced``.
     scene, kinematics, outputs
         The scene, its rigid kinematics and its outputs.
+    largest_batch
+        Most samples that a batch has.
     """
 
     name: str
     scene: Scene
     kinematics: RigidKinematics
     outputs: OutputSet
+    largest_batch: int
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""

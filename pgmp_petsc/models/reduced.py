@@ -80,6 +80,11 @@ class ReducedModel:
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         return other
 
+    @property
+    def largest_batch(self) -> int:
+        """Most samples that a batch has."""
+        return self.scene.ensemble.batch
+
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
         return ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)

@@ -20,9 +20,10 @@ from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
-from pgmp_petsc.reduction.coordinate_limits import check_count, check_features
+from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
@@ -31,7 +32,7 @@ from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.reduction.sampler import Sampler
+from pgmp_petsc.reduction.sampler import Sample, Sampler
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
@@ -52,6 +53,7 @@ def build_rom(
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
     scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes,
+    checkpoint: BuildCheckpoint | None = None,
 ) -> ReducedOrderModel | None:
     """Build the reduced-order model of a scene. Collective on ``group.world``.
 
@@ -65,6 +67,8 @@ def build_rom(
         Ranks that share an eigenproblem.
     scramble
         Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
+    checkpoint
+        What is finished already, and where finished parts are kept.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def build_rom(
     timings = Timings()
     with timings.phase("components"):
         check_features(scene)
-        meshes = condensed(scene, meshes, group)
+        meshes = condensed(scene, meshes, group, checkpoint)
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
         check_count(scene, mechanism)
@@ -90,7 +94,7 @@ def build_rom(
     with timings.phase("points"):
         points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, patterns, points, group, scramble)
+    setting = _Setting(scene, kinematics, loads, patterns, points, group, scramble, checkpoint)
     n_redundant, joined, basis = 0, None, None
     compression: Compression | None = None
     while True:
@@ -147,6 +151,7 @@ class _Setting:
     points: ParameterPoints
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]
+    checkpoint: BuildCheckpoint | None
 
     def compute(self, store: SampleStore) -> int:
         """Compute this group's missing samples; return the number of redundant constraints, 0 if there were none."""
@@ -159,10 +164,23 @@ class _Setting:
             ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
             sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots)
-            for number, theta in missing.items():
-                store.put(number, sampler.sample(theta, self.scramble))
-                bar.update()
+            try:
+                for number, theta in missing.items():
+                    store.put(number, self._sample(sampler, theta))
+                    bar.update()
+            finally:
+                if self.checkpoint is not None:
+                    self.checkpoint.flush()
             return problem.n_redundant
+
+    def _sample(self, sampler: Sampler, theta: np.ndarray) -> Sample:
+        if self.checkpoint is None:
+            return sampler.sample(theta, self.scramble)
+        sample = self.checkpoint.sample(theta, sampler.problem)
+        if sample is None:
+            sample = sampler.sample(theta, self.scramble)
+            self.checkpoint.add_sample(theta, sample, sampler.problem)
+        return sample
 
     def curve(self, store: SampleStore, basis: ContinuousBasis | None) -> ContinuousBasis | None:
         """Add what is of second order to the finished basis (first rank; None elsewhere). Collective."""

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
 
+FEW = 8  # columns that are multiplied one by one: the set-up for all at once takes longer
+
 
 def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
     """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
@@ -29,8 +31,15 @@ def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PE
 
 def times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Return matrix times local columns (n_local, k)."""
-    x, y = matrix.createVecs()
-    return _apply(matrix.mult, x, y, columns)
+    if columns.shape[1] < FEW:
+        x, y = matrix.createVecs()
+        return _apply(matrix.mult, x, y, columns)
+    right = _dense(columns, matrix.getSize()[1], matrix.getComm())
+    product = matrix.matMult(right)
+    result = np.array(product.getDenseArray())
+    product.destroy()
+    right.destroy()
+    return result
 
 
 def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
@@ -41,19 +50,25 @@ def transposed_times(matrix: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
 
 def solve_columns(factor: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
     """Return the inverse of a factorised matrix times local columns (n_local, k)."""
-    from petsc4py import PETSc
-
-    size = ((columns.shape[0], factor.getSize()[0]), (None, columns.shape[1]))
-    right = PETSc.Mat().createDense(size, array=np.asfortranarray(columns), comm=factor.getComm())
-    left = PETSc.Mat().createDense(size, comm=factor.getComm())
-    for matrix in (right, left):
-        matrix.setUp()
-        matrix.assemble()
+    right = _dense(columns, factor.getSize()[0], factor.getComm())
+    left = right.duplicate()
+    left.assemble()
     factor.matSolve(right, left)
     result = np.array(left.getDenseArray())
     right.destroy()
     left.destroy()
     return result
+
+
+def _dense(columns: np.ndarray, n_rows: int, comm: PETSc.Comm) -> PETSc.Mat:
+    """Return local columns (n_local, k) as a distributed dense matrix with n_rows rows."""
+    from petsc4py import PETSc
+
+    size = ((columns.shape[0], n_rows), (None, columns.shape[1]))
+    matrix = PETSc.Mat().createDense(size, array=np.asfortranarray(columns), comm=comm)
+    matrix.setUp()
+    matrix.assemble()
+    return matrix
 
 
 def _apply(product: Callable, x: PETSc.Vec, y: PETSc.Vec, columns: np.ndarray) -> np.ndarray:

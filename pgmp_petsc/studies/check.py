@@ -12,7 +12,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.reduction.coordinate_limits import check_count, check_features
+from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 

@@ -30,6 +30,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.limits import check_beams
 from pgmp_petsc.reduction.sampler import turned_loads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
@@ -52,6 +53,7 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     InputError, RunError
         If the mechanism is not sound, or its rigid run fails.
     """
+    check_beams(scene, "pgmp check --effects")
     run = run_rigid(scene, meshes)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.reduction.coordinate_limits import check_features
+from pgmp_petsc.reduction.limits import check_features
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError

@@ -1,4 +1,4 @@
-"""What is taken of several rigid coordinates, and what more of them would cost."""
+"""What is taken of several rigid coordinates and of continuum bodies, and what more coordinates would cost."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SECONDS, SECONDS_PER_UNKNOWN = 6e-3, 1.6e-5
 
 
 def check_features(scene: Scene) -> None:
-    """Refuse the settings that are for one coordinate only where a scene has several.
+    """Refuse settings for one coordinate where a scene has several, and for beams where it has continuum bodies.
 
     Raises
     ------
@@ -36,15 +36,29 @@ def check_features(scene: Scene) -> None:
             check_single(scene, f"effects.{name}")
 
 
-def _check_continuum(scene: Scene) -> None:
-    """Refuse what beams alone have where a scene has continuum bodies."""
+def check_beams(scene: Scene, what: str) -> None:
+    """Refuse something that is for beams only where a scene has continuum bodies.
+
+    Raises
+    ------
+    InputError
+        Beginning with `what`.
+    """
     continuum = [name for name, body in scene.bodies.items() if body.continuum]
-    if not continuum:
-        return
-    reduction = scene.reduction
+    if continuum:
+        verb = "is" if len(continuum) == 1 else "are"
+        raise InputError(
+            f"{what}: for bodies of beams only, but {', '.join(continuum)} {verb} of continuum elements; leave it out"
+        )
+
+
+def _check_continuum(scene: Scene) -> None:
+    reduction, simulation = scene.reduction, scene.simulation
     entries = {
         "reduction.second_order = true": reduction.second_order,
         f"reduction.tolerance = {reduction.tolerance}": reduction.tolerance is not None,
+        f"simulation.tolerance = {simulation.tolerance}": simulation.tolerance is not None,
+        'reduction.effects = "auto"': reduction.effects == "auto",
         **{
             f"effects.{name}": effect.type in ("geometric_stiffening", "mode_inertia")
             for name, effect in scene.effects.items()
@@ -52,7 +66,7 @@ def _check_continuum(scene: Scene) -> None:
     }
     for entry, given in entries.items():
         if given:
-            raise InputError(f"{entry}: for bodies of beams only, but {', '.join(continuum)} is meshed; leave it out")
+            check_beams(scene, entry)
 
 
 def check_single(scene: Scene, what: str) -> None:
