@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
 
-DEPENDENT = 1e-9  # what is left of a vector's M-norm beside the others when it counts as one of their combinations
+# what is left of a vector's M-norm beside the basis when it counts as a combination of it, and of the smallest square
+# among the singular values of new vectors of norm 1: both far above their round-off
+DEPENDENT = 1e-9
+DEPENDENT_AMONG = 1e-12
 
 
 class Subspace:
@@ -54,17 +57,23 @@ class Subspace:
 
     def add(self, columns: np.ndarray) -> int:
         """Add the span of columns (n_local, k), without what is there already; return how many vectors were new."""
-        sizes = np.sqrt(np.diag(self.inner(columns, times(self._mass, columns))))
-        fresh = columns / sizes
+        fresh, size = self._normed(columns)
         for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            fresh = fresh - self.vectors @ self.inner(self.mass_vectors, fresh)
-        # the directions that are left, by size; those that are round-off are dropped
+            left, size = self._normed(fresh - self.vectors @ self.inner(self.mass_vectors, fresh))
+            # what vanishes beside the others is round-off, which is not the same in every run
+            fresh = left[:, size > DEPENDENT]
         squares, directions = np.linalg.eigh(self.inner(fresh, times(self._mass, fresh)))
-        chosen = squares > DEPENDENT**2
+        chosen = squares > DEPENDENT_AMONG
         fresh = fresh @ (directions[:, chosen] / np.sqrt(squares[chosen]))
-        fresh = fresh - self.vectors @ self.inner(self.mass_vectors, fresh)
-        fresh = fresh @ np.linalg.inv(np.linalg.cholesky(self.inner(fresh, times(self._mass, fresh)))).T
+        for _ in range(2):
+            fresh = fresh - self.vectors @ self.inner(self.mass_vectors, fresh)
+            fresh = fresh @ np.linalg.inv(np.linalg.cholesky(self.inner(fresh, times(self._mass, fresh)))).T
         self.vectors = np.hstack([self.vectors, fresh])
         self.mass_vectors = np.hstack([self.mass_vectors, times(self._mass, fresh)])
         self.stiffness_vectors = np.hstack([self.stiffness_vectors, times(self._stiffness, fresh)])
         return int(chosen.sum())
+
+    def _normed(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return columns with M-norm 1, and the norms that they had, shape (k,)."""
+        sizes = np.sqrt(np.diag(self.inner(columns, times(self._mass, columns))))
+        return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
