@@ -86,6 +86,12 @@ class Solid:
 
         return self._assemble(nodes, lambda region: region.density, entries)
 
+    @property
+    def volume(self) -> float:
+        """Volume of the mesh, m3 (in the plane its area, m2)."""
+        places = self.mesh.nodes[self.mesh.cells]
+        return float(elasticity.volumes_of(places, self._element.mass).sum())
+
     def weights(self, kind: str) -> set[Monomial]:
         """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``."""
         return {(region.density if kind == "mass" else region.modulus).monomial for region in self.regions}

@@ -8,8 +8,9 @@ import click
 
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.report import say
+from pgmp_petsc.components.trial import try_largest
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.check import describe_scene, describe_trial
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -22,17 +23,27 @@ from pgmp_petsc.studies.inputs import read_scene
     is_flag=True,
     help="Also estimate the size of every available effect: what to keep, what to leave.",
 )
+@click.option("--trial", is_flag=True, help="Also factorise the largest continuum body, and predict time and memory.")
 @scene_options
 @click.pass_context
 def check(
-    context: click.Context, scene: Path, sizes: bool, settings: tuple[str, ...], overrides: tuple[str, ...]
+    context: click.Context,
+    scene: Path,
+    sizes: bool,
+    trial: bool,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
 ) -> None:
     """Validate SCENE and print its bodies, unknowns, active effects and estimated memory; solve nothing.
 
-    With --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
+    With --trial the largest continuum body is factorised once on all ranks, which tells what a build will take. With
+    --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
     """
     comm = context.obj.comm
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     say(context, on_root(comm, describe_scene, loaded, meshes))
+    if trial:
+        found = try_largest(loaded, meshes, comm)
+        say(context, "  trial         no continuum bodies: nothing to try" if found is None else describe_trial(found))
     if sizes:
         say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes).lines())))

@@ -82,6 +82,11 @@ class BodyProblem:
         pairs = self._solver.solve(self.stiffness, self.mass, self._n_rigid, n_modes, where)
         return pairs.values[self._n_rigid :], pairs.vectors[:, self._n_rigid :]
 
+    def factor(self) -> None:
+        """Factor ``K - sigma M`` for `answers`, without solving for modes."""
+        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest())
+        self._solver.factor(self.stiffness, self.mass)
+
     def _lowest(self) -> float:
         """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the place."""
         from mpi4py import MPI
@@ -92,7 +97,7 @@ class BodyProblem:
         return float(eigh(stiffness, mass, eigvals_only=True)[self._n_rigid])
 
     def answers(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `modes`."""
+        """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `modes` or `factor`."""
         return self._solver.apply_inverse(loads)
 
     def close(self) -> None:

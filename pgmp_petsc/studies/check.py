@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -41,7 +42,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     check_count(scene, mechanism)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
-    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    continuum = any(body.is_continuum for body in mechanism.bodies)
+    # how many loads there are takes no rows of large matrices
+    matrices = assemble(mechanism.bodies, range(0 if continuum else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
     loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).n
     coordinates = kinematics.coordinates
@@ -56,7 +59,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
             f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
             "take fewer modes or a finer mesh"
         )
-    lines = [f"scene {scene.name}", *_bodies(mechanism), *_joints(mechanism, null.n_redundant)]
+    lines = [f"scene {scene.name}", *_bodies(mechanism), *_joints(mechanism, null.n_redundant, kinematics.n_redundant)]
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
@@ -74,7 +77,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    if not left_open and reducible:
+    if continuum:
+        lines += _condensing(mechanism)
+    elif not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 
@@ -86,7 +91,15 @@ def _bodies(mechanism: Mechanism) -> list[str]:
             weights = ", ".join(map(str, sorted(body.mass_weights)))
             lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
             continue
-        stiffness = ", ".join(map(str, body.section.stiffness_terms()))
+        stiffness = ", ".join(map(str, sorted(body.stiffness_weights)))
+        if body.meshed is not None:
+            mesh = body.meshed.solid.mesh
+            frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.meshed.frames.items())
+            lines.append(
+                f"  body          {body.name}: {mesh.n_nodes} nodes, {mesh.n_cells} {mesh.kind}, "
+                f"{body.meshed.solid.volume:.6g} m{mesh.dimension}, weights {stiffness}; frames {frames}"
+            )
+            continue
         lines.append(
             f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
             f"{body.mesh.lengths.sum():.6g} m, weights {stiffness}"
@@ -94,8 +107,11 @@ def _bodies(mechanism: Mechanism) -> list[str]:
     return lines
 
 
-def _joints(mechanism: Mechanism, n_redundant: int) -> list[str]:
+def _joints(mechanism: Mechanism, n_redundant: int, n_rigid: int) -> list[str]:
+    """Say how many constraints follow from the others; rigid bodies may not need some that flexible ones feel."""
     redundant = f", {n_redundant} of them redundant" if n_redundant else ""
+    if n_rigid != n_redundant:
+        redundant += f", {n_rigid} redundant for rigid bodies"
     names = ", ".join(connection.name for connection in mechanism.connections)
     return [f"  joints        {names}: {mechanism.n_constraints} constraints{redundant}"]
 
@@ -160,6 +176,28 @@ def _memory(scene: Scene, mechanism: Mechanism, matrices, n_loads: int, n_flexib
     return [
         f"  memory        sparse matrices {_size(sparse)}, reduced tables {_size(tables)}, "
         f"modes at {n_angles} {'angles' if n_theta == 1 else 'configurations'} {_size(projection)}"
+    ]
+
+
+def describe_trial(trial: Trial) -> str:
+    """Return what a trial solve says of a build."""
+    return (
+        f"  trial         {trial.body}, {trial.n_dofs} unknowns: assembly {trial.assembly:.3g} s, factorisation "
+        f"{trial.factorisation:.3g} s, solve {trial.solve:.3g} s\n"
+        f"  build         about {trial.seconds:.2g} s for condensing the bodies, {_size(trial.memory)} on all ranks; "
+        "configurations and tables take little more"
+    )
+
+
+def _condensing(mechanism: Mechanism) -> list[str]:
+    """Estimate what condensing the continuum bodies holds."""
+    solids = [body.meshed.solid for body in mechanism.bodies if body.meshed is not None]
+    entries = sum(solid.mesh.n_cells * (solid.mesh.dimension * solid.mesh.cells.shape[1]) ** 2 for solid in solids)
+    largest = max(solids, key=lambda solid: solid.n_dofs)
+    # neighbouring cells share entries: about half of those of all elements are left
+    return [
+        f"  memory        sparse matrices about {_size(0.5 * entries * (BYTES + 4) * 2)}, factors more (--trial measures "
+        f"them); {largest.name} has {largest.n_dofs} unknowns"
     ]
 
 
