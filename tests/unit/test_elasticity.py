@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from solids import rule_of
 
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.mesh.cell_checks import jacobian_determinants
-from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, Quadrature, reference_element, shape_gradients
+from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, reference_element, shape_gradients
 
 KINDS = (*PLANE_KINDS, *SOLID_KINDS)
 CURVED = ("triangle6", "quad8", "quad9", "tetra10", "hexahedron20", "hexahedron27")
 NU, N_ELEMENTS = 0.3, 3
-EDGES = np.array([[0.9, 0.2, -0.1], [-0.3, 0.7, 0.2], [0.1, -0.2, 0.8]])  # to which the reference cell's edges are mapped
-# The energy is a polynomial of the fourth degree in the places, so the fourth-order difference has no error but round-off,
-# whatever the step: 1e-16 over the step.
+EDGES = np.array([[0.9, 0.2, -0.1], [-0.3, 0.7, 0.2], [0.1, -0.2, 0.8]])  # to which those of the reference cell go
+# The energy is a polynomial of the fourth degree in the places, so the fourth-order difference has no error but
+# round-off, whatever the step: 1e-16 over the step.
 STEP = 0.1
 
 
@@ -274,7 +275,7 @@ def test_the_volume_of_curved_elements(kind: str) -> None:
     """The divergence theorem over the curved faces: d times the volume is the flux of x through them."""
     element, places = reference_element(kind), distorted(kind)
     face = reference_element(element.face_kind)
-    fine = _finer(element.face_kind)
+    fine = rule_of(element.face_kind, 8)
     corners = places[:, element.faces]
     points = np.einsum("qa,efai->efqi", fine.values, corners)
     tangents = np.einsum("qja,efai->efqji", fine.gradients, corners)
@@ -286,13 +287,3 @@ def test_the_volume_of_curved_elements(kind: str) -> None:
     volumes = elasticity.volumes_of(places, element.mass).sum(axis=1)
     # the rule of the mass is exact for the Jacobian's determinant; the flux is a polynomial within the finer rule
     np.testing.assert_allclose(volumes, flux / element.dimension, rtol=1e-13)
-
-
-def _finer(kind: str) -> Quadrature:
-    """Return shape functions of a face at the points of a rule of the eighth degree."""
-    from skfem.quadrature import get_quadrature
-
-    from pgmp_petsc.mesh.reference_element import _element, _tabulated
-
-    points, weights = get_quadrature(_element(kind).refdom, 8)
-    return Quadrature(weights, *_tabulated(kind, reference_element(kind).nodes, points.T))
