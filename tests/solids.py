@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from skfem.quadrature import get_quadrature
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.incidence import cell_faces
 from pgmp_petsc.mesh.reference_element import Quadrature, _element, _tabulated, reference_element
@@ -57,6 +58,26 @@ def matrices_of(solid: Solid) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Return stiffness and mass of a body without parameters."""
     nodes = range(solid.mesh.n_nodes)
     return solid.stiffness(nodes)[Monomial()], solid.mass(nodes)[Monomial()]
+
+
+def rod(kind: str, two_materials: bool = False) -> tuple[Solid, dict[str, FaceFrame], list[dict[str, float]]]:
+    """Return a rod of steel with its frames and the parameter values to serve, nominal first.
+
+    With two materials the half on the left has a parameter E as its Young's modulus, and the other half is of aluminium.
+    """
+    mesh = mesh_of(kind, (12, 2, 2) if reference_element(kind).dimension == 2 else (8, 2, 2), (0.6, 0.06, 0.04))
+    face_kind = reference_element(kind).face_kind
+    frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], face_kind) for name in ("left", "right")}
+    if not two_materials:
+        return body_of(mesh, 210e9, 7800.0), frames, [{}]
+    left = mesh.nodes[mesh.cells].mean(axis=1)[:, 0] < 0.3
+    regions = (
+        Region(np.flatnonzero(left), Quantity.of("E"), Quantity.of(7800.0), 0.3),
+        Region(np.flatnonzero(~left), Quantity.of(70e9), Quantity.of(2700.0), 0.33),
+    )
+    # as of a distribution: nominal, outermost and half-way
+    points = [{"E": value} for value in (2e11, 1.2e11, 1.6e11, 2.4e11, 2.8e11)]
+    return Solid("rod", mesh, regions), frames, points
 
 
 def corner_weights(kind: str) -> np.ndarray:
