@@ -63,7 +63,7 @@ def matrices_of(solid: Solid) -> tuple[sp.csr_matrix, sp.csr_matrix]:
 def rod(kind: str, two_materials: bool = False) -> tuple[Solid, dict[str, FaceFrame], list[dict[str, float]]]:
     """Return a rod of steel with its frames and the parameter values to serve, nominal first.
 
-    With two materials the half on the left has a parameter E as its Young's modulus, and the other half is of aluminium.
+    With two materials the half on the left has a parameter E as its Young's modulus; the other half is of aluminium.
     """
     mesh = mesh_of(kind, (12, 2, 2) if reference_element(kind).dimension == 2 else (8, 2, 2), (0.6, 0.06, 0.04))
     face_kind = reference_element(kind).face_kind
