@@ -1,4 +1,4 @@
-"""Plane and solid meshes made in memory: rectangles and boxes of every kind of cells, without a file.
+"""Plane and solid meshes made in memory, rectangles and boxes of every kind of cells, without a file; bodies on them.
 
 They reach from the origin to the given lengths. Their sides are groups of faces: left and right across x; in the plane
 bottom and top across y; in space front and back across y, bottom and top across z. The region body has all cells.
@@ -7,12 +7,18 @@ bottom and top across y; in space front and back across y, bottom and top across
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import meshio
 import numpy as np
+import scipy.sparse as sp
+from skfem.quadrature import get_quadrature
 
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.incidence import cell_faces
-from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.mesh.reference_element import Quadrature, _element, _tabulated, reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 
@@ -34,6 +40,66 @@ def rectangle_mesh(kind: str, counts: tuple[int, int], lengths: tuple[float, flo
 def box_mesh(kind: str, counts: tuple[int, int, int], lengths: tuple[float, float, float]) -> SolidMesh:
     """Return a box of hexahedra, `counts` along x, y and z, or of six times as many tetrahedra; lengths in m."""
     return solid_mesh(grid(kind, counts, lengths), 3, "box")
+
+
+def mesh_of(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> SolidMesh:
+    """Return a rectangle or a box, by the kind of its cells; entries beyond its dimension are not used."""
+    d = reference_element(kind).dimension
+    return (rectangle_mesh if d == 2 else box_mesh)(kind, tuple(counts[:d]), tuple(lengths[:d]))
+
+
+def body_of(mesh: SolidMesh, modulus: float = 1.0, density: float = 1.0, nu: float = 0.3) -> Solid:
+    """Return a body of one material."""
+    cells = np.arange(mesh.n_cells)
+    return Solid("body", mesh, (Region(cells, Quantity.of(modulus), Quantity.of(density), nu),))
+
+
+def matrices_of(solid: Solid) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return stiffness and mass of a body without parameters."""
+    nodes = range(solid.mesh.n_nodes)
+    return solid.stiffness(nodes)[Monomial()], solid.mass(nodes)[Monomial()]
+
+
+def rod(kind: str, two_materials: bool = False) -> tuple[Solid, dict[str, FaceFrame], list[dict[str, float]]]:
+    """Return a rod of steel with its frames and the parameter values to serve, nominal first.
+
+    With two materials the half on the left has a parameter E as its Young's modulus; the other half is of aluminium.
+    """
+    mesh = mesh_of(kind, (12, 2, 2) if reference_element(kind).dimension == 2 else (8, 2, 2), (0.6, 0.06, 0.04))
+    face_kind = reference_element(kind).face_kind
+    frames = {name: FaceFrame.of(mesh.nodes, mesh.groups[name], face_kind) for name in ("left", "right")}
+    if not two_materials:
+        return body_of(mesh, 210e9, 7800.0), frames, [{}]
+    left = mesh.nodes[mesh.cells].mean(axis=1)[:, 0] < 0.3
+    regions = (
+        Region(np.flatnonzero(left), Quantity.of("E"), Quantity.of(7800.0), 0.3),
+        Region(np.flatnonzero(~left), Quantity.of(70e9), Quantity.of(2700.0), 0.33),
+    )
+    # as of a distribution: nominal, outermost and half-way
+    points = [{"E": value} for value in (2e11, 1.2e11, 1.6e11, 2.4e11, 2.8e11)]
+    return Solid("rod", mesh, regions), frames, points
+
+
+def corner_weights(kind: str) -> np.ndarray:
+    """Return what makes the nodes of a cell with straight edges from its corners, shape (n_nodes, n_corners)."""
+    nodes = reference_element(kind).nodes
+    if kind.startswith(("tri", "tet")):
+        return np.column_stack([1.0 - nodes.sum(axis=1), nodes])
+    corners = nodes[: 2 ** nodes.shape[1]]
+    return np.prod(np.where(corners == 1.0, nodes[:, None], 1.0 - nodes[:, None]), axis=2)
+
+
+def straightened(mesh: SolidMesh) -> SolidMesh:
+    """Return a mesh with the nodes between corners put where the cells' edges are straight."""
+    weights, nodes = corner_weights(mesh.kind), mesh.nodes.copy()
+    nodes[mesh.cells] = np.einsum("ac,eci->eai", weights, mesh.nodes[mesh.cells[:, : weights.shape[1]]])
+    return replace(mesh, nodes=nodes)
+
+
+def rule_of(kind: str, degree: int) -> Quadrature:
+    """Return shape functions at the points of a rule of a degree of one's own."""
+    points, weights = get_quadrature(_element(kind).refdom, degree)
+    return Quadrature(weights, *_tabulated(kind, reference_element(kind).nodes, points.T))
 
 
 def grid(kind: str, counts: Sequence[int], lengths: Sequence[float]) -> meshio.Mesh:

@@ -94,7 +94,7 @@ class RankSolid:
     def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> SolidState:
         """Evaluate all elements for unknowns and velocities (n_dofs,), valid where the elements are."""
         n, m = self.dofs.shape
-        places = q[self.dofs].reshape(n, -1, self._d)
+        places = self._by_node(q)
         forces = self._modulus * elasticity.forces(places, self._geometry, self._lame).reshape(n, m)
         tangents = self._modulus * elasticity.tangents(places, self._geometry, self._lame).reshape(n, m, m)
         powers = np.zeros(n)
@@ -102,7 +102,7 @@ class RankSolid:
             local = v[self.dofs]
             braking = self._alpha * np.einsum("eij,ej->ei", self._mass, local)
             if self._beta:
-                rates = local.reshape(n, -1, self._d)
+                rates = self._by_node(v)
                 viscous, resisting = elasticity.viscous_forces(places, rates, self._geometry, self._lame)
                 factor = self._beta * self._modulus
                 braking += factor * viscous.reshape(n, m)
@@ -113,8 +113,13 @@ class RankSolid:
 
     def strain_energy(self, q: np.ndarray) -> float:
         """Return the strain energy of the elements that are counted here, J, for unknowns q (n_dofs,)."""
-        places = q[self.dofs].reshape(len(self.dofs), -1, self._d)
+        places = self._by_node(q)
         return self._modulus * float(elasticity.strain_energy(places, self._geometry, self._lame)[self.owned].sum())
+
+    def _by_node(self, vector: np.ndarray) -> np.ndarray:
+        """Return what a vector (n_dofs,) has at the elements' nodes, shape (n_e, n_a, d); n_e may be 0."""
+        n, m = self.dofs.shape
+        return vector[self.dofs].reshape(n, m // self._d, self._d)
 
     def matrices(self, gains: tuple[float, float, float], tangents: np.ndarray) -> np.ndarray:
         """Return the elements' parts of the iteration matrix, shape (n_e, m, m)."""

@@ -10,7 +10,7 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
 from pgmp_petsc.scene import effects as schema
 
 
@@ -28,6 +28,9 @@ class Gravity(Effect):
         self._mechanism = mechanism
         self._field = np.zeros(mechanism.n_dofs)
         mechanism.by_node(self._field)[:, : direction.size] = direction * self._acceleration.coefficient
+        for body in mechanism.bodies:
+            if body.meshed is not None:
+                on_mesh(body, self._field)[:] = direction * self._acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
@@ -45,5 +48,7 @@ class Gravity(Effect):
             for weight, axis in product(sorted(body.translational_weights), range(self._mechanism.space.dimension)):
                 field = np.zeros_like(self._field)
                 self._mechanism.by_node(field)[body.nodes, axis] = 1.0
+                if body.meshed is not None:
+                    on_mesh(body, field)[:, axis] = 1.0
                 vectors.append(matrices.mass[weight] @ field)
         return vectors

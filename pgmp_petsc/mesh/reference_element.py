@@ -46,7 +46,8 @@ _TETRA = _Shape(CORNERS_OF_TETRA, EDGES_OF_TETRA, FACES_OF_TETRA)
 _HEXAHEDRON = _Shape(CORNERS_OF_HEXAHEDRON, EDGES_OF_HEXAHEDRON, FACES_OF_HEXAHEDRON)
 
 #: Shape, scikit-fem's element, the groups of corners that have a node in their middle after the corners themselves,
-#: degrees of exact quadrature of the stiffness and of the mass (of undistorted cells), the type of the faces.
+#: degrees of exact quadrature of the stiffness and of the mass (of undistorted cells), the type of the faces. A mass of
+#: curved cells is positive definite if all weights are: those of scikit-fem's fourth degree in tetrahedra are not.
 _KINDS = {
     "line": (_LINE, "ElementLineP1", (), 1, 2, ""),
     "line3": (_LINE, "ElementLineP2", ("edges",), 2, 4, ""),
@@ -56,7 +57,7 @@ _KINDS = {
     "quad8": (_QUAD, "ElementQuadS2", ("edges",), 4, 4, "line3"),
     "quad9": (_QUAD, "ElementQuad2", ("edges", "cell"), 4, 4, "line3"),
     "tetra": (_TETRA, "ElementTetP1", (), 1, 2, "triangle"),
-    "tetra10": (_TETRA, "ElementTetP2", ("edges",), 2, 4, "triangle6"),
+    "tetra10": (_TETRA, "ElementTetP2", ("edges",), 2, 5, "triangle6"),
     "hexahedron": (_HEXAHEDRON, "ElementHex1", (), 2, 2, "quad"),
     "hexahedron20": (_HEXAHEDRON, "ElementHexS2", ("edges",), 4, 4, "quad8"),
     "hexahedron27": (_HEXAHEDRON, "ElementHex2", ("edges", "faces", "cell"), 4, 4, "quad9"),

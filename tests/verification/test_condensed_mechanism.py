@@ -1,0 +1,218 @@
+"""A slider-crank of plane continuum bodies: condensed against its meshes, against beams, reduced against full-order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import mechanism_of, slider_crank
+from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
+
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.effects import effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.sampler import Sampler, turned_loads
+from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
+DAMPING = 'effects.friction={type="structural_damping", stiffness=2e-5, mass=0.5}'
+MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.velocity=4.0")
+
+
+def alone() -> RankGroup:
+    return RankGroup.split(MPI.COMM_SELF, 1)
+
+
+@lru_cache
+def scene_and_shapes(small: bool) -> tuple[Scene, Mapping[str, BodyShape]]:
+    """Return the scene with gravity and its bodies, condensed or on their meshes."""
+    scene, meshes = solid_slider_crank(GRAVITY, f"reduction.modes={N_MODES}"), solid_meshes("quad8", 40)
+    return scene, condensed(scene, meshes, alone()) if small else meshes
+
+
+def problem_of(scene: Scene, shapes: Mapping[str, BodyShape], n_modes: int = N_MODES) -> ModalProblem:
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
+    return ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF)
+
+
+@lru_cache
+def frequencies(small: bool) -> np.ndarray:
+    with problem_of(*scene_and_shapes(small)) as problem:
+        return np.array([problem.solve(theta).frequencies_hz for theta in ANGLES])
+
+
+def test_condensed_bodies_are_small() -> None:
+    for component, mesh in zip(*(scene_and_shapes(small)[1].values() for small in (True, False))):
+        assert component.n < 0.35 * component.n_mesh_dofs
+        assert component.n_mesh_dofs == mesh.nodes.size
+
+
+def test_frequencies_of_the_condensed_mechanism_are_those_of_the_meshes() -> None:
+    # the bodies' answers are condensed to 1e-10, and the eigensolver's own round-off is 1e-16 of the largest eigenvalue
+    np.testing.assert_allclose(frequencies(True), frequencies(False), rtol=1e-8)
+
+
+def test_frequencies_are_those_of_beams_of_the_same_section() -> None:
+    scene = slider_crank('bodies.crank.mesh="0.0:0.3:40"', 'bodies.rod.mesh="0.3:1.0:40"')
+    with ModalProblem(RigidKinematics(mechanism_of(scene)), scene.nominal, 4, MPI.COMM_SELF) as problem:
+        beams = np.array([problem.solve(theta).frequencies_hz for theta in ANGLES])
+    # both meshes err by 2e-3 in the fourth frequency; the joints' frames leave the faces of the solids free to warp
+    np.testing.assert_allclose(frequencies(True)[:, :4], beams, rtol=1e-2)
+
+
+def tables_of(small: bool, theta: float) -> dict[str, np.ndarray]:
+    """Return reduced matrices at an angle, with their vectors' signs taken out, and static answers at the frames."""
+    scene, shapes = scene_and_shapes(small)
+    with problem_of(scene, shapes) as problem:
+        mechanism, at = problem.mechanism, np.array([theta])
+        effects = effects_of(scene, mechanism)
+        loads = loads_of(effects, problem.matrices)
+        static_loads = StaticLoads.of(problem, patterns_of(effects, problem.matrices), scene.reduction)
+        sample = Sampler(problem, loads, static_loads).sample(at, lambda modes: modes)
+        modes = problem.solve(at)
+        answers = problem.static_answers(modes.eigenvectors[:, :1], turned_loads(problem, loads, at))
+        assert [load.effect for load in loads] == ["motor", "weight"]
+        (mass,), (stiffness,) = sample.mass, sample.stiffness
+        signs = np.sign(np.concatenate([[1.0], sample.load[0, 1:]]))
+        return {
+            "eigenvalues": sample.eigenvalues,
+            "mass": signs[:, None] * mass * signs,
+            "stiffness": signs[1:, None] * stiffness * signs[1:],
+            "inertia": sample.inertia.ravel() * signs[1:],
+            "load": sample.load * signs,
+            "answer to the motor": mechanism.by_node(answers)[..., 0],
+            "answer to the weight": mechanism.by_node(answers)[..., 1],
+        }
+
+
+@pytest.mark.parametrize("theta", [0.7, 4.0])
+def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float) -> None:
+    """Modes and static answers to the motor, the weight and the inertia forces, and what they make of the loads."""
+    found, expected = tables_of(True, theta), tables_of(False, theta)
+    for name, values in expected.items():
+        # the bodies' answers are condensed to 1e-10, static ones refined until they move by 1e-13 or round-off
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+    # the rigid motion's part of the weight's load: the power of both bodies' weights per crank speed
+    density, (crank, rod) = 7800.0 * 9.81 * np.pi * 5.6e-3**2, (0.3, 0.7)
+    turn = crank * np.cos(theta)
+    power = -density * (crank * 0.5 * turn + rod * 0.5 * turn)
+    for tables in (found, expected):
+        assert tables["load"][1, 0] == pytest.approx(power, rel=1e-10)
+
+
+def timed(duration: float, step: float, *overrides: str) -> Scene:
+    return solid_slider_crank(f"simulation.duration={duration}", f"simulation.step={step}", *overrides)
+
+
+def full_run(scene: Scene, n_per_metre: int = 20) -> Trajectory:
+    return simulate_full(FullModel(scene, solid_meshes("quad8", n_per_metre)), MPI.COMM_SELF)
+
+
+def test_the_reduced_run_is_that_of_the_full_order_model() -> None:
+    scene = timed(0.2, 1e-3)
+    full = full_run(scene)
+    rom = build_rom(scene, solid_meshes("quad8", 20), alone())
+    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    for name, share in (("crank_angle", 1e-5), ("slider_position", 1e-6), ("slider_deformation", 1e-2)):
+        # three modes and static answers; what is of second order in the deformation, a ten-thousandth here, is left out
+        values = full.outputs[name]
+        np.testing.assert_allclose(
+            reduced.outputs[name], values, rtol=0, atol=share * np.abs(values).max(), err_msg=name
+        )
+    # the beams' published run (test_full_order), 5 elements a body: 1 % in deformation is their mesh
+    assert full.outputs["crank_angle"][-1] == pytest.approx(0.115185039442, rel=1e-4)
+    assert full.outputs["slider_deformation"][-1] == pytest.approx(1.14673349999e-05, rel=0.02)
+
+
+def test_the_reduced_run_with_weight_and_damping_is_that_of_the_full_order_model() -> None:
+    scene = timed(0.1, 1e-3, GRAVITY, DAMPING, *MOVING)
+    full = full_run(scene)
+    rom = build_rom(scene, solid_meshes("quad8", 20), alone())
+    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    for name, share in (("crank_angle", 1e-5), ("slider_deformation", 1e-2)):
+        values = full.outputs[name]
+        np.testing.assert_allclose(
+            reduced.outputs[name], values, rtol=0, atol=share * np.abs(values).max(), err_msg=name
+        )
+    assert full.balance.work.keys() == reduced.balance.work.keys() == {"motor", "weight", "friction"}
+    for name, done in full.balance.work.items():
+        assert reduced.balance.work[name][-1] == pytest.approx(done[-1], rel=2e-3), name
+    # all of them are felt
+    assert full.balance.work["weight"][-1] < -0.2 < 10 * full.balance.work["friction"][-1] < -0.05
+
+
+def test_the_energy_of_the_full_order_model_is_balanced_with_second_order() -> None:
+    runs = [full_run(timed(0.05, step, GRAVITY, DAMPING, *MOVING), 10).balance for step in (1e-3, 5e-4)]
+    wrong = [np.abs(balance.residual).max() / balance.exchanged for balance in runs]
+    # the trapezoidal rule of the works and the scheme's own damping; the highest modes are not resolved in either run
+    assert np.log2(wrong[0] / wrong[1]) == pytest.approx(2.0, abs=0.3)
+    assert wrong[1] < 5e-5
+    # what damping took is a thousand times as much as what is left
+    assert -runs[1].work["friction"][-1] > 1e3 * wrong[1] * runs[1].exchanged
+
+
+# models on all ranks and on the first one alone; it prints how far they are apart, as shares of the maximum
+ON_RANKS = """
+import numpy as np
+from mpi4py import MPI
+from solid_scenes import solid_meshes, solid_slider_crank
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.groups import RankGroup
+from test_condensed_mechanism import DAMPING, GRAVITY, MOVING
+world = MPI.COMM_WORLD
+scene = solid_slider_crank(GRAVITY, DAMPING, *MOVING, "reduction.angles=6", "simulation.duration=0.01")
+meshes = solid_meshes("quad8", 10)
+model = FullModel(scene, meshes)
+
+def final(comm):
+    with model.distributed(scene.values, comm) as system:
+        state = integrate(system, scene.simulation).state
+        now = system.energies(0.01, state)
+        return {
+            **{name: system.unpack(getattr(state, name)) for name in ("q", "v", "multipliers")},
+            **{name: getattr(now, name) for name in ("kinetic", "strain")}, **now.powers, **now.potential,
+        }
+
+def reduced(group):
+    rom = build_rom(scene, meshes, group)
+    # vectors have no sign of their own
+    return {} if rom is None else {"frequencies": rom.frequencies_hz, "loads": np.abs(rom.tables.load)}
+
+found = final(world)
+roms = [reduced(RankGroup.split(world, n)) for n in (1, world.size)]
+if world.rank == 0:
+    alone, rom = final(MPI.COMM_SELF), reduced(RankGroup.split(MPI.COMM_SELF, 1))
+    pairs = [(name, found[name], alone[name]) for name in alone]
+    pairs += [(name, one[name], rom[name]) for one in roms for name in rom]
+    for name, one, other in pairs:
+        print(name, np.abs(one - other).max() / np.abs(other).max())
+"""
+
+
+@pytest.mark.parametrize("n_ranks", [3])
+def test_several_ranks_find_what_one_finds(mpirun: Callable, n_ranks: int) -> None:
+    """Some of them have no element of the first body, others none of the second."""
+    folder = Path(__file__).parent
+    script = f"import sys; sys.path.insert(0, {str(folder)!r})\n{ON_RANKS}"
+    # by mpi4py: an error on one rank ends the others
+    lines = [line.split() for line in mpirun(n_ranks, "-m", "mpi4py", "-c", script).stdout.splitlines()]
+    names = ["q", "v", "multipliers", "kinetic", "strain", "motor", "weight", "friction", *["frequencies", "loads"] * 2]
+    assert sorted(name for name, _ in lines) == sorted(names)
+    for name, apart in lines:
+        # Newton's tolerance of 1e-12 in q is 1e-9 in v and 1e-6 in multipliers after division by the step
+        assert float(apart) < (1e-6 if name == "multipliers" else 1e-9), name
