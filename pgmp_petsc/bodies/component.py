@@ -55,6 +55,14 @@ class Component:
         return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
 
     @property
+    def slender_length(self) -> float:
+        """Length of a slender bar with the body's radius of gyration, m, at parameter values of 1."""
+        mass, translations = sum(self.mass.values()), self.fields[:, : self.centres.shape[1]]
+        first, second = translations.T @ mass @ self.spreading, self.spreading @ mass @ self.spreading
+        total = translations[:, 0] @ mass @ translations[:, 0]
+        return float(np.sqrt(12.0 * (second / total - first @ first / total**2)))
+
+    @property
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.fields)
