@@ -148,6 +148,7 @@ def condense(
         If an eigenproblem fails, or the interface's answers do not settle.
     """
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
+    n_modes = min(n_modes, solid.n_dofs - d * (d + 1) // 2)  # a coarse mesh has no more
     nodes = range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
     own = slice(d * nodes.start, d * nodes.stop)
     stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
