@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import mechanism_of, slider_crank
+from scenes import HEADER, mechanism_of, slider_crank
 from solid_scenes import GRAVITY, solid_meshes, solid_slider_crank
+from solids import rectangle_mesh
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
@@ -24,7 +26,7 @@ from pgmp_petsc.reduction.sampler import Sampler, turned_loads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 N_MODES, ANGLES = 6, (0.0, 0.7, 2.5, 4.0)
@@ -111,6 +113,46 @@ def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float)
     power = -density * (crank * 0.5 * turn + rod * 0.5 * turn)
     for tables in (found, expected):
         assert tables["load"][1, 0] == pytest.approx(power, rel=1e-10)
+
+
+HINGED = HEADER + """
+[bodies.arm]
+mesh = "none"
+element = "solid2d"
+material = "steel"
+thickness = 0.01
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "arm:left"]
+[coordinates.phi]
+joint = "hinge"
+range = [0.0, 6.283185307179586]
+periodic = true
+[effects.weight]
+type = "gravity"
+[simulation]
+duration = 0.1
+step = 2e-3
+"""
+
+
+def test_a_bar_that_a_single_frame_holds() -> None:
+    """Its first frequencies are those of a hinged beam, and it swings as one falls."""
+    scene, mesh = scene_from_toml(HINGED, "."), rectangle_mesh("quad8", (20, 1), (1.0, 0.02))
+    meshes = {"arm": replace(mesh, nodes=mesh.nodes - np.array([0.0, 0.01]))}
+    found = []
+    for shapes in (condensed(scene, meshes, alone()), meshes):
+        with problem_of(scene, shapes, 2) as problem:
+            found.append(problem.solve(0.3).frequencies_hz)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-8)
+    # tan b = tanh b, Euler and Bernoulli; shear and rotary inertia take 1e-3 of the second, the mesh adds some of it
+    exact = np.array([3.92660231, 7.06858275]) ** 2 / (2 * np.pi) * np.sqrt(210e9 / 7800.0 * 0.02**2 / 12)
+    np.testing.assert_allclose(found[1], exact, rtol=3e-3)
+    run = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF)
+    # a rigid bar falls by 3 g / (4 L) t^2 (1 - 0.025 (3 g / (2 L) t^2)^2 ...); its bending adds 1e-3 rad at most
+    fall = 0.75 * 9.81 * 0.1**2
+    assert run.coordinates[-1, 0] == pytest.approx(-fall, abs=2e-3)
+    assert np.abs(run.balance.residual).max() < 1e-2 * run.balance.exchanged
 
 
 def timed(duration: float, step: float, *overrides: str) -> Scene:
