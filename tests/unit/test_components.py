@@ -23,6 +23,7 @@ from pgmp_petsc.bodies.face_frame import FaceFrame  # noqa: E402
 from pgmp_petsc.bodies.matrices import weighted_sum  # noqa: E402
 from pgmp_petsc.components import component_modes  # noqa: E402
 from pgmp_petsc.components.component_modes import condense, linear_fields, weighted_sum_dense  # noqa: E402
+from pgmp_petsc.mesh.reference_element import reference_element  # noqa: E402
 from pgmp_petsc.runtime.errors import RunError  # noqa: E402
 
 KINDS, LENGTHS, DENSITY, N_MODES = ("quad8", "hexahedron20"), (0.6, 0.06, 0.04), 7800.0, 6
@@ -184,6 +185,24 @@ def test_two_materials_at_parameter_values_between_those_served(kind: str, modul
     for matrix in both.component.stiffness.values():
         np.testing.assert_allclose(matrix @ rigid, 0.0, rtol=0, atol=1e-13 * np.abs(matrix).max())
     assert max(both.missed_compliance(value) for value in between(full[both.n_rigid :])) < 1e-8
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_modes_that_no_frame_feels_are_kept(kind: str) -> None:
+    """The one frame has both ends of the rod, and does not move where they go apart: in the first mode along the rod."""
+    solid, frames, points = rod(kind)
+    faces = np.vstack([solid.mesh.groups[name] for name in frames])
+    frame = FaceFrame.of(solid.mesh.nodes, faces, reference_element(kind).face_kind)
+    component, recovery = condense(solid, {"ends": frame}, points, 10, MPI.COMM_SELF)
+    full, _ = Both(kind).eigenvalues()
+    n_rigid = full.size - N_MODES
+    found, modes = eigh(component.stiffness[Monomial()], component.mass[Monomial()])
+    np.testing.assert_allclose(found[n_rigid : n_rigid + N_MODES], full[n_rigid:], rtol=1e-8)
+    # sqrt(E / rho) / (2 L): the sides' contraction takes some thousandths off it
+    along = np.argmin(np.abs(np.sqrt(np.abs(found)) / (2 * np.pi) - np.sqrt(210e9 / DENSITY) / (2 * LENGTHS[0])))
+    assert n_rigid < along < n_rigid + 10
+    moved = frame.functionals(solid.mesh.n_nodes) @ (recovery @ modes[:, along])
+    assert np.abs(moved).max() < 1e-6 * np.abs(recovery @ modes[:, along]).max()
 
 
 @pytest.mark.parametrize("kind", KINDS)
