@@ -189,7 +189,7 @@ def test_two_materials_at_parameter_values_between_those_served(kind: str, modul
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_modes_that_no_frame_feels_are_kept(kind: str) -> None:
-    """The one frame has both ends of the rod, and does not move where they go apart: in the first mode along the rod."""
+    """The one frame has both ends of the rod, and does not move where they go apart, as in the first mode along it."""
     solid, frames, points = rod(kind)
     faces = np.vstack([solid.mesh.groups[name] for name in frames])
     frame = FaceFrame.of(solid.mesh.nodes, faces, reference_element(kind).face_kind)
