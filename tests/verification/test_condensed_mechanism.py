@@ -115,6 +115,31 @@ def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float)
         assert tables["load"][1, 0] == pytest.approx(power, rel=1e-10)
 
 
+# half of the crank is of another material, whose modulus is uncertain
+TWO_MATERIALS = (
+    'parameters={E={nominal=7e10, distribution={name="norm", loc=7e10, scale=5e9}}}',
+    'materials.alloy={E="E", nu=0.33, rho=2700.0}',
+    'bodies.crank.regions={half="alloy"}',
+)
+
+
+def test_frequencies_of_two_materials_at_other_values_of_a_parameter() -> None:
+    scene, meshes = solid_slider_crank(*TWO_MATERIALS, f"reduction.modes={N_MODES}"), solid_meshes("quad8", 20)
+    crank = meshes["crank"]
+    half = np.flatnonzero(crank.nodes[crank.cells].mean(axis=1)[:, 0] > 0.15)
+    meshes["crank"] = replace(crank, regions={"half": half})
+    found = []
+    for shapes in (condensed(scene, meshes, alone()), meshes):
+        kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
+        # the subspace was made at 5.5, 6.25, 7, 7.75 and 8.5e10 Pa
+        for modulus in (5.9e10, 7e10, 8.2e10):
+            with ModalProblem(kinematics, {"E": modulus}, N_MODES, MPI.COMM_SELF) as problem:
+                found.append(problem.solve(0.7).frequencies_hz)
+    np.testing.assert_allclose(found[:3], found[3:], rtol=1e-8)
+    # the parameter is felt
+    assert np.abs(found[0] / found[1] - 1).max() > 1e-3
+
+
 HINGED = HEADER + """
 [bodies.arm]
 mesh = "none"
