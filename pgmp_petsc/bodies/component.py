@@ -37,6 +37,8 @@ class Component:
         Number of unknowns of the mesh.
     error
         Estimated relative error of the interface's answers over the frequencies asked for.
+    centre_of_mass
+        Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
     """
 
     frames: dict[str, int]
@@ -47,6 +49,7 @@ class Component:
     probes: np.ndarray
     n_mesh_dofs: int
     error: float
+    centre_of_mass: np.ndarray | None = None
 
     @property
     def spreading(self) -> np.ndarray:
@@ -55,15 +58,20 @@ class Component:
         return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
 
     @property
+    def rigid(self) -> bool:
+        """Whether the body does not deform."""
+        return self.centre_of_mass is not None
+
+    @property
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.fields)
 
     @property
     def n_frame_dofs(self) -> int:
-        """Number of unknowns of all frames."""
-        d = self.centres.shape[1]
-        return len(self.frames) * (3 if d == 2 else 6)
+        """Number of unknowns of all frames, or of a rigid body."""
+        n_nodes = 1 if self.rigid else len(self.frames)
+        return n_nodes * (3 if self.centres.shape[1] == 2 else 6)
 
     @property
     def n_internal(self) -> int:

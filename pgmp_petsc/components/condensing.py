@@ -7,6 +7,7 @@ from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -55,9 +56,11 @@ def condensed(
             meshed = FramedSolid.of(
                 name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name)
             )
-            found[name], _ = condense(
-                meshed.solid, meshed.frames, _points(scene, meshed), scene.reduction.modes, group.comm
-            )
+            if scene.bodies[name].flexible:
+                points, n_modes = _points(scene, meshed), scene.reduction.modes
+                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm)
+            else:
+                found[name] = rigid_component(meshed)
             if finished is not None:
                 finished.add_component(name, found[name])
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
