@@ -160,6 +160,14 @@ class Body:
         return self.component is not None or self.meshed is not None
 
     @property
+    def extent(self) -> float:
+        """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
+        if self.component is not None:
+            return self.component.extent
+        nodes = self.shape.nodes if self.meshed is None else self.meshed.solid.mesh.nodes
+        return float(np.max(np.ptp(nodes, axis=0)))
+
+    @property
     def mass_weights(self) -> set[Monomial]:
         """Weights of its affine mass terms."""
         lumped = {weight for lumps in self.lumps.values() for weight in lumps}
