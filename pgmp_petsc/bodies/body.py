@@ -166,6 +166,18 @@ class Body:
         return self.component is not None or self.meshed is not None
 
     @property
+    def extent(self) -> float:
+        """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
+        if self.component is not None:
+            return self.component.extent
+        nodes = self.shape.nodes if self.meshed is None else self.meshed.solid.mesh.nodes
+        extent = float(np.max(np.ptp(nodes, axis=0)))
+        if self.flexible or extent:
+            return extent
+        # a rigid continuum body that one joint holds: the bar with its radius of gyration
+        return max(float(np.sqrt(12.0 * lump.inertia / lump.mass)) for lump in self.lumps[0].values() if lump.mass)
+
+    @property
     def mass_weights(self) -> set[Monomial]:
         """Weights of its affine mass terms."""
         lumped = {weight for lumps in self.lumps.values() for weight in lumps}

@@ -63,6 +63,19 @@ class Component:
         return self.centre_of_mass is not None
 
     @property
+    def extent(self) -> float:
+        """Length of the straight bar that has the body's largest radius of gyration along an axis of its frame, m."""
+        d = self.centres.shape[1]
+        if self.rigid:
+            return max(float(np.sqrt(12.0 * np.max(np.diag(m)[d:]) / m[0, 0])) for m in self.mass.values())
+        moved = self.fields[:, [0, *range(d, 2 * d)]]  # by one and by every coordinate, all in the first direction
+        variances = []
+        for matrix in self.mass.values():
+            moments = moved.T @ matrix @ moved
+            variances.append(np.diag(moments)[1:] / moments[0, 0] - (moments[0, 1:] / moments[0, 0]) ** 2)
+        return float(np.sqrt(12.0 * np.max(variances)))
+
+    @property
     def n(self) -> int:
         """Number of unknowns."""
         return len(self.fields)

@@ -40,7 +40,7 @@ class LoopClosure:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        self.size = max(float(np.max(np.ptp(body.shape.nodes, axis=0))) for body in mechanism.bodies)
+        self.size = max(body.extent for body in mechanism.bodies)
         self.n_coordinates = len(mechanism.coordinates)
         # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
         self._connections = mechanism.pose_connections
