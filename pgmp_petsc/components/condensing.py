@@ -10,12 +10,15 @@ from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 
-def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -> dict[str, BodyShape]:
+def condensed(
+    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, *, timings: Timings | None = None
+) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on ``group.world``.
 
     Parameters
@@ -26,6 +29,8 @@ def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -
         By body; what is no continuum mesh stays as it is.
     group
         Ranks that share a body.
+    timings
+        Gets this rank's wall time of the phases of `condense`.
 
     Raises
     ------
@@ -40,7 +45,7 @@ def condensed(scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup) -
                 name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name)
             )
             found[name], _ = condense(
-                meshed.solid, meshed.frames, _points(scene, meshed), scene.reduction.modes, group.comm
+                meshed.solid, meshed.frames, _points(scene, meshed), scene.reduction.modes, group.comm, timings
             )
     done = dict(shapes)
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
