@@ -105,9 +105,15 @@ class Body:
 
     @classmethod
     def condensed(cls, name: str, component: Component) -> Body:
-        """Return a flexible body from its condensed matrices."""
-        mesh = _frame_mesh(component.centres, component.frames)
-        return cls(name, mesh, None, mesh, component=component)
+        """Return a continuum body from its condensed matrices; it may be rigid."""
+        shape = _frame_mesh(component.centres, component.frames)
+        mesh = shape
+        if component.rigid:
+            mesh = LineMesh(component.centre_of_mass[None], np.empty((0, 2), dtype=int))
+            if component.centres.shape[1] == 2:  # a mass on a node, as that of other rigid bodies in the plane
+                lumps = {weight: LumpedMass(m[0, 0], m[2, 2]) for weight, m in component.mass.items()}
+                return cls(name, mesh, None, shape, {0: lumps})
+        return cls(name, mesh, None, shape, component=component)
 
     @classmethod
     def continuum(cls, name: str, meshed: FramedSolid) -> Body:
@@ -147,7 +153,7 @@ class Body:
     @property
     def flexible(self) -> bool:
         """Whether the body deforms."""
-        return self.is_beam or self.is_continuum
+        return self.is_beam or self.is_continuum and not (self.component is not None and self.component.rigid)
 
     @property
     def is_beam(self) -> bool:
@@ -161,23 +167,27 @@ class Body:
 
     @property
     def extent(self) -> float:
-        """A length that is typical of the body, m: of its mesh, because its frames may be at one place."""
+        """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
         if self.component is not None:
-            return self.component.slender_length
+            return self.component.extent
         nodes = self.shape.nodes if self.meshed is None else self.meshed.solid.mesh.nodes
-        return float(np.ptp(nodes, axis=0).max())
+        extent = float(np.max(np.ptp(nodes, axis=0)))
+        if self.flexible or extent:
+            return extent
+        # a rigid continuum body that one joint holds: the bar with its radius of gyration
+        return max(float(np.sqrt(12.0 * lump.inertia / lump.mass)) for lump in self.lumps[0].values() if lump.mass)
 
     @property
     def mass_weights(self) -> set[Monomial]:
         """Weights of its affine mass terms."""
         lumped = {weight for lumps in self.lumps.values() for weight in lumps}
-        return lumped | self._own_weights("mass") if self.flexible else lumped
+        return lumped | self._own_weights("mass") if self.flexible or self.is_continuum else lumped
 
     @property
     def translational_weights(self) -> set[Monomial]:
         """Weights of the mass terms that resist translation."""
         lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
-        if not self.flexible:
+        if not (self.flexible or self.is_continuum):
             return lumped
         return lumped | ({self.section.line_density.monomial} if self.is_beam else self._own_weights("mass"))
 

@@ -37,6 +37,8 @@ class Component:
         Number of unknowns of the mesh.
     error
         Estimated relative error of the interface's answers over the frequencies asked for.
+    centre_of_mass
+        Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
     """
 
     frames: dict[str, int]
@@ -47,6 +49,7 @@ class Component:
     probes: np.ndarray
     n_mesh_dofs: int
     error: float
+    centre_of_mass: np.ndarray | None = None
 
     @property
     def spreading(self) -> np.ndarray:
@@ -55,12 +58,22 @@ class Component:
         return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
 
     @property
-    def slender_length(self) -> float:
-        """Length of a slender bar with the body's radius of gyration, m, at parameter values of 1."""
-        mass, translations = sum(self.mass.values()), self.fields[:, : self.centres.shape[1]]
-        first, second = translations.T @ mass @ self.spreading, self.spreading @ mass @ self.spreading
-        total = translations[:, 0] @ mass @ translations[:, 0]
-        return float(np.sqrt(12.0 * (second / total - first @ first / total**2)))
+    def rigid(self) -> bool:
+        """Whether the body does not deform."""
+        return self.centre_of_mass is not None
+
+    @property
+    def extent(self) -> float:
+        """Length of the straight bar that has the body's largest radius of gyration along an axis of its frame, m."""
+        d = self.centres.shape[1]
+        if self.rigid:
+            return max(float(np.sqrt(12.0 * np.max(np.diag(m)[d:]) / m[0, 0])) for m in self.mass.values())
+        moved = self.fields[:, [0, *range(d, 2 * d)]]  # by one and by every coordinate, all in the first direction
+        variances = []
+        for matrix in self.mass.values():
+            moments = moved.T @ matrix @ moved
+            variances.append(np.diag(moments)[1:] / moments[0, 0] - (moments[0, 1:] / moments[0, 0]) ** 2)
+        return float(np.sqrt(12.0 * np.max(variances)))
 
     @property
     def n(self) -> int:
@@ -69,9 +82,9 @@ class Component:
 
     @property
     def n_frame_dofs(self) -> int:
-        """Number of unknowns of all frames."""
-        d = self.centres.shape[1]
-        return len(self.frames) * (3 if d == 2 else 6)
+        """Number of unknowns of all frames, or of a rigid body."""
+        n_nodes = 1 if self.rigid else len(self.frames)
+        return n_nodes * (3 if self.centres.shape[1] == 2 else 6)
 
     @property
     def n_internal(self) -> int:

@@ -32,6 +32,7 @@ from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.components.subspace import Subspace
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times
+from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 
 if TYPE_CHECKING:
@@ -119,6 +120,7 @@ def condense(
     points: Sequence[Mapping[str, float]],
     n_modes: int,
     comm: MPI.Comm,
+    timings: Timings | None = None,
 ) -> tuple[Component, np.ndarray]:
     """Condense a body. Collective on `comm`.
 
@@ -134,6 +136,9 @@ def condense(
         Number of flexible modes that the mechanism's basis takes.
     comm
         Ranks that share the body.
+    timings
+        Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
+        projection.
 
     Returns
     -------
@@ -147,33 +152,42 @@ def condense(
     RunError
         If an eigenproblem fails, or the interface's answers do not settle.
     """
+    timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
     n_modes = min(n_modes, solid.n_dofs - d * (d + 1) // 2)  # a coarse mesh has no more
     nodes = range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
     own = slice(d * nodes.start, d * nodes.stop)
-    stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
+    with timings.phase("assembly"):
+        stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
     interface = [frame.functionals(n_nodes) for frame in frames.values()]
     loads = np.vstack([functionals.toarray() for functionals in interface])[:, own].T
     places = solid.mesh.nodes[nodes.start : nodes.stop]
     fields = linear_fields(places)
     subspace, error = None, 0.0
     for values in points:
-        problem = BodyProblem(mass, stiffness, values, places, comm)
+        with timings.phase("assembly"):
+            problem = BodyProblem(mass, stiffness, values, places, comm)
         try:
-            if subspace is None:
-                subspace = Subspace(problem.mass, problem.stiffness, comm)
-                subspace.add(fields)
-            else:
-                subspace.turn_to(problem.mass, problem.stiffness)
-            error = max(error, _serve(problem, subspace, loads, n_modes, solid.name))
+            with timings.phase("modes"):
+                own_modes = problem.modes(n_modes, f"body {solid.name}")
+            with timings.phase("answers"):
+                if subspace is None:
+                    subspace = Subspace(problem.mass, problem.stiffness, comm)
+                    subspace.add(fields)
+                else:
+                    subspace.turn_to(problem.mass, problem.stiffness)
+                error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
         finally:
             problem.close()
-    return _condensed(solid, frames, points[0], subspace, loads, fields, (mass, stiffness), nodes, error)
+    with timings.phase("projection"):
+        return _condensed(solid, frames, points[0], subspace, loads, fields, (mass, stiffness), nodes, error)
 
 
-def _serve(problem: BodyProblem, subspace: Subspace, loads: np.ndarray, n_modes: int, name: str) -> float:
-    """Grow the subspace until it answers at the problem's parameters; return the error that is left."""
-    values, modes = problem.modes(n_modes, f"body {name}")
+def _serve(
+    problem: BodyProblem, subspace: Subspace, loads: np.ndarray, own_modes: tuple[np.ndarray, np.ndarray], name: str
+) -> float:
+    """Grow the subspace by the body's own modes and until it answers; return the error that is left."""
+    values, modes = own_modes
     first = problem.answers(loads)
     subspace.add(np.hstack([modes, first]))
     scale = np.diag(subspace.inner(loads, first))

@@ -7,11 +7,13 @@ from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
@@ -27,7 +29,11 @@ class Finished(Protocol):
 
 
 def condensed(
-    scene: Scene, shapes: Mapping[str, BodyShape], group: RankGroup, finished: Finished | None = None
+    scene: Scene,
+    shapes: Mapping[str, BodyShape],
+    group: RankGroup,
+    finished: Finished | None = None,
+    timings: Timings | None = None,
 ) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on ``group.world``.
 
@@ -41,6 +47,8 @@ def condensed(
         Ranks that share a body.
     finished
         Bodies that are condensed already, and where to keep others.
+    timings
+        Gets this rank's wall time of the phases of `condense`.
 
     Raises
     ------
@@ -55,9 +63,11 @@ def condensed(
             meshed = FramedSolid.of(
                 name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name)
             )
-            found[name], _ = condense(
-                meshed.solid, meshed.frames, _points(scene, meshed), scene.reduction.modes, group.comm
-            )
+            if scene.bodies[name].flexible:
+                points, n_modes = _points(scene, meshed), scene.reduction.modes
+                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings)
+            else:
+                found[name] = rigid_component(meshed)
             if finished is not None:
                 finished.add_component(name, found[name])
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):

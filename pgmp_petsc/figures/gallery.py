@@ -64,6 +64,7 @@ PORTRAITS = {
     "spinning_beam": Portrait("Spin-up of a beam", "tip_deflection", 5.0, until=7.0),
     "quick_return": Portrait("Quick-return mechanism", "ram_deformation", 5.0, until=0.59, n_instants=7),
     "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),
+    "spatial_slider_crank": Portrait("Spatial slider-crank of solids", "slider_position", n_instants=7),
 }
 
 

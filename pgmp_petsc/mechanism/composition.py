@@ -10,6 +10,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -68,6 +69,8 @@ def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:
     if isinstance(shape, Component):
         return Body.condensed(name, shape)
     meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shape, points_used(scene, name))
+    if not scene.bodies[name].flexible:
+        return Body.condensed(name, rigid_component(meshed))
     return Body.continuum(name, meshed)
 
 

@@ -3,9 +3,12 @@
 The range is covered by a tensor grid of configurations. From the assembled one the branch is continued along the first
 coordinate, from each of these configurations along the second, and so on, always from neighbour to neighbour with a
 linear prediction. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
-their branch or coordinates lose control of the mechanism, and the range is refused. The sign of det J tells a curve of
-singular configurations between two neighbours. Around an isolated one, neighbours on different lines of the
-continuation come to different branches.
+their branch or coordinates lose control of the mechanism, and the range is refused. A change of orientation tells a
+curve of singular configurations between two neighbours: ``det(J_1^T J_2)`` of their two J is negative. Without redundant
+constraints that is a change of sign of det J. With them it is one too, seen in the space of the columns of J, which turns
+smoothly, through singular configurations as well; a determinant of chosen rows would not do, as it may change its sign
+together with the dependence of the rows that are left out. Around an isolated singular configuration, neighbours on
+different lines of the continuation come to different branches.
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import qr
 
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.runtime.errors import InputError
@@ -121,7 +123,7 @@ class Continuation:
 
 @dataclass(frozen=True, eq=False)
 class _Front:
-    """Configurations on the branch, none of them singular, and the rows of J whose determinant is watched.
+    """Configurations on the branch, none of them singular.
 
     Attributes
     ----------
@@ -129,56 +131,46 @@ class _Front:
         Shape (n, n_theta).
     poses
         Shape (n_bodies, 3, n).
-    pivots
-        Independent rows of J, shape (n, 3 n_bodies).
-    signs
-        Sign of their determinant, shape (n,).
     """
 
     closure: LoopClosure
     theta: np.ndarray
     poses: np.ndarray
-    pivots: np.ndarray
-    signs: np.ndarray
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
-        """Return a front at the assembled configurations; the watched rows are chosen there."""
+        """Return a front at the assembled configurations."""
         _check_control(closure, theta, poses)
-        return cls(closure, theta, poses, *_choose_pivots(closure, poses))
+        return cls(closure, theta, poses)
 
     @classmethod
     def stacked(cls, fronts: Sequence[_Front]) -> _Front:
         """Join fronts along a new axis, which runs fastest."""
-        n, n_theta = fronts[0].theta.shape
+        n_theta = fronts[0].theta.shape[1]
         poses = np.stack([front.poses for front in fronts], axis=-1)
-        parts = (np.stack([getattr(f, name) for f in fronts], axis=1) for name in ("pivots", "signs"))
-        flat = (part.reshape(n * len(fronts), *part.shape[2:]) for part in parts)
         theta = np.stack([front.theta for front in fronts], axis=1).reshape(-1, n_theta)
-        return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1), *flat)
+        return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1))
 
     def continued(self, theta: np.ndarray, axis: int, step: float) -> _Front:
         """Return the front one step along an axis, at theta (n, n_theta)."""
         guess = self.poses + self.closure.rates(self.poses)[:, :, axis] * step
         poses = self.closure.close(guess, theta)
         _check_control(self.closure, theta, poses)
-        pivots = self.pivots.copy()
-        signs = _orientation(self.closure, poses, pivots)
-        for k in np.flatnonzero(signs != self.signs):
-            self._check_change(k, theta[k])
-            pivots[k], signs[k] = _choose_pivots(self.closure, poses[..., [k]])
-        return _Front(self.closure, theta, poses, pivots, signs)
+        jacobian = self.closure.scaled_jacobian(self.poses)
+        for k in np.flatnonzero(~_keeps_orientation(self.closure, poses, jacobian)):
+            self._check_change(k, theta[k], jacobian[[k]])
+        return _Front(self.closure, theta, poses)
 
-    def _check_change(self, k: int, after: np.ndarray) -> None:
-        """Bisect for the place on the way to a neighbour where the determinant changes its sign.
+    def _check_change(self, k: int, after: np.ndarray, jacobian: np.ndarray) -> None:
+        """Bisect for the place on the way to a neighbour where the orientation of J, (1, n_rows, n_poses) here, changes.
 
-        It is refused if J is singular there; with redundant constraints it may be the chosen rows alone that are.
+        It is refused if J is singular there; with redundant constraints its columns may have turned far.
         """
         closure, before, poses = self.closure, self.theta[k], self.poses[..., [k]]
         for _ in range(30):
             middle = 0.5 * (before + after)
             there = closure.close(poses, middle[None])
-            if _orientation(closure, there, self.pivots[[k]])[0] == self.signs[k]:
+            if _keeps_orientation(closure, there, jacobian)[0]:
                 before, poses = middle, there
             else:
                 after = middle
@@ -209,14 +201,6 @@ def _check_control(closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -
         _refuse_control(closure, theta[lost[0]], values[lost[0]])
 
 
-def _choose_pivots(closure: LoopClosure, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Choose independent rows of J at one configuration; return them, (1, 3 n_bodies), and their orientation, (1,)."""
-    jacobian = closure.scaled_jacobian(poses)
-    _, _, order = qr(jacobian[0].T, pivoting=True)
-    pivots = order[None, : jacobian.shape[2]]
-    return pivots, _orientation(closure, poses, pivots)
-
-
-def _orientation(closure: LoopClosure, poses: np.ndarray, pivots: np.ndarray) -> np.ndarray:
-    """Return the signs of the determinants of chosen rows (n, 3 n_bodies) of J, shape (n,)."""
-    return np.linalg.slogdet(np.take_along_axis(closure.scaled_jacobian(poses), pivots[:, :, None], axis=1))[0]
+def _keeps_orientation(closure: LoopClosure, poses: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """Return where J has the orientation of another one, (n, n_rows, n_pose n_bodies), shape (n,)."""
+    return np.linalg.slogdet(np.swapaxes(jacobian, 1, 2) @ closure.scaled_jacobian(poses))[0] > 0

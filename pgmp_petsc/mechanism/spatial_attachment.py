@@ -6,6 +6,7 @@ A frame is ``(p, d_1, d_2, d_3)``, the position of the point and the directors, 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -48,7 +49,7 @@ class SpatialAttachment:
         """The node's unknowns, shape (6,)."""
         return SPATIAL.n_dofs * self.node + np.arange(SPATIAL.n_dofs)
 
-    @property
+    @cached_property
     def pose_map(self) -> np.ndarray:
         """The frame is this matrix times the pose of a rigid body, shape (12, 12)."""
         result = np.eye(SPATIAL.n_pose)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -51,7 +52,7 @@ class PoseConnection:
         poses = unknowns.reshape(-1, SPATIAL.n_pose, unknowns.shape[1])
         return self.a.frame_of_pose(poses), self.b.frame_of_pose(poses)
 
-    @property
+    @cached_property
     def _map(self) -> np.ndarray:
         """Return what makes both frames of both poses, shape (24, 24)."""
         eye = np.eye(SPATIAL.n_pose)

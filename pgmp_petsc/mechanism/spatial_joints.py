@@ -53,7 +53,7 @@ class SpatialJoint:
     def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return c, shape (n_constraints, ...), for frames of shape (12, ...)."""
         z = np.concatenate([a, b])
-        half = 0.5 * np.einsum("cij,i...,j...->c...", self.curvature, z, z, optimize=True)
+        half = 0.5 * np.einsum("ci...,i...->c...", np.tensordot(self.curvature, z, axes=1), z)
         return self.constant.reshape(-1, *(1,) * (z.ndim - 1)) + np.tensordot(self.slope, z, axes=1) + half
 
     def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -75,6 +75,8 @@ class BuildCheckpoint:
         arrays = {key: getattr(component, key) for key in ("centres", "fields", "probes")}
         arrays |= {"frames": np.array(list(component.frames)), "numbers": np.array(list(component.frames.values()))}
         arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
+        if component.rigid:
+            arrays["centre_of_mass"] = component.centre_of_mass
         for kind in ("mass", "stiffness"):
             terms = getattr(component, kind)
             arrays |= {kind: np.array(list(terms.values())), f"{kind}_weights": np.array([str(w) for w in terms])}
@@ -141,6 +143,7 @@ class BuildCheckpoint:
                     probes=data["probes"],
                     n_mesh_dofs=int(data["n_mesh_dofs"]),
                     error=float(data["error"]),
+                    centre_of_mass=data["centre_of_mass"] if "centre_of_mass" in data else None,
                     **terms,
                 )
         return found

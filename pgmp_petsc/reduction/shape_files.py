@@ -40,6 +40,7 @@ def take_shape(group: h5py.Group) -> LineMesh | Component:
         probes=take(group, "probes", 2),
         n_mesh_dofs=int(group.attrs["n_mesh_dofs"]),
         error=float(group.attrs["error"]),
+        centre_of_mass=take(group, "centre_of_mass", 1) if "centre_of_mass" in group else None,
     )
 
 
@@ -48,12 +49,15 @@ def _put_component(group: h5py.Group, component: Component) -> None:
     _put_names(group, component.frames)
     for name in ("mass", "stiffness"):
         terms = getattr(component, name)
-        data = put(group, name, np.array(list(terms.values())), "SI, weight taken out", f"(term, ...): {UNKNOWNS}")
+        stacked = np.array(list(terms.values())).reshape(len(terms), component.n, component.n)
+        data = put(group, name, stacked, "SI, weight taken out", f"(term, ...): {UNKNOWNS}")
         data.attrs["weights"] = [str(weight) for weight in terms]
     put(group, "fields", component.fields, "m, 1", f"unknowns of the linear displacement fields: {UNKNOWNS}")
     put(group, "probes", component.probes, "SI", f"what tells modes apart: {UNKNOWNS}")
     group.attrs["n_mesh_dofs"] = component.n_mesh_dofs
     group.attrs["error"] = component.error
+    if component.rigid:
+        put(group, "centre_of_mass", component.centre_of_mass, "m", "of a rigid body, in its frame")
 
 
 def _take_terms(group: h5py.Group, name: str) -> dict[Monomial, np.ndarray]:

@@ -120,8 +120,6 @@ class Body(Table):
         for key in ("line", "section"):
             if getattr(self, key) is not None:
                 raise refusal(f"{self.element} takes its shape from a mesh; {key} is for beam2d", key)
-        if not self.flexible:
-            raise refusal(f"{self.element} bodies are flexible; a rigid body is made of beam2d", "flexible")
         if self.material is None:
             raise refusal("missing; needed: name of a material", "material")
         if self.element == "solid2d" and self.thickness is None:

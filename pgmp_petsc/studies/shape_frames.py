@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.mechanism.attachment import place_points
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.results.trajectory import Frames
@@ -27,7 +26,7 @@ def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> F
     time
         Their instants, shape (n_f,), s.
     """
-    shapes = {body.name: _shape(body, nodal[:, body.nodes]) for body in mechanism.bodies}
+    shapes = {body.name: _shape(mechanism, body, nodal[:, body.nodes]) for body in mechanism.bodies}
     d = mechanism.space.dimension
     turned = _rotation_vectors if mechanism.space is SPATIAL else (lambda shape: shape[..., 2])
     return Frames(
@@ -40,12 +39,12 @@ def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> F
     )
 
 
-def _shape(body: Body, nodal: np.ndarray) -> np.ndarray:
-    """Return the frames of the nodes of a body's shape, (n_f, n_shape, 3), from those of its own nodes."""
+def _shape(mechanism: Mechanism, body: Body, nodal: np.ndarray) -> np.ndarray:
+    """Return the frames of the nodes of a body's shape, (n_f, n_shape, n_frame), from those of its own nodes."""
     if body.flexible:
         return nodal
     arms = body.shape.nodes - body.mesh.nodes
-    return np.moveaxis(place_points(nodal[:, 0].T, arms), -1, 0)
+    return np.moveaxis(mechanism.space.place(nodal[:, 0, : mechanism.space.n_pose].T, arms), -1, 0)
 
 
 def _rotation_vectors(shape: np.ndarray) -> np.ndarray:

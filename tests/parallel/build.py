@@ -7,6 +7,7 @@ its scene from `CASES`. An error is printed by every rank in place of a file.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,11 +94,11 @@ def fail_in_the_middle(modes: ModeSet) -> ModeSet:
     return modes
 
 
-def run(directory: Path, case: str) -> None:
-    """Build one case."""
+def run(directory: Path, case: str, cases: Mapping = CASES, meshes: Callable = meshes_of) -> None:
+    """Build one case of several, with the meshes of its scene."""
     name, ranks_per_group, seed = case.split(":")
     world = MPI.COMM_WORLD
-    scene = CASES[name]()
+    scene = cases[name]()
     options = {}
     if name == "fails":
         options["scramble"] = fail_in_the_middle
@@ -105,7 +106,7 @@ def run(directory: Path, case: str) -> None:
         options["scramble"] = lambda modes: scrambled(int(seed), modes)
     outcome = f"{case} built"
     try:
-        rom = build_rom(scene, meshes_of(scene), RankGroup.split(world, int(ranks_per_group)), **options)
+        rom = build_rom(scene, meshes(scene), RankGroup.split(world, int(ranks_per_group)), **options)
         if (rom is None) != (world.rank > 0):
             outcome = f"{case} is on the wrong ranks"
         if rom is not None:

@@ -1,0 +1,94 @@
+"""A rigid continuum body: its mass about the centre of mass, from its mesh.
+
+Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid motions R
+and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid motion that has the
+momenta of the fields: the inertia forces of any motion are exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies import elasticity
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.runtime.errors import InputError
+
+
+def rigid_component(meshed: FramedSolid) -> Component:
+    """Return the component of a rigid body.
+
+    Raises
+    ------
+    InputError
+        If its parts have densities that vary apart: its centre of mass would move with the parameters.
+    """
+    solid = meshed.solid
+    weights = solid.weights("mass")
+    if len(weights) > 1:
+        raise InputError(
+            f"bodies.{solid.name}.flexible = false: a rigid body's density has one factor, but its regions have "
+            f"{', '.join(map(str, sorted(weights)))}; its centre of mass would move with the parameters"
+        )
+    second = _moments(meshed)
+    d = solid.mesh.dimension
+    mass, centre = second[d, d], second[:d, d] / second[d, d]
+    about = second[:d, :d] - mass * np.outer(centre, centre)  # int rho x x^T about the centre of mass
+    momenta = _momenta(mass, centre, about)
+    rigid = _rigid(d, centre)
+    matrix = momenta @ rigid
+    (weight,) = weights
+    return Component(
+        frames={name: number for number, name in enumerate(meshed.frames)},
+        centres=np.array([frame.centre for frame in meshed.frames.values()]),
+        mass={weight: 0.5 * (matrix + matrix.T)},
+        stiffness={},
+        fields=np.linalg.solve(matrix, momenta),
+        probes=np.zeros((len(matrix), 1)),
+        n_mesh_dofs=solid.n_dofs,
+        error=0.0,
+        centre_of_mass=centre,
+    )
+
+
+def _moments(meshed: FramedSolid) -> np.ndarray:
+    """Return ``int rho (x, 1) (x, 1)^T dV`` with the density's weight taken out, shape (d + 1, d + 1)."""
+    mesh, rule = meshed.solid.mesh, reference_element(meshed.solid.mesh.kind).mass
+    total = np.zeros((mesh.dimension + 1, mesh.dimension + 1))
+    for region in meshed.solid.regions:
+        places = mesh.nodes[mesh.cells[region.cells]]
+        points = np.einsum("qa,eai->eqi", rule.values, places)
+        points = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2)
+        volumes = elasticity.volumes_of(places, rule)
+        total += region.density.coefficient * np.einsum("eq,eqi,eqj->ij", volumes, points, points, optimize=True)
+    return total
+
+
+def _spins(d: int) -> list[tuple[int, int]]:
+    """Return the pairs of axes (from, to) that each rotation turns into each other."""
+    return [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]
+
+
+def _rigid(d: int, centre: np.ndarray) -> np.ndarray:
+    """Return the rigid motions of the centre of mass as linear fields, shape (d (d + 1), n_rigid)."""
+    fields = np.zeros((d + d * d, d + len(_spins(d))))
+    fields[:d, :d] = np.eye(d)
+    for column, (i, j) in enumerate(_spins(d), d):
+        # a rotation from axis i to axis j about the centre: u_j = x_i - c_i, u_i = -(x_j - c_j)
+        fields[d + d * j + i, column], fields[d + d * i + j, column] = 1.0, -1.0
+        fields[j, column], fields[i, column] = -centre[i], centre[j]
+    return fields
+
+
+def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:
+    """Return the momentum and the angular momentum about the centre of every linear field, (n_rigid, d (d + 1))."""
+    d = centre.size
+    found = np.zeros((d + len(_spins(d)), d + d * d))
+    found[:d, :d] = mass * np.eye(d)
+    for i in range(d):
+        found[i, d + d * i : d + d * (i + 1)] = mass * centre
+    for row, (i, j) in enumerate(_spins(d), d):
+        found[row, d + d * j : d + d * (j + 1)] += about[i]
+        found[row, d + d * i : d + d * (i + 1)] -= about[j]
+    return found

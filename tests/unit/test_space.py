@@ -1,0 +1,285 @@
+"""Rigid motion in the plane and in space: placed points, their velocities and accelerations, and frames that move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pgmp_petsc.mechanism.attachment import place_points
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, at_nodes, at_points, cross_matrix, directors
+from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
+
+SPACES = {"plane": PLANE, "space": SPATIAL}
+POINTS = np.random.default_rng(5).normal(size=(4, 3))
+IN_THE_PLANE = POINTS * [1.0, 1.0, 0.0]
+EPSILON = 1e-14  # round-off of sums of products of numbers of order 1
+
+
+def planar(time: np.ndarray) -> np.ndarray:
+    """Return poses in the plane over time, shape (3, n)."""
+    return np.array([np.sin(time), 0.3 * time**2, 0.4 + 1.5 * time - 0.8 * time**2])
+
+
+def lifted(poses: np.ndarray) -> np.ndarray:
+    """Return poses in the plane (3, ...) as poses in space (12, ...)."""
+    x, y, phi = poses
+    cos, sin, zero, one = np.cos(phi), np.sin(phi), np.zeros_like(phi), np.ones_like(phi)
+    return np.array([x, y, zero, cos, sin, zero, -sin, cos, zero, zero, zero, one])
+
+
+def spatial(time: np.ndarray) -> np.ndarray:
+    """Return poses in space over time, shape (12, n)."""
+    spins = np.array([np.sin(time), 0.5 * time, 0.2 + time**2])
+    turns = Rotation.from_rotvec(spins.T).as_matrix()
+    return np.vstack([np.cos(time), time, -0.5 * time**2, np.swapaxes(turns, 1, 2).reshape(-1, 9).T])
+
+
+MOTIONS = {"plane": planar, "space": spatial}
+
+
+@pytest.fixture(params=SPACES)
+def name(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def along(motion, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a motion at a time and its first and second derivatives, each of shape (n_pose,)."""
+    step = 1e-3
+    z = motion(time + step * np.arange(-2, 3))
+    first = (8 * (z[:, 3] - z[:, 1]) - (z[:, 4] - z[:, 0])) / (12 * step)
+    second = (16 * (z[:, 3] + z[:, 1]) - (z[:, 4] + z[:, 0]) - 30 * z[:, 2]) / (12 * step**2)
+    return z[:, 2], first, second
+
+
+# what `along` errs by: fourth order, 1e-12 times the next derivatives, and round-off over the step and over its square
+FIRST, SECOND = 1e-10, 1e-8
+
+
+# --- the plane within space ------------------------------------------------------------------------------------------
+
+
+def test_placed_points_agree_for_motions_in_the_plane() -> None:
+    poses = planar(np.linspace(-1.0, 1.0, 5))
+    flat, deep = PLANE.place(poses, IN_THE_PLANE[:, :2]), SPATIAL.place(lifted(poses), IN_THE_PLANE)
+    np.testing.assert_array_equal(flat, place_points(poses, IN_THE_PLANE[:, :2]))
+    np.testing.assert_allclose(deep[:, :2], flat[:, :2], rtol=0, atol=EPSILON)
+    np.testing.assert_array_equal(deep[:, 2], 0.0)
+    # the frames have the same direction
+    np.testing.assert_allclose(deep, np.moveaxis(lifted(np.moveaxis(flat, 1, 0)), 0, 1), rtol=0, atol=EPSILON)
+
+
+def test_fields_agree_for_motions_in_the_plane() -> None:
+    flat_pose, flat_rate, flat_curvature = along(planar, 0.3)
+    deep_pose, deep_rate, deep_curvature = along(lambda time: lifted(planar(time)), 0.3)
+    both = [
+        space.velocity_field(pose, rate[:, None])[:, 0]
+        for space, pose, rate in ((PLANE, flat_pose, flat_rate), (SPATIAL, deep_pose, deep_rate))
+    ] + [
+        space.acceleration_field(pose, rate[:, None], curvature[:, None, None])[:, 0, 0]
+        for space, pose, rate, curvature in (
+            (PLANE, flat_pose, flat_rate, flat_curvature), (SPATIAL, deep_pose, deep_rate, deep_curvature),
+        )
+    ]  # fmt: skip
+    # v_i, then A row by row
+    kept = [0, 1, 3, 4, 6, 7]
+    for flat, deep, allowed in ((both[0], both[1], FIRST), (both[2], both[3], SECOND)):
+        np.testing.assert_allclose(deep[kept], flat, rtol=0, atol=allowed)
+        np.testing.assert_allclose(np.delete(deep, kept), 0.0, rtol=0, atol=allowed)
+
+
+def test_rotations_agree_for_motions_in_the_plane() -> None:
+    pose = planar(0.3)
+    flat, deep = PLANE.rotation(pose), SPATIAL.rotation(lifted(pose))
+    kept = [0, 1, 5]  # u_x, u_y and the rotation about z
+    np.testing.assert_allclose(deep[np.ix_(kept, kept)], flat, rtol=0, atol=EPSILON)
+    vectors = np.random.default_rng(0).normal(size=(3, 4))
+    turned = SPATIAL.to_body(lifted(pose)[:, None], vectors)
+    np.testing.assert_allclose(turned[:2], PLANE.to_body(pose[:, None], vectors[:2]), rtol=0, atol=EPSILON)
+    np.testing.assert_array_equal(turned[2], vectors[2])
+
+
+def test_nodes_in_a_field_move_alike_in_the_plane_and_in_space() -> None:
+    flat = np.random.default_rng(1).normal(size=6)
+    deep = np.zeros(12)
+    deep[[0, 1, 3, 4, 6, 7]] = flat
+    moved = at_nodes(deep, IN_THE_PLANE)
+    np.testing.assert_allclose(moved[:, [0, 1, 5]], at_nodes(flat, IN_THE_PLANE[:, :2]), rtol=0, atol=EPSILON)
+    np.testing.assert_array_equal(moved[:, [2, 3, 4]], 0.0)
+
+
+# --- each of them ----------------------------------------------------------------------------------------------------
+
+
+def test_the_numbers_of_a_pose(name: str) -> None:
+    space: Space = SPACES[name]
+    d = space.dimension
+    assert (space.n_pose, space.n_dofs, space.n_tied) == {"plane": (3, 3, 0), "space": (12, 6, 6)}[name]
+    assert space.n_pose - space.n_tied == space.n_dofs == d * (d + 1) // 2
+    np.testing.assert_array_equal(space.place(space.identity, POINTS[:, :d])[:, :d], POINTS[:, :d])
+    np.testing.assert_array_equal(space.rotation(space.identity), np.eye(space.n_dofs))
+    np.testing.assert_array_equal(space.units(2.5), [2.5] * d + [1.0] * (space.n_pose - d))
+
+
+def test_rigid_motion_keeps_distances(name: str) -> None:
+    space = SPACES[name]
+    d = space.dimension
+    placed = space.place(MOTIONS[name](np.linspace(-1.0, 1.0, 5)), POINTS[:, :d])[:, :d]
+    distances = np.linalg.norm(placed[:, None] - placed[None], axis=2)
+    expected = np.linalg.norm(POINTS[:, None, :d] - POINTS[None, :, :d], axis=2)
+    np.testing.assert_allclose(distances, np.repeat(expected[..., None], 5, axis=2), rtol=0, atol=EPSILON)
+
+
+def test_velocities_and_accelerations_are_those_of_placed_points(name: str) -> None:
+    """The fields are in the body's frame; turned back, they are the derivatives of the points' positions."""
+    space, time, step = SPACES[name], 0.4, 1e-3
+    d, points = space.dimension, POINTS[:, : space.dimension]
+    pose, rate, curvature = along(MOTIONS[name], time)
+    places = space.place(MOTIONS[name](time + step * np.arange(-2, 3)), points)[:, :d]
+    slope = (8 * (places[..., 3] - places[..., 1]) - (places[..., 4] - places[..., 0])) / (12 * step)
+    bend = (16 * (places[..., 3] + places[..., 1]) - (places[..., 4] + places[..., 0]) - 30 * places[..., 2]) / (
+        12 * step**2
+    )
+    turn = space.rotation(pose)[:d, :d]
+    velocity = at_points(space.velocity_field(pose, rate[:, None])[:, 0], points)
+    acceleration = at_points(
+        space.acceleration_field(pose, rate[:, None], curvature[:, None, None])[:, 0, 0], points
+    )
+    np.testing.assert_allclose(velocity @ turn.T, slope, rtol=0, atol=FIRST)
+    np.testing.assert_allclose(acceleration @ turn.T, bend, rtol=0, atol=SECOND)
+
+
+def test_accelerations_of_two_coordinates(name: str) -> None:
+    """Of second derivatives in two coordinates, the mixed one too, from poses over both."""
+    space, step = SPACES[name], 1e-4
+    d, points = space.dimension, POINTS[:, : space.dimension]
+
+    def motion(first: float, second: float) -> np.ndarray:
+        return MOTIONS[name](np.array([0.3 + first + 0.7 * second + first * second]))[:, 0]
+
+    def derivatives(function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        at = {(i, j): function(i * step, j * step) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+        rates = [(at[1, 0] - at[-1, 0]) / (2 * step), (at[0, 1] - at[0, -1]) / (2 * step)]
+        mixed = (at[1, 1] - at[1, -1] - at[-1, 1] + at[-1, -1]) / (4 * step**2)
+        own = [(at[1, 0] - 2 * at[0, 0] + at[-1, 0]) / step**2, (at[0, 1] - 2 * at[0, 0] + at[0, -1]) / step**2]
+        return at[0, 0], np.stack(rates, axis=-1), np.stack([own[0], mixed, mixed, own[1]], axis=-1)
+
+    pose, rates, curvatures = derivatives(motion)
+    _, _, expected = derivatives(lambda i, j: space.place(motion(i, j), points)[:, :d])
+    field = space.acceleration_field(pose, rates, curvatures.reshape(-1, 2, 2))
+    assert field.shape == (d + d * d, 2, 2)
+    turn = space.rotation(pose)[:d, :d]
+    found = np.einsum("ij,njkl->nikl", turn, at_points(field, points)).reshape(len(points), d, 4)
+    # second order, 1e-8 times the fourth derivatives, and round-off over the square of the step, 1e-7
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+
+
+def test_fields_of_many_poses_at_once(name: str) -> None:
+    space = SPACES[name]
+    poses = MOTIONS[name](np.linspace(-1.0, 1.0, 5))
+    rates = np.random.default_rng(2).normal(size=(space.n_pose, 2, 5))
+    together = space.velocity_field(poses, rates)
+    assert together.shape == (space.dimension * (space.dimension + 1), 2, 5)
+    for k in range(5):
+        one = space.velocity_field(poses[:, k], rates[..., k])
+        np.testing.assert_allclose(together[..., k], one, rtol=0, atol=EPSILON)
+    vectors = np.random.default_rng(3).normal(size=(space.dimension, 5))
+    turned = space.to_body(poses, vectors)
+    for k in range(5):
+        back = space.rotation(poses[:, k])[: space.dimension, : space.dimension] @ turned[:, k]
+        np.testing.assert_allclose(back, vectors[:, k], rtol=0, atol=EPSILON)
+
+
+def test_a_frame_changes_with_its_displacement_as_its_gradient_says(name: str) -> None:
+    space, step = SPACES[name], 1e-5
+    pose = MOTIONS[name](np.array([0.4]))[:, 0]
+    gradient = space.frame_gradient(pose)
+    assert gradient.shape == (space.n_pose, space.n_dofs)
+
+    def moved(displacement: np.ndarray) -> np.ndarray:
+        if name == "plane":
+            return pose + PLANE.rotation(pose) @ displacement
+        turn = directors(pose)
+        turned = turn @ Rotation.from_rotvec(displacement[3:]).as_matrix()
+        return np.concatenate([pose[:3] + turn @ displacement[:3], turned.T.ravel()])
+
+    for k, unit in enumerate(np.eye(space.n_dofs)):
+        slope = (moved(step * unit) - moved(-step * unit)) / (2 * step)
+        # second order, 1e-10 over 6, and round-off over the step, 1e-11
+        np.testing.assert_allclose(gradient[:, k], slope, rtol=0, atol=1e-10)
+
+
+def test_nodes_in_a_rigid_field_move_as_the_gradient_of_their_frames(name: str) -> None:
+    """Displacements and rotations of nodes by a rigid velocity give the derivative of their frames."""
+    space = SPACES[name]
+    pose, rate, _ = along(MOTIONS[name], 0.4)
+    points = POINTS[:, : space.dimension]
+    moved = at_nodes(space.velocity_field(pose, rate[:, None])[:, 0], points)
+    assert moved.shape == (len(points), space.n_dofs)
+    step = 1e-3
+    frames = space.place(MOTIONS[name](0.4 + step * np.arange(-2, 3)), points)
+    slope = (8 * (frames[..., 3] - frames[..., 1]) - (frames[..., 4] - frames[..., 0])) / (12 * step)
+    for node, expected, frame in zip(moved, slope, frames[..., 2]):
+        np.testing.assert_allclose(space.frame_gradient(frame) @ node, expected, rtol=0, atol=FIRST)
+
+
+def test_only_the_skew_part_of_a_field_turns_nodes() -> None:
+    gradient = np.random.default_rng(4).normal(size=(3, 3))
+    skew = 0.5 * (gradient - gradient.T)
+    moved = at_nodes(np.concatenate([np.zeros(3), gradient.ravel()]), POINTS)
+    np.testing.assert_allclose(moved[:, :3], POINTS @ gradient.T, rtol=0, atol=EPSILON)
+    for turn in moved[:, 3:]:
+        np.testing.assert_allclose(cross_matrix(turn), skew, rtol=0, atol=EPSILON)
+
+
+def test_cross_products() -> None:
+    for left, right in np.random.default_rng(6).normal(size=(3, 2, 3)):
+        np.testing.assert_allclose(cross_matrix(left) @ right, np.cross(left, right), rtol=0, atol=EPSILON)
+
+
+def test_turns_and_windings() -> None:
+    step = np.zeros((2, 12, 3))
+    step[1, 7, 2], step[0, 1, 0] = -0.4, 5.0
+    np.testing.assert_array_equal(SPATIAL.turns(step), [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]])
+    np.testing.assert_array_equal(PLANE.turns(np.array([[[1.0], [2.0], [-0.3]]])), [[0.3]])
+    away = np.array([-7.0, -3.0, 0.2, 3.5, 4 * np.pi + 0.1])
+    np.testing.assert_array_equal(PLANE.principal(away), away)
+    np.testing.assert_allclose(SPATIAL.principal(away), np.angle(np.exp(1j * away)), rtol=0, atol=EPSILON)
+    # directors come back after a turn, angles count it
+    change = np.array([[0.0, 0.0, -4 * np.pi], [0.1, 0.0, 0.2]])
+    np.testing.assert_array_equal(PLANE.winding(change), [-2.0, 0.0])
+    np.testing.assert_array_equal(SPATIAL.winding(np.ones((2, 12))), [0.0, 0.0])
+    poses = spatial(np.array([0.1, 0.2]))[None]
+    np.testing.assert_array_equal(SPATIAL.turned(poses.copy(), np.ones((1, 2))), poses)
+    flat = planar(np.array([0.1, 0.2]))[None]
+    turned = PLANE.turned(flat.copy(), np.array([[1.0, -2.0]]))
+    np.testing.assert_allclose((turned - flat)[0, 2], [2 * np.pi, -4 * np.pi], rtol=1e-14)
+
+
+# --- points of bodies ------------------------------------------------------------------------------------------------
+
+
+def test_an_attachment_is_a_placed_point() -> None:
+    poses = np.stack([spatial(np.linspace(-1.0, 1.0, 4)), spatial(np.linspace(2.0, 3.0, 4))])
+    side = SpatialAttachment(1, 3, POINTS[0])
+    expected = SPATIAL.place(poses[1], POINTS[:1])[0]
+    np.testing.assert_allclose(side.frame_of_pose(poses), expected, rtol=0, atol=EPSILON)
+    np.testing.assert_allclose(side.frame_of_pose(poses[..., 0]), expected[:, 0], rtol=0, atol=EPSILON)
+    # the map is the derivative of the frame in the pose, which is linear in it
+    np.testing.assert_allclose(side.pose_map @ poses[1], expected, rtol=0, atol=EPSILON)
+
+
+def test_an_attachment_with_an_arm_goes_with_its_node() -> None:
+    arm = np.array([0.1, -0.3, 0.2])
+    poses = spatial(np.linspace(-1.0, 1.0, 4))[None]
+    node, side = SpatialAttachment(0, 2, POINTS[0]), SpatialAttachment(0, 2, POINTS[0] + arm, arm)
+    assert node.at_node and not side.at_node
+    expected = side.frame_of_pose(poses)
+    np.testing.assert_allclose(side.frame_of(node.frame_of_pose(poses)), expected, rtol=0, atol=EPSILON)
+    # further rows stay
+    longer = np.vstack([node.frame_of_pose(poses), np.arange(4.0)])
+    np.testing.assert_array_equal(side.frame_of(longer)[12], np.arange(4.0))
+    # small motions of the point from those of the node: a rigid field about the node
+    velocity, spin = np.array([0.4, 0.1, -0.2]), np.array([0.3, -0.5, 0.7])
+    moved = side.node_map @ np.concatenate([velocity, spin])
+    np.testing.assert_allclose(moved, [*(velocity + np.cross(spin, arm)), *spin], rtol=0, atol=EPSILON)
