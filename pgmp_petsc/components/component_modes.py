@@ -11,8 +11,9 @@ until it answers at all test values of lambda up to the highest one wanted: wher
 residual R, its compliance ``P u`` misses ``R^T (K - lambda M)^-1 R``, of which ``R^T (K - sigma M)^-1 R`` is an estimate for
 R far above lambda, and ``(K - sigma M)^-1 R`` is the direction to add. It takes one factorisation with one shift sigma.
 
-A mechanism's n-th eigenvalue is at most that of any of its bodies' n-th elastic one: the constraints of the joints take
-away no more low eigenvalues than the bodies' rigid motions add. So the free body's first n modes say how far to go.
+A mechanism's n-th eigenvalue is at most that of any of its bodies' (n + r)-th elastic one, r the number of constraints that
+rigid bodies do not need: all others take away no more low eigenvalues than the bodies' rigid motions add. So the free body's
+first n + r modes say how far to go.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def condensed(
                 name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name)
             )
             if scene.bodies[name].flexible:
-                points, n_modes = _points(scene, meshed), scene.reduction.modes
+                points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings)
             else:
                 found[name] = rigid_component(meshed)

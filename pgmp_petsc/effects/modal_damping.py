@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +62,11 @@ def modal_damping(
             if not any(damping.ratios):
                 continue
             body = mechanism.bodies[number]
+            if body.meshed is not None:
+                raise InputError(
+                    f"effects.{effect.name}.ratios: in full-order runs for beams only, but {body.name} is of continuum "
+                    "elements; give stiffness and mass instead"
+                )
             omega, phi = free_modes(body, nominal, len(damping.ratios), f"effects.{effect.name}.ratios")
             alone = body.alone()
             mass = weighted_sum(assemble([alone], range(len(phi))).mass, nominal)

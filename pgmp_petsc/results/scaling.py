@@ -82,9 +82,9 @@ class ScalingCase:
 
     @property
     def bodies_at_least(self) -> float:
-        """What is left of `bodies_alone` with one factorisation a body and without the solve that finds the shift."""
+        """What is left of `bodies_alone` with one factorisation a body: without the one that counts eigenvalues."""
         once = self.bodies * self.processor[FACTORISATION] / max(self.factorisations, self.bodies)
-        return self.processor[ASSEMBLY] + once + 0.5 * self.processor[EIGENSOLVER]
+        return self.processor[ASSEMBLY] + once + self.processor[EIGENSOLVER]
 
     @property
     def share(self) -> float:

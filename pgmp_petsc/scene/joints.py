@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -39,6 +39,8 @@ class Ground(Table):
 class _Joint(Table):
     """Two points of different bodies, or of a body and the ground."""
 
+    #: Number of constraints in the plane and in space.
+    n_constraints: ClassVar[dict[int, int]]
     connect: Connection = Field(description='the two points, "body:point" or "ground:point"')
 
     @property
@@ -50,6 +52,7 @@ class _Joint(Table):
 class Revolute(_Joint):
     """Two points share their position; the relative rotation is free, in space about an axis."""
 
+    n_constraints: ClassVar[dict[int, int]] = {2: 2, 3: 5}
     type: Literal["revolute"]
     axis: Axis | None = Field(None, description="axis (x, y, z) in the frame of the first point's owner; in space")
 
@@ -62,6 +65,7 @@ class Revolute(_Joint):
 class PointOnLine(_Joint):
     """The second point moves on a line through the first."""
 
+    n_constraints: ClassVar[dict[int, int]] = {2: 1, 3: 2}
     type: Literal["point_on_line"]
     connect: Connection = Field(
         description="the point that carries the line, then the point that moves on it"
@@ -79,18 +83,21 @@ class PointOnLine(_Joint):
 class Fixed(_Joint):
     """Two points share position and rotation: their bodies are welded at the angle that they are placed at."""
 
+    n_constraints: ClassVar[dict[int, int]] = {2: 3, 3: 6}
     type: Literal["fixed"]
 
 
 class Spherical(_Joint):
     """Two points share their position; every rotation is free. In space."""
 
+    n_constraints: ClassVar[dict[int, int]] = {3: 3}
     type: Literal["spherical"]
 
 
 class Universal(_Joint):
     """Two points share their position, and an axis of each body stays at a right angle to one of the other. In space."""
 
+    n_constraints: ClassVar[dict[int, int]] = {3: 4}
     type: Literal["universal"]
     axis: Axis = Field(description="axis (x, y, z) fixed in the first body, in its frame")
     second_axis: Axis = Field(description="axis fixed in the second body; in the frame of the first one, as assembled")
@@ -113,18 +120,21 @@ class _Guided(_Joint):
 class Cylindrical(_Guided):
     """The second point moves on an axis through the first, and turns about it. In space."""
 
+    n_constraints: ClassVar[dict[int, int]] = {3: 4}
     type: Literal["cylindrical"]
 
 
 class Prismatic(_Guided):
     """The second point moves on an axis through the first without turning. In space."""
 
+    n_constraints: ClassVar[dict[int, int]] = {3: 5}
     type: Literal["prismatic"]
 
 
 class PointOnPlane(_Joint):
     """The second point moves on a plane through the first. In space."""
 
+    n_constraints: ClassVar[dict[int, int]] = {3: 1}
     type: Literal["point_on_plane"]
     normal: Axis = Field(description="normal (x, y, z) of the plane, fixed to the owner of the first point")
 

@@ -66,6 +66,13 @@ class Scene(Table):
         return 3 if any(body.element == "solid3d" for body in self.bodies.values()) else 2
 
     @property
+    def n_overconstrained(self) -> int:
+        """Number of constraints that rigid bodies with these coordinates do not need: those of parallel hinges, say."""
+        motions = (3 if self.dimension == 2 else 6) * len(self.bodies)
+        held = sum(joint.n_constraints[self.dimension] for joint in self.joints.values())
+        return max(0, held - (motions - len(self.coordinates)))
+
+    @property
     def values(self) -> dict[str, float]:
         """Value of each parameter in a single run: nominal, or what ``--set`` gave."""
         return {name: parameter.current for name, parameter in self.parameters.items()}

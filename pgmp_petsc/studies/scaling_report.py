@@ -112,8 +112,8 @@ def angle_table(cases: Sequence[ScalingCase]) -> Table:
     after = (
         "Fresh solves on the full meshes, processor time and how many angles of the build it buys. Whole mechanism: "
         "assembly, factorisation and eigensolver of the constrained eigenproblem of the coupled bodies. Bodies alone: "
-        "the same of each free body, which is less work; at least: with one factorisation a body, and half the time "
-        "of the eigensolver, which also looks for the shift."
+        "the same of each free body, which is less work; at least: without the second factorisation, which counts "
+        "eigenvalues."
     )
     return Table(f"One angle of the build against a fresh solve, bodies in {_space(cases)}", header, rows, after=after)
 
