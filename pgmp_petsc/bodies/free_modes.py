@@ -1,4 +1,4 @@
-"""Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its three rigid motions."""
+"""Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.runtime.errors import InputError
 
-N_RIGID = 3
 DENSE = 300  # unknowns up to which a dense solver is faster
 
 
@@ -43,12 +42,12 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
         If the mesh has fewer modes.
     """
     alone = body.alone()
-    n_dofs = alone.dofs.size
-    if n_modes > n_dofs - N_RIGID:
-        raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - N_RIGID}")
+    n_dofs, n_rigid = alone.dofs.size, alone.node_dofs  # as many rigid motions as a node has unknowns
+    if n_modes > n_dofs - n_rigid:
+        raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
     matrices = assemble([alone], range(n_dofs))
     mass, stiffness = weighted_sum(matrices.mass, values), weighted_sum(matrices.stiffness, values)
-    wanted = N_RIGID + n_modes
+    wanted = n_rigid + n_modes
     if n_dofs <= DENSE or wanted >= n_dofs - 1:
         squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))
     else:
@@ -58,4 +57,4 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
         squares, vectors = eigsh(stiffness.tocsc(), wanted, mass.tocsc(), sigma=shift, v0=start)
         order = np.argsort(squares)
         squares, vectors = squares[order], vectors[:, order]
-    return np.sqrt(squares[N_RIGID:]), vectors[:, N_RIGID:]
+    return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:]

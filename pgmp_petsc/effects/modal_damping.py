@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.free_modes import free_modes
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
@@ -71,6 +70,6 @@ def modal_damping(
             alone = body.alone()
             mass = weighted_sum(assemble([alone], range(len(phi))).mass, nominal)
             factor = mass @ phi * np.sqrt(2.0 * np.array(damping.ratios) * omega)
-            translational = mass.diagonal()[: DOFS_PER_NODE * body.n_nodes : DOFS_PER_NODE]
+            translational = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs]
             found.append(ModalDamping(effect.name, number, factor, translational / translational.sum()))
     return tuple(found)
