@@ -13,7 +13,7 @@ from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.errors import InputError, PgmpError
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.selection.choice import choose, leaves_open
@@ -68,7 +68,7 @@ def build(
         checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)
         try:
             rom = build_rom(loaded, meshes, group, checkpoint=checkpoint)
-        except PgmpError:
+        except InputError:
             checkpoint.forget()
             raise
     save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))

@@ -58,6 +58,7 @@ class BuildCheckpoint:
         run = {"format": FORMAT, "scene": _digest(scene_to_toml(scene).encode()), "meshes": _digest_of(meshes)}
         self._folder = CheckpointFolder(output, run)
         taken_up = on_root(group.world, self._folder.open, resume)
+        self._taken_up = taken_up
         self._known = self._read_samples() if taken_up else {}
         self._components = self._read_components() if taken_up else {}
         self._waiting: dict[str, np.ndarray] = {}
@@ -109,8 +110,9 @@ class BuildCheckpoint:
         self._waiting, self._written = {}, time.monotonic()
 
     def forget(self) -> None:
-        """Remove the folder if nothing is in it, after a build that could not begin. Collective on all ranks."""
-        on_root(self._group.world, lambda: None if self._folder.pieces() else self._folder.remove())
+        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
+        if not self._taken_up:
+            on_root(self._group.world, self._folder.remove)
 
     def remove(self) -> None:
         """Remove the folder once the result is written. Collective on all ranks."""
