@@ -1,8 +1,8 @@
 """A body: its nodes in its own frame, its place among the unknowns, and its affine matrices.
 
-The nodes of a beam are those of its mesh; a rigid body has one, its centre of mass. A continuum body has one for each of
-its frames, the groups of faces that joints and effects hold, and internal coordinates beside them: of a condensed body
-the amplitudes of its component modes, which do not turn with it; otherwise the positions of the nodes of its mesh.
+The nodes of a beam are those of its mesh; a rigid body has one, its centre of mass. A continuum body has one for each
+of its frames, the groups of faces that joints and effects hold, and internal coordinates beside them: of a condensed
+body the amplitudes of its component modes, which do not turn with it; otherwise the positions of the nodes of its mesh.
 
 In the body's frame the mass and the tangent stiffness at rest are constant for every configuration of the mechanism,
 so both are made once (`Body.stiffness_entries`, `Body.mass_entries`).

@@ -1,8 +1,8 @@
 """A continuum body condensed to the frames of its face groups and internal coordinates (a superelement).
 
-The displacements of the mesh's nodes in the body's frame are ``u = T y``, with ``y`` the small displacements and rotations
-of the frames, one after the other, and after them the internal coordinates. Frames and internal coordinates span the
-free motion of the body, its interface's answers over the frequencies asked for, and its elastic modes
+The displacements of the mesh's nodes in the body's frame are ``u = T y``, with ``y`` the small displacements and
+rotations of the frames, one after the other, and after them the internal coordinates. Frames and internal coordinates
+span the free motion of the body, its interface's answers over the frequencies asked for, and its elastic modes
 (`component_modes`); so whatever the frames are joined to, at any configuration, mass and stiffness are ``T^T M T`` and
 ``T^T K T``, constant and small.
 """

@@ -1,8 +1,8 @@
 """A rigid continuum body: its mass about the centre of mass, from its mesh.
 
-Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid motions R
-and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid motion that has the
-momenta of the fields: the inertia forces of any motion are exact.
+Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid
+motions R and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid
+motion that has the momenta of the fields: the inertia forces of any motion are exact.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ def build(
     error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
     out, and terms of the reduced model that do are added; the estimate is printed and kept too.
 
-    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up, with any
-    number of ranks.
+    Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
+    with any number of ranks.
     """
     comm = context.obj.comm
     on_root(comm, check_writable, output)

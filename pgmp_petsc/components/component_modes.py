@@ -1,19 +1,20 @@
 """Component modes: the few displacement fields that stand for a continuum body, whatever its frames are joined to.
 
-The bodies of a mechanism are coupled by the frames of their joints alone. At an eigenvalue lambda of the mechanism a body
-therefore moves either in an elastic mode of its own that no frame feels, or as its interface answers,
+The bodies of a mechanism are coupled by the frames of their joints alone. At an eigenvalue lambda of the mechanism a
+body therefore moves either in an elastic mode of its own that no frame feels, or as its interface answers,
 
     (K - lambda M) u = P^T f,
 
-with P the frames' mean displacements and rotations. The first are elastic modes of the free body, which SLEPc finds. The
-second form a family with lambda alone, the same for every configuration of the mechanism. A subspace V of it is grown
-until it answers at all test values of lambda up to the highest one wanted: where the Galerkin answer ``V x`` leaves the
-residual R, its compliance ``P u`` misses ``R^T (K - lambda M)^-1 R``, of which ``R^T (K - sigma M)^-1 R`` is an estimate for
-R far above lambda, and ``(K - sigma M)^-1 R`` is the direction to add. It takes one factorisation with one shift sigma.
+with P the frames' mean displacements and rotations. The first are elastic modes of the free body, which SLEPc finds.
+The second form a family with lambda alone, the same for every configuration of the mechanism. A subspace V of it is
+grown until it answers at all test values of lambda up to the highest one wanted: where the Galerkin answer ``V x``
+leaves the residual R, its compliance ``P u`` misses ``R^T (K - lambda M)^-1 R``, of which ``R^T (K - sigma M)^-1 R`` is
+an estimate for R far above lambda, and ``(K - sigma M)^-1 R`` is the direction to add. It takes one factorisation with
+one shift sigma.
 
-A mechanism's n-th eigenvalue is at most that of any of its bodies' (n + r)-th elastic one, r the number of constraints that
-rigid bodies do not need: all others take away no more low eigenvalues than the bodies' rigid motions add. So the free body's
-first n + r modes say how far to go.
+A mechanism's n-th eigenvalue is at most that of any of its bodies' (n + r)-th elastic one, r the number of constraints
+that rigid bodies do not need: all others take away no more low eigenvalues than the bodies' rigid motions add. So the
+free body's first n + r modes say how far to go.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a build with continuum bodies will take, from one trial factorisation and solve of its largest body.
 
-Condensing a body takes its assembly, two factorisations (one for the shift-invert, one that counts eigenvalues by inertia)
-and solves: those of the Krylov space, and of the frames' answers round by round. Time and memory of bodies of the same kind
-grow with their unknowns, a little faster for bulky ones; they are taken as proportional here.
+Condensing a body takes its assembly, two factorisations (one for the shift-invert, one that counts eigenvalues by
+inertia) and solves: those of the Krylov space, and of the frames' answers round by round. Time and memory of bodies of
+the same kind grow with their unknowns, a little faster for bulky ones; they are taken as proportional here.
 """
 
 from __future__ import annotations

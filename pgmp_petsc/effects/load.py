@@ -22,8 +22,9 @@ class Load:
     vector
         Nodal forces (N) and couples (N m), for the rows of the matrices it was made with.
     body_force
-        Of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is their
-        product where nodes are all there is, and a condensed body takes their product in its own frame. None of others.
+        Of a uniform body force the mass term and the field of accelerations, all rows, inertial frame: ``vector`` is
+        their product where nodes are all there is, and a condensed body takes their product in its own frame. None of
+        others.
     in_bodies
         Whether the vector is constant in the frames of the bodies; otherwise in the inertial frame.
     """

@@ -1,8 +1,8 @@
 """Between inertial and body frames, and rigid velocities as vectors in body frames.
 
-Vectors have shape (n_dofs, ...): displacements and rotations of every node, and internal coordinates, which of condensed
-bodies are in body frames always. In its body's frame a vector is turned back: ``u = R^T v``. A rigid velocity of a body is
-then a combination of constant vectors.
+Vectors have shape (n_dofs, ...): displacements and rotations of every node, and internal coordinates, which of
+condensed bodies are in body frames always. In its body's frame a vector is turned back: ``u = R^T v``. A rigid velocity
+of a body is then a combination of constant vectors.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.
 def linear_fields(body: Body) -> np.ndarray:
     """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
 
-    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their nodes.
+    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
+    nodes.
     """
     if body.component is not None:
         return body.component.fields

@@ -1,7 +1,7 @@
 """The mechanism: bodies, the connections between them, and the coordinates that drive it.
 
-Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its centre
-of mass. The internal coordinates of condensed bodies follow; they are zero where a body is undeformed.
+Unknowns are absolute and nodal, ``q = (x, y, phi)`` of every node, body after body; a rigid body has one node, its
+centre of mass. The internal coordinates of condensed bodies follow; they are zero where a body is undeformed.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 """Rigid motion in the plane and in space: what a pose is, and how it moves the points of a body.
 
-In the plane a pose is ``(X, Y, Phi)``. In space it is the position of the body's origin and the three directors, the axes
-of the body's frame, ``(r, d_1, d_2, d_3)``: twelve numbers, six of which are independent. A point of the body is then linear
-in the pose, ``x = r + X_1 d_1 + X_2 d_2 + X_3 d_3``, joints are quadratic in it, and nothing is singular anywhere
-(natural coordinates; Garcia de Jalon and Bayo 1994).
+In the plane a pose is ``(X, Y, Phi)``. In space it is the position of the body's origin and the three directors, the
+axes of the body's frame, ``(r, d_1, d_2, d_3)``: twelve numbers, six of which are independent. A point of the body is
+then linear in the pose, ``x = r + X_1 d_1 + X_2 d_2 + X_3 d_3``, joints are quadratic in it, and nothing is singular
+anywhere (natural coordinates; Garcia de Jalon and Bayo 1994).
 
 Velocities and accelerations of a rigid body are linear fields in its own frame, ``v_i + A_ij X_j``; their coefficients
 are kept as in `Component.fields`: first v, then A row by row.
 
-Displacements and rotations of a frame, small ones in the body's frame, are ``(u_x, u_y, phi)`` or ``(u, phi)`` with 6 numbers.
+Displacements and rotations of a frame, small ones in the body's frame, are ``(u_x, u_y, phi)`` or ``(u, phi)`` with 6
+numbers.
 """
 
 from __future__ import annotations

@@ -50,8 +50,8 @@ def spatial_connections(
 def spatial_first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
     """Return poses to start the assembly from, shape (n_bodies, 12); they choose the assembly branch.
 
-    A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint point
-    meets the one already placed, with the direction that they have in their mesh.
+    A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint
+    point meets the one already placed, with the direction that they have in their mesh.
     """
     poses = np.tile(SPATIAL.identity, (len(bodies), 1))
     placed = np.zeros(len(bodies), dtype=bool)

@@ -1,10 +1,12 @@
 """Joints in space as quadratic constraints of two frames.
 
-With a frame's position p and a direction ``w = sum_k w_k d_k`` that is fixed in it, every joint is made of three statements
+With a frame's position p and a direction ``w = sum_k w_k d_k`` that is fixed in it, every joint is made of three
+statements
 
     p_b - p_a = 0,        u_a . w_b = 0,        u_a . (p_b - p_a) = 0,
 
-all of them polynomials of second degree in the frames' twelve numbers, ``c = g + G z + 1/2 z^T Q z`` with ``z = (a, b)``.
+all of them polynomials of second degree in the frames' twelve numbers, ``c = g + G z + 1/2 z^T Q z`` with ``z = (a,
+b)``.
 """
 
 from __future__ import annotations
@@ -78,9 +80,9 @@ def spatial_joint(kind: str, axes: tuple[np.ndarray, ...]) -> SpatialJoint:
         ``spherical``, ``revolute``, ``universal``, ``cylindrical``, ``prismatic``, ``fixed``, ``point_on_line`` or
         ``point_on_plane``.
     axes
-        The joint's axes u, v, w, an orthonormal triad, in the frame of a and the same directions, as assembled, in the frame
-        of b: two matrices (3, 3), one axis a column. The first one is that of the rotation, of the line, or the plane's
-        normal; a universal joint has its first axis u in a and its second axis v in b.
+        The joint's axes u, v, w, an orthonormal triad, in the frame of a and the same directions, as assembled, in the
+        frame of b: two matrices (3, 3), one axis a column. The first one is that of the rotation, of the line, or the
+        plane's normal; a universal joint has its first axis u in a and its second axis v in b.
     """
     in_a, in_b = (matrix.T for matrix in axes)
     normals, meeting = (1, 2), [_Meet(k) for k in range(3)]

@@ -21,8 +21,8 @@ def shape_frames(mechanism: Mechanism, nodal: np.ndarray, time: np.ndarray) -> F
     Parameters
     ----------
     nodal
-        Frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the plane,
-        position and directors in space.
+        Frames of all nodes in the ground frame, shape (n_f, n_nodes, n_frame): ``(x, y, phi)``, m and rad, in the
+        plane, position and directors in space.
     time
         Their instants, shape (n_f,), s.
     """

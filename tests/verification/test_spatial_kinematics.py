@@ -208,8 +208,8 @@ def step_along(theta: np.ndarray, length: float, twist: float) -> np.ndarray:
 def bennett_links(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotations (3, n, 3, 3) and origins (3, n, 3) of the three moving links (Bennett 1903).
 
-    The angles at the four axes are ``theta, phi, -theta, -phi`` with ``tan(theta/2) tan(phi/2) = sin((beta + alpha)/2) /
-    sin((beta - alpha)/2)``, alpha and beta the twists.
+    The angles at the four axes are ``theta, phi, -theta, -phi`` with ``tan(theta/2) tan(phi/2) = sin((beta + alpha)/2)
+    / sin((beta - alpha)/2)``, alpha and beta the twists.
     """
     alpha, beta = TWISTS
     phi = 2 * np.arctan2(np.sin(0.5 * (beta + alpha)) * np.cos(0.5 * theta), np.sin(0.5 * (beta - alpha)) * np.sin(0.5 * theta))
