@@ -88,7 +88,9 @@ angles = 6
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])
 SPATIAL_BARS = (
-    'bodies.crank.mesh="0.0:0.1:2"', 'bodies.rod.mesh="0.0:0.3:3"', 'bodies.slider.mesh="0.0:0.05:1"',
+    'bodies.crank.mesh="0.0:0.1:2"',
+    'bodies.rod.mesh="0.0:0.3:3"',
+    'bodies.slider.mesh="0.0:0.05:1"',
 )
 
 
@@ -129,6 +131,7 @@ def spatial_slider_crank(*overrides: str) -> Scene:
 
 def table(name: str, **entries: object) -> str:
     """Return a table of TOML; values are text, numbers, or lists of numbers or of texts."""
+
     def text(value: object) -> str:
         if isinstance(value, str):
             return f'"{value}"'
@@ -139,12 +142,16 @@ def table(name: str, **entries: object) -> str:
     return "\n".join([f"[{name}]", *(f"{key} = {text(value)}" for key, value in entries.items()), ""])
 
 
-def solid(name: str, length: float, origin: Sequence[float] | None = None, rotation: Sequence[float] | None = None) -> str:
+def solid(
+    name: str, length: float, origin: Sequence[float] | None = None, rotation: Sequence[float] | None = None
+) -> str:
     """Return the table of a bar of steel, and its placement."""
     text = table(f"bodies.{name}", mesh=f"0.0:{length!r}:1", element="solid3d", material="steel")
     if origin is None:
         return text
-    return text + table(f"bodies.{name}.placement", origin=origin, rotation=(0.0, 0.0, 0.0) if rotation is None else rotation)
+    return text + table(
+        f"bodies.{name}.placement", origin=origin, rotation=(0.0, 0.0, 0.0) if rotation is None else rotation
+    )
 
 
 def assembled(*tables: str, joint: str = "drive", coordinate: str = TURN) -> Scene:

@@ -75,9 +75,7 @@ def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:
     return frame
 
 
-def _regions(
-    name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh
-) -> tuple[Region, ...]:
+def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh) -> tuple[Region, ...]:
     """Return the cells of every material: those of named regions, and the rest."""
     thickness = Quantity.of(1.0 if entry.thickness is None else entry.thickness)
     owner = np.zeros(mesh.n_cells, dtype=int)

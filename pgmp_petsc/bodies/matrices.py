@@ -100,9 +100,7 @@ def _assemble_terms(
     terms = {}
     for monomial in dict.fromkeys(m for part in value_parts for m in part):
         # zeros of bodies without this weight stay in the pattern: it is common to all terms
-        values = np.concatenate(
-            [part.get(monomial, np.zeros(r.size)) for part, r in zip(value_parts, row_parts)]
-        )
+        values = np.concatenate([part.get(monomial, np.zeros(r.size)) for part, r in zip(value_parts, row_parts)])
         coo = sp.coo_matrix((values[owned], (row[owned] - rows.start, column[owned])), shape=shape)
         terms[monomial] = coo.tocsr()
     return terms

@@ -60,9 +60,7 @@ def condensed(
     found = {}
     with agreed(group.world, "components"):
         for name in waiting[group.index :: group.count]:
-            meshed = FramedSolid.of(
-                name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name)
-            )
+            meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings)

@@ -90,9 +90,9 @@ class FullDistributed:
         self._solids = tuple(rank_solids(mechanism.bodies, self.rows, values, self._damping))
         damped = any(elements.damped for elements in (self._elements, *self._solids))
         self._needs_rates = bool(self._local.n_actions or self._damping.modal or damped)
-        self._load_vectors = np.array(
-            [load.weight.evaluate(values) * load.vector for load in loads]
-        ).reshape(len(loads), len(self.rows))
+        self._load_vectors = np.array([load.weight.evaluate(values) * load.vector for load in loads]).reshape(
+            len(loads), len(self.rows)
+        )
         mass = weighted_sum(matrices.mass, values)
         self._mass = aij_matrix(mass, comm, len(self.rows))
         self._typical_mass = comm.allreduce(float(mass.diagonal(self.rows.start).sum())) / self.n_dofs
@@ -227,7 +227,7 @@ class FullDistributed:
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
-                constraint = self._constraints.residual(everywhere, driven(self._motions, time).angle)[:, 0]
+            constraint = self._constraints.residual(everywhere, driven(self._motions, time).angle)[:, 0]
         rows, columns = self._constraints.jacobian_pattern
         residual = np.zeros(self.n_dofs)
         for part, now in zip((self._elements, *self._solids), (elements, *solids)):
@@ -279,15 +279,23 @@ class FullDistributed:
         )
         i = np.concatenate(
             [
-                *(np.repeat(dofs, dofs.shape[1], axis=1).ravel() for dofs in elements), columns, self.n_dofs + rows,
-                curved_rows, curved_columns[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
+                *(np.repeat(dofs, dofs.shape[1], axis=1).ravel() for dofs in elements),
+                columns,
+                self.n_dofs + rows,
+                curved_rows,
+                curved_columns[off_diagonal],
+                self.n_dofs + np.arange(self._constraints.n_constraints),
                 lumped,
             ]
         )
         j = np.concatenate(
             [
-                *(np.tile(dofs, (1, dofs.shape[1])).ravel() for dofs in elements), self.n_dofs + rows, columns,
-                curved_columns, curved_rows[off_diagonal], self.n_dofs + np.arange(self._constraints.n_constraints),
+                *(np.tile(dofs, (1, dofs.shape[1])).ravel() for dofs in elements),
+                self.n_dofs + rows,
+                columns,
+                curved_columns,
+                curved_rows[off_diagonal],
+                self.n_dofs + np.arange(self._constraints.n_constraints),
                 lumped,
             ]
         )
@@ -309,9 +317,9 @@ class FullDistributed:
         )
         self._x, self._rhs = self._matrix.createVecs()
         self._a, self._ma = self._mass.createVecs()
-        needed = np.concatenate(
-            [self._needed_dofs, self.n_dofs + np.arange(self._constraints.n_constraints)]
-        ).astype(PETSc.IntType)
+        needed = np.concatenate([self._needed_dofs, self.n_dofs + np.arange(self._constraints.n_constraints)]).astype(
+            PETSc.IntType
+        )
         source = PETSc.IS().createGeneral(needed, comm=PETSc.COMM_SELF)
         self._ghosts = PETSc.Vec().createSeq(needed.size)
         self._scatter = PETSc.Scatter().create(self._x, source, self._ghosts, None)
@@ -355,8 +363,12 @@ class FullDistributed:
         gain_v, gain_a, gain_k = gains
         values = np.concatenate(
             [
-                *(part.matrices(gains, now).ravel() for part, now in zip((self._elements, *self._solids), tangents)), scale * jacobian, scale * jacobian,
-                gain_k * curvature, gain_k * curvature[self._mirrored], np.zeros(self._constraints.n_constraints),
+                *(part.matrices(gains, now).ravel() for part, now in zip((self._elements, *self._solids), tangents)),
+                scale * jacobian,
+                scale * jacobian,
+                gain_k * curvature,
+                gain_k * curvature[self._mirrored],
+                np.zeros(self._constraints.n_constraints),
                 self._elements.lumped_tangents(gain_v, gain_a),
             ]
         )

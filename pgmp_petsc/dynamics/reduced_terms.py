@@ -142,9 +142,7 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
     return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in samples))
 
 
-def rigid_inertia(
-    tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics
-) -> Interpolant:
+def rigid_inertia(tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics) -> Interpolant:
     """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every term, packed, from the kinematics alone.
 
     In its own frame a body moves as a combination of three constant vectors, so the mass that belongs to the velocities
@@ -163,7 +161,8 @@ def rigid_inertia(
     rates = kinematics.rates(poses)
     local = np.concatenate([mechanism.space.velocity_field(*pair) for pair in zip(poses, rates)])
     values = [
-        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in tables.mass_weights
+        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True)
+        for w in tables.mass_weights
     ]
     return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
 

@@ -17,9 +17,7 @@ from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.space import PLANE
 
 
-def constraint_jacobian(
-    mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()
-) -> sp.csr_matrix:
+def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:
     """Return C in body frames at one configuration of the rigid mechanism.
 
     Parameters
@@ -94,7 +92,9 @@ def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[Constra
     for connection in mechanism.connections:
         if not connection.linear:
             columns = connection.moving_columns
-            turn = block_diag(*(mechanism.space.rotation(poses[side.body]) for side in connection.sides if not side.on_ground))
+            turn = block_diag(
+                *(mechanism.space.rotation(poses[side.body]) for side in connection.sides if not side.on_ground)
+            )
             values = connection.hessian(q)[:, columns][:, :, columns]
             hessians.append(ConstraintHessian(connection.rows, connection.dofs, turn.T @ values @ turn))
     return hessians

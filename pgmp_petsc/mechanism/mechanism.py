@@ -253,4 +253,3 @@ class Mechanism:
             for name, entry in scene.coordinates.items()
         )
         return cls(bodies, connections, coordinates, guess, scene)
-

@@ -132,7 +132,9 @@ def angle_derivatives(
     return gradient, hessian / size
 
 
-def _turn(axes: tuple[np.ndarray, np.ndarray], frame_a: np.ndarray, frame_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _turn(
+    axes: tuple[np.ndarray, np.ndarray], frame_a: np.ndarray, frame_b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     (second, third), (in_b, _) = ((matrix[:, 1], matrix[:, 2]) for matrix in axes)
     directors_a, directors_b = (frame[3:12].reshape(3, 3, *frame.shape[1:]) for frame in (frame_a, frame_b))
     turned = np.tensordot(in_b, directors_b, axes=1)

@@ -29,7 +29,9 @@ class FullModel:
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
         if scene.dimension == 3:
-            raise InputError("--full: the full-order model is for mechanisms in the plane; in space, build a reduced one")
+            raise InputError(
+                "--full: the full-order model is for mechanisms in the plane; in space, build a reduced one"
+            )
         self.scene = scene
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)

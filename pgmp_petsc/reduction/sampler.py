@@ -141,7 +141,9 @@ class Sampler:
         """
         mechanism, rows = self.problem.mechanism, self.problem.rows
         numbers = np.arange(mechanism.n_dofs)
-        waves = np.cos(np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1)))
+        waves = np.cos(
+            np.outer(1.0 + numbers * (np.sqrt(5.0) / mechanism.n_dofs), 1.0 + np.sqrt(2.0) * np.arange(1, n_waves + 1))
+        )
         for body in mechanism.bodies:
             if body.component is not None:
                 probes = body.component.probes

@@ -72,7 +72,9 @@ class CheckpointFolder:
     def _check(self, found: dict) -> None:
         for key, value in self._run.items():
             if found.get(key) != value:
-                shown = "" if isinstance(value, str) and len(value) == 64 else f" ({found.get(key)} there, {value} here)"
+                shown = (
+                    "" if isinstance(value, str) and len(value) == 64 else f" ({found.get(key)} there, {value} here)"
+                )
                 raise InputError(
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"
@@ -83,6 +85,4 @@ def _read_label(path: Path) -> dict:
     try:
         return json.loads(path.read_text())
     except ValueError as error:
-        raise InputError(
-            f"--resume: '{path}' is damaged ({error}); leave --resume out to start anew"
-        ) from error
+        raise InputError(f"--resume: '{path}' is damaged ({error}); leave --resume out to start anew") from error

@@ -54,7 +54,9 @@ class Force(_OverTime):
 
     type: Literal["force"]
     point: Point = Field(description='where it acts, "body:point"')
-    direction: Direction | None = Field(None, description="direction (x, y), in space (x, y, z); its length does not matter")
+    direction: Direction | None = Field(
+        None, description="direction (x, y), in space (x, y, z); its length does not matter"
+    )
     follows: bool = Field(False, strict=True, description="whether the direction turns with the body at this point")
     towards: Point | None = Field(None, description='the point that it pulls towards, "body:point" or "ground:point"')
 
@@ -70,10 +72,10 @@ class Gravity(Table):
     """A uniform field of acceleration on every body and every point mass."""
 
     type: Literal["gravity"]
-    direction: Direction = Field((0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter")
-    acceleration: NumberOrParameter = Field(
-        9.81, description="acceleration (m/s2), a number or a parameter's name"
+    direction: Direction = Field(
+        (0.0, -1.0), description="direction (x, y), in space (x, y, z); its length does not matter"
     )
+    acceleration: NumberOrParameter = Field(9.81, description="acceleration (m/s2), a number or a parameter's name")
 
 
 class PointMass(Table):
@@ -134,9 +136,7 @@ class StructuralDamping(Table):
     stiffness: NotNegative = Field(
         0.0, description="share of the strain's rate that acts like strain (s): stresses of eps + stiffness eps'"
     )
-    mass: NotNegative = Field(
-        0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)"
-    )
+    mass: NotNegative = Field(0.0, description="braking of all motion, as in a viscous medium, by its momentum (1/s)")
     ratios: tuple[Annotated[Number, Field(ge=0.0, lt=1.0)], ...] = Field(
         (), description="damping ratios of the first elastic modes of each free body"
     )

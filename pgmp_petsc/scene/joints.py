@@ -67,9 +67,7 @@ class PointOnLine(_Joint):
 
     n_constraints: ClassVar[dict[int, int]] = {2: 1, 3: 2}
     type: Literal["point_on_line"]
-    connect: Connection = Field(
-        description="the point that carries the line, then the point that moves on it"
-    )
+    connect: Connection = Field(description="the point that carries the line, then the point that moves on it")
     direction: Direction = Field(
         description="direction of the line, (x, y) or in space (x, y, z), fixed to the owner of the first point"
     )
@@ -157,9 +155,7 @@ class Coordinate(Table):
 
     joint: str = Field(description="name of a revolute joint; its relative rotation is the coordinate")
     range: Interval = Field(description="first and last angle (rad)")
-    periodic: bool = Field(
-        False, strict=True, description="whether the range closes on itself (it is then 2 pi long)"
-    )
+    periodic: bool = Field(False, strict=True, description="whether the range closes on itself (it is then 2 pi long)")
 
     @model_validator(mode="after")
     def _period_is_a_revolution(self) -> Self:

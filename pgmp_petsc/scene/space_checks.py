@@ -36,7 +36,11 @@ def _vectors(scene: Scene) -> Iterator[str]:
                 entries[f"{table}.{name}.direction"] = direction
     for entry, value in entries.items():
         if len(value) != n:
-            words = "two numbers (x, y) are needed in the plane" if n == 2 else "three numbers (x, y, z) are needed in space"
+            words = (
+                "two numbers (x, y) are needed in the plane"
+                if n == 2
+                else "three numbers (x, y, z) are needed in space"
+            )
             yield problem(entry, words, list(value))
 
 
@@ -44,9 +48,13 @@ def _in_the_plane(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         if joint.type not in PLANAR_JOINTS:
             allowed = ", ".join(PLANAR_JOINTS)
-            yield problem(f"joints.{name}.type", f"for mechanisms in space (allowed in the plane: {allowed})", joint.type)
+            yield problem(
+                f"joints.{name}.type", f"for mechanisms in space (allowed in the plane: {allowed})", joint.type
+            )
         elif joint.type == "revolute" and joint.axis is not None:
-            yield problem(f"joints.{name}.axis", "for mechanisms in space; in the plane the axis is z", list(joint.axis))
+            yield problem(
+                f"joints.{name}.axis", "for mechanisms in space; in the plane the axis is z", list(joint.axis)
+            )
     for name, body in scene.bodies.items():
         if body.placement is not None and body.placement.rotation is not None:
             yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", None)

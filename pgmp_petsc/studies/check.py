@@ -69,9 +69,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
     if not reducible:
         reduced = "nothing to reduce: all bodies are rigid (pgmp simulate --full)"
-    lines.append(
-        f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}"
-    )
+    lines.append(f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}")
     if len(flexible) > 1 and not left_open and reducible:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")
     lines += _parameters(scene, mechanism)

@@ -25,12 +25,18 @@ def plane() -> Scene:
             'joints.elbow={type="revolute",connect=["crank:tip","rod:hinge"]}',
             "joints.slider.direction=[1.0,0.0]"]  # fmt: skip
     sizes = ("parameters.t1.nominal=0.01", 'bodies.crank.thickness="t1"', "bodies.rod.thickness=0.01")
-    return slider_crank_in_space(*bodies, *axes, *sizes, 'effects.weight={type="gravity"}', "reduction.angles=12", *SMALL)
+    return slider_crank_in_space(
+        *bodies, *axes, *sizes, 'effects.weight={type="gravity"}', "reduction.angles=12", *SMALL
+    )
 
 
 def space() -> Scene:
     """Return the slider-crank in space, with weight in all directions and a modulus that is a parameter."""
-    modulus = ("parameters.E1.nominal=210e9", 'materials.soft={E="E1",nu=0.3,rho=7800.0}', 'bodies.crank.material="soft"')
+    modulus = (
+        "parameters.E1.nominal=210e9",
+        'materials.soft={E="E1",nu=0.3,rho=7800.0}',
+        'bodies.crank.material="soft"',
+    )
     return slider_crank_in_space(*modulus, 'effects.weight={type="gravity",direction=[0.3,-1.0,0.6]}', *PART, *SMALL)
 
 

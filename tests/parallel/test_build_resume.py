@@ -46,7 +46,13 @@ main()
 """
 SCENES = {
     "beams": ("scenes/slider_crank_paper.toml", "--override", "reduction.angles=16"),
-    "solids": ("scenes/slider_crank_solid3d.toml", "--override", "reduction.angles=12", "--override", "reduction.modes=4"),
+    "solids": (
+        "scenes/slider_crank_solid3d.toml",
+        "--override",
+        "reduction.angles=12",
+        "--override",
+        "reduction.modes=4",
+    ),
 }
 
 
@@ -93,7 +99,9 @@ def assert_same(found: Path, expected: Path) -> None:
             np.testing.assert_allclose(table, like, rtol=0, atol=1e-8 * np.abs(like).max(initial=0.0), err_msg=name)
 
 
-@pytest.mark.parametrize(("name", "before", "after"), [("beams", 1, 3), ("beams", 2, 1), ("solids", 1, 2), ("solids", 2, 1)])
+@pytest.mark.parametrize(
+    ("name", "before", "after"), [("beams", 1, 3), ("beams", 2, 1), ("solids", 1, 2), ("solids", 2, 1)]
+)
 def test_a_killed_build_is_resumed(
     mpirun: Callable, folder: Path, whole: dict[str, Path], name: str, before: int, after: int
 ) -> None:

@@ -20,8 +20,12 @@ def kinematics(request: pytest.FixtureRequest) -> RigidKinematics:
 
 
 def test_a_rotation_turns_positions_and_leaves_angles() -> None:
-    np.testing.assert_allclose(PLANE.rotation(np.array([0.0, 0.0, np.pi / 2])) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15)
-    np.testing.assert_allclose(PLANE.rotation(np.array([1.0, 2.0, 0.3])) @ PLANE.rotation(np.array([0.0, 0.0, -0.3])), np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(
+        PLANE.rotation(np.array([0.0, 0.0, np.pi / 2])) @ [1.0, 0.0, 5.0], [0.0, 1.0, 5.0], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        PLANE.rotation(np.array([1.0, 2.0, 0.3])) @ PLANE.rotation(np.array([0.0, 0.0, -0.3])), np.eye(3), atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("trailing", [(), (1,), (2, 3)])

@@ -14,8 +14,26 @@ PACKAGE = ROOT / "pgmp_petsc"
 # A package may import those that stand before it, and runtime. This is the order that the code really has: `outputs`
 # and `results` need less than their place in the flow of data would allow (see `NEEDS`).
 ORDER = (
-    "scene", "mesh", "bodies", "solvers", "components", "mechanism", "effects", "modes", "reduction", "outputs", "dynamics", "models", "results",
-    "indicator", "ensemble", "selection", "studies", "figures", "export", "cli",
+    "scene",
+    "mesh",
+    "bodies",
+    "solvers",
+    "components",
+    "mechanism",
+    "effects",
+    "modes",
+    "reduction",
+    "outputs",
+    "dynamics",
+    "models",
+    "results",
+    "indicator",
+    "ensemble",
+    "selection",
+    "studies",
+    "figures",
+    "export",
+    "cli",
 )
 FREE = ("runtime", "")  # "" is the package itself: its version
 # packages that keep to fewer than their place allows
@@ -83,7 +101,7 @@ def test_modules_do_not_import_each_other_in_circles() -> None:
     done: set[str] = set()
 
     def visit(name: str, above: tuple[str, ...]) -> None:
-        assert name not in above, " -> ".join([*above[above.index(name):], name])
+        assert name not in above, " -> ".join([*above[above.index(name) :], name])
         if name not in done:
             for other in graph.get(name, ()):
                 visit(other, (*above, name))

@@ -84,7 +84,9 @@ def test_the_number_of_constraints(kind: str, joint: SpatialJoint) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_that_obey_a_joint_leave_no_residual(kind: str, seed: int) -> None:
     axes = axes_of(seed + 20)
-    np.testing.assert_allclose(spatial_joint(kind, axes).residual(*obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON)
+    np.testing.assert_allclose(
+        spatial_joint(kind, axes).residual(*obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -157,9 +159,7 @@ def test_moving_both_frames_as_one_changes_nothing(kind: str, seed: int) -> None
     joint, (a, b) = spatial_joint(kind, axes), obeying(kind, axes, seed)
     jacobian = joint.jacobian(a, b)
     for velocity, spin in zip(np.eye(6)[:, :3], np.eye(6)[:, 3:]):
-        rates = [
-            frame(velocity + np.cross(spin, side[:3]), cross_matrix(spin) @ directors(side)) for side in (a, b)
-        ]
+        rates = [frame(velocity + np.cross(spin, side[:3]), cross_matrix(spin) @ directors(side)) for side in (a, b)]
         np.testing.assert_allclose(jacobian @ np.concatenate(rates), 0.0, rtol=0, atol=10 * EPSILON)
 
 
@@ -342,7 +342,9 @@ def test_the_derivatives_of_the_angle_everywhere() -> None:
         ahead, behind = z.copy(), z.copy()
         ahead[i] += step
         behind[i] -= step
-        slope = (angle_between(HINGE, ahead[:12], ahead[12:]) - angle_between(HINGE, behind[:12], behind[12:])) / (2 * step)
+        slope = (angle_between(HINGE, ahead[:12], ahead[12:]) - angle_between(HINGE, behind[:12], behind[12:])) / (
+            2 * step
+        )
         # round-off over the step, 1e-10
         np.testing.assert_allclose(gradient[i], slope, rtol=0, atol=1e-9)
     one = angle_derivatives(HINGE, a[:, 3], b[:, 3])

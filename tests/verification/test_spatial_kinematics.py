@@ -212,10 +212,14 @@ def bennett_links(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     / sin((beta - alpha)/2)``, alpha and beta the twists.
     """
     alpha, beta = TWISTS
-    phi = 2 * np.arctan2(np.sin(0.5 * (beta + alpha)) * np.cos(0.5 * theta), np.sin(0.5 * (beta - alpha)) * np.sin(0.5 * theta))
+    phi = 2 * np.arctan2(
+        np.sin(0.5 * (beta + alpha)) * np.cos(0.5 * theta), np.sin(0.5 * (beta - alpha)) * np.sin(0.5 * theta)
+    )
     angles = (theta, phi, -theta, -phi)
     steps = [step_along(angle, *link) for angle, link in zip(angles, 2 * list(zip(BENNETT, TWISTS)))]
-    np.testing.assert_allclose(steps[0] @ steps[1] @ steps[2] @ steps[3], np.tile(np.eye(4), (theta.size, 1, 1)), atol=1e-14)
+    np.testing.assert_allclose(
+        steps[0] @ steps[1] @ steps[2] @ steps[3], np.tile(np.eye(4), (theta.size, 1, 1)), atol=1e-14
+    )
     before = [np.tile(np.eye(4), (theta.size, 1, 1)), steps[0], steps[0] @ steps[1]]
     turns = [one[:, :3, :3] @ about([0.0, 0.0, 1.0], angle) for one, angle in zip(before, angles)]
     return np.array(turns), np.array([one[:, :3, 3] for one in before])
@@ -235,8 +239,7 @@ def bennett() -> Scene:
     axes = [[0.0, 0.0, 1.0], *next_axes]
     names = ("drive", "second", "third", "fourth")
     joints = [
-        table(f"joints.{name}", type="revolute", connect=pair, axis=axis)
-        for name, pair, axis in zip(names, ends, axes)
+        table(f"joints.{name}", type="revolute", connect=pair, axis=axis) for name, pair, axis in zip(names, ends, axes)
     ]
     return assembled(table("ground.points", last=[-BENNETT[1], 0.0, 0.0]), *bodies, *joints)
 
