@@ -26,6 +26,7 @@ from spatial import (
     table,
 )
 
+from pgmp_petsc.bodies.free_modes import free_modes
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
@@ -138,6 +139,25 @@ def test_a_bar_along_its_hinge_is_clamped_in_both_planes() -> None:
     np.testing.assert_allclose(found, np.repeat(bending(CLAMPED), 2), rtol=1e-3)
     # pairs of equal modes, as the square has no preferred direction: round-off of the mesh, measured 1e-10
     np.testing.assert_allclose(found[::2], found[1::2], rtol=1e-8)
+
+
+def test_the_free_modes_of_a_bar() -> None:
+    """Those that modal damping damps: pairs of bending modes, none of the six rigid motions among them."""
+    scene = one_bar((0.0, 0.0, 1.0))
+    (body,) = condensed_kinematics(scene, {"bar": bar(0.0, LENGTH, 40)}).mechanism.bodies
+    omega, phi = free_modes(body, scene.nominal, 4, "test")
+    # roots of cos x cosh x = 1
+    expected = np.repeat(bending(np.array([4.730041, 7.853205])), 2)
+    np.testing.assert_allclose(omega / (2 * np.pi), expected, rtol=1e-3)
+    matrices = assemble([body.alone()], range(len(phi)))
+    mass = weighted_sum(matrices.mass, scene.nominal)
+    np.testing.assert_allclose(phi.T @ mass @ phi, np.eye(4), rtol=0, atol=1e-9)
+    d, fields = 3, body.component.fields
+    spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
+    rigid = np.column_stack([fields[:, :d], *spins])
+    sizes = np.sqrt(np.einsum("dk,dk->k", rigid, mass @ rigid))
+    # zero eigenvalues are 1e-6 or so of the first elastic one
+    np.testing.assert_allclose(phi.T @ (mass @ (rigid / sizes)), 0.0, rtol=0, atol=1e-6)
 
 
 def test_the_size_of_a_body_does_not_depend_on_its_frames() -> None:
