@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name, Table, Vector, refusal
 
 ORIGIN = "origin"
+PARALLEL = 1e-6  # sine of the angle between two axes that are taken for one
 
 
 class Ground(Table):
@@ -99,6 +101,13 @@ class Universal(_Joint):
     type: Literal["universal"]
     axis: Axis = Field(description="axis (x, y, z) fixed in the first body, in its frame")
     second_axis: Axis = Field(description="axis fixed in the second body; in the frame of the first one, as assembled")
+
+    @model_validator(mode="after")
+    def _axes_differ(self) -> Self:
+        across = np.linalg.norm(np.cross(self.axis, self.second_axis))
+        if across < PARALLEL * np.linalg.norm(self.axis) * np.linalg.norm(self.second_axis):
+            raise refusal("must not have the direction of axis; both axes are at a right angle", "second_axis")
+        return self
 
     @property
     def axes(self) -> tuple[tuple[float, ...], ...]:

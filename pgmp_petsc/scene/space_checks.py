@@ -57,7 +57,8 @@ def _in_the_plane(scene: Scene) -> Iterator[str]:
             )
     for name, body in scene.bodies.items():
         if body.placement is not None and body.placement.rotation is not None:
-            yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", None)
+            rotation = list(body.placement.rotation)
+            yield problem(f"bodies.{name}.placement.rotation", "for mechanisms in space; give angle", rotation)
     for name, output in scene.outputs.items():
         if getattr(output, "axis", "x") == "z":
             yield problem(f"outputs.{name}.axis", "x or y is needed in the plane", "z")
