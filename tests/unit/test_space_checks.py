@@ -1,0 +1,373 @@
+"""What a scene may not say of continuum bodies, and of the plane in space and of space in the plane."""
+
+from __future__ import annotations
+
+import pytest
+from conftest import ROOT
+
+from pgmp_petsc.reduction.coordinate_limits import check_features
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import load_scene
+
+BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_solid3d"
+IN_SPACE = "for mechanisms in space (allowed in the plane: revolute, point_on_line, fixed)"
+TRIPLE = "three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]"
+NOT_YET = (
+    "not in space yet (allowed: torque, force, gravity, point_mass, structural_damping, prescribed_motion, gyroscopic)"
+)
+CIRCLE = "{ shape = \"circle\", radius = 0.01 }"
+
+# A scene of the repository, one override of it, and the one line that it is answered with.
+ENTRIES = [
+    # beams are no continuum
+    (BEAMS, "bodies.crank.thickness=0.01", "bodies.crank.thickness = 0.01: for solid2d and solid3d only"),
+    (
+        BEAMS,
+        "bodies.crank.regions={core='steel'}",
+        'bodies.crank.regions = { core = "steel" }: for solid2d and solid3d only',
+    ),
+    *[
+        (
+            BEAMS,
+            f"bodies.crank.element='{element}'",
+            (
+                'bodies.crank.section = { shape = "circle", radius = "r1" }: '
+                f"{element} takes its shape from a mesh; section is for beam2d"
+            ),
+        )
+        for element in ("solid2d", "solid3d")
+    ],
+    # continuum bodies are no beams
+    *[
+        entry
+        for scene, element in ((PLANE, "solid2d"), (SPACE, "solid3d"))
+        for entry in (
+            (
+                scene,
+                "bodies.crank.section={shape='circle', radius=0.01}",
+                f"bodies.crank.section = {CIRCLE}: {element} takes its shape from a mesh; section is for beam2d",
+            ),
+            (
+                scene,
+                f"bodies.crank={{line={{length=0.3, elements=4}}, element='{element}', material='steel'}}",
+                (
+                    "bodies.crank.line = { length = 0.3, elements = 4 }: "
+                    f"{element} takes its shape from a mesh; line is for beam2d"
+                ),
+            ),
+            (
+                scene,
+                "bodies.crank.line={length=0.3, elements=4}",
+                (
+                    "bodies.crank.line = { length = 0.3, elements = 4 }: exactly one of mesh, line is needed; "
+                    "mesh and line are given"
+                ),
+            ),
+            (
+                scene,
+                "bodies.crank.flexible=false",
+                f"bodies.crank.flexible = false: {element} bodies are flexible; a rigid body is made of beam2d",
+            ),
+            (
+                scene,
+                f"bodies.crank={{mesh='a.msh', element='{element}', thickness=0.01}}",
+                "bodies.crank.material: missing; needed: name of a material",
+            ),
+            (
+                scene,
+                "bodies.rod.material='stel'",
+                "bodies.rod.material = \"stel\": there is no such material; did you mean 'steel'?",
+            ),
+            (
+                scene,
+                "bodies.rod.regions={core='stel'}",
+                "bodies.rod.regions.core = \"stel\": there is no such material; did you mean 'steel'?",
+            ),
+            (scene, "bodies.rod.regions={core=3}", "bodies.rod.regions.core = 3: text in quotes is needed"),
+        )
+    ],
+    (
+        PLANE,
+        "bodies.rod={mesh='a.msh', element='solid2d', material='steel'}",
+        "bodies.rod.thickness: missing; needed: thickness of the body (m), a number or a parameter's name",
+    ),
+    (
+        PLANE,
+        "bodies.rod.thickness=0",
+        "bodies.rod.thickness = 0: a positive number or the name of a parameter is needed",
+    ),
+    (PLANE, "bodies.rod.thickness='t2'", 'bodies.rod.thickness = "t2": there is no such parameter; known: t1'),
+    (
+        PLANE,
+        "parameters.t1={nominal=-1}",
+        "parameters.t1.nominal = -1.0: must be positive, because bodies.crank.thickness uses it",
+    ),
+    (
+        SPACE,
+        "bodies.rod.thickness=0.01",
+        "bodies.rod.thickness = 0.01: for solid2d only; a solid3d body has its thickness from its mesh",
+    ),
+    # bodies of one kind
+    (
+        SPACE,
+        "bodies.rod={mesh='a.msh', element='solid2d', material='steel', thickness=0.01}",
+        'bodies.rod.element = "solid2d": all bodies are solid3d in space, as crank is; or none',
+    ),
+    (
+        SPACE,
+        "bodies.crank={mesh='a.msh', element='beam2d', material='steel', section={shape='circle', radius=0.005}}",
+        'bodies.crank.element = "beam2d": all bodies are solid3d in space, as rod is; or none',
+    ),
+    # joints: the plane's
+    *[
+        (BEAMS, f"joints.slider={{type='{kind}', connect=['ground:origin', 'rod:tip']{axes}}}",
+         f'joints.slider.type = "{kind}": {IN_SPACE}')
+        for kind, axes in {
+            "spherical": "",
+            "universal": ", axis=[1, 0, 0], second_axis=[0, 1, 0]",
+            "cylindrical": ", axis=[1, 0, 0]",
+            "prismatic": ", axis=[1, 0, 0]",
+            "point_on_plane": ", normal=[1, 0, 0]",
+        }.items()
+    ],
+    *[
+        (
+            scene,
+            "joints.elbow.axis=[0, 0, 1]",
+            "joints.elbow.axis = [0.0, 0.0, 1.0]: for mechanisms in space; in the plane the axis is z",
+        )
+        for scene in (BEAMS, PLANE)
+    ],
+    (BEAMS, "joints.elbow.axis=[0, 1]", f"joints.elbow.axis = [0, 1]: {TRIPLE}"),
+    # joints: those of space
+    (
+        SPACE,
+        "joints.elbow={type='revolute', connect=['crank:tip', 'rod:hinge']}",
+        "joints.elbow.axis: missing; needed in space: axis (x, y, z) of the rotation",
+    ),
+    (SPACE, "joints.elbow.axis=[0, 1]", f"joints.elbow.axis = [0, 1]: {TRIPLE}"),
+    (SPACE, "joints.elbow.axis='z'", f'joints.elbow.axis = "z": {TRIPLE}'),
+    (
+        SPACE,
+        "joints.elbow.axis=[0, 0, 0]",
+        "joints.elbow.axis = [0, 0, 0]: a direction other than [0, 0, 0] is needed",
+    ),
+    *[
+        (
+            SPACE,
+            f"joints.elbow={{type='{kind}', connect=['crank:tip', 'rod:hinge']}}",
+            "joints.elbow.axis: missing; needed: axis (x, y, z) in the frame of the first point's owner",
+        )
+        for kind in ("cylindrical", "prismatic")
+    ],
+    (
+        SPACE,
+        "joints.slider={type='point_on_plane', connect=['ground:origin', 'rod:tip']}",
+        "joints.slider.normal: missing; needed: normal (x, y, z) of the plane, fixed to the owner of the first point",
+    ),
+    (
+        SPACE,
+        "joints.slider={type='point_on_plane', connect=['ground:origin', 'rod:tip'], normal=[0, 1]}",
+        f"joints.slider.normal = [0, 1]: {TRIPLE}",
+    ),
+    (
+        SPACE,
+        "joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}",
+        (
+            "joints.elbow.second_axis: missing; needed: axis fixed in the second body; in the frame of the first one, "
+            "as assembled"
+        ),
+    ),
+    (
+        SPACE,
+        "joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[1, 2, 3], second_axis=[-2, -4, -6]}",
+        (
+            "joints.elbow.second_axis = [-2, -4, -6]: must not have the direction of axis; both axes are at a right "
+            "angle"
+        ),
+    ),
+    (
+        SPACE,
+        "joints.slider={type='spherical', connect=['ground:origin', 'rod:tip'], axis=[0, 0, 1]}",
+        "joints.slider.axis = [0, 0, 1]: unknown key (allowed: connect, type)",
+    ),
+    (
+        SPACE,
+        "joints.elbow.type='planar'",
+        (
+            'joints.elbow.type = "planar": unknown (allowed: revolute, point_on_line, fixed, spherical, universal, '
+            "cylindrical, prismatic, point_on_plane)"
+        ),
+    ),
+    (
+        SPACE,
+        "coordinates.theta.joint='slider'",
+        (
+            'coordinates.theta.joint = "slider": a revolute joint is needed, this one is a point_on_line '
+            "(allowed: crank_hinge, elbow)"
+        ),
+    ),
+    # numbers of components
+    *[
+        (BEAMS, f"{entry}=[1, 2, 3]", f"{entry} = [1.0, 2.0, 3.0]: two numbers (x, y) are needed in the plane")
+        for entry in ("ground.points.a", "joints.slider.direction")
+    ],
+    *[
+        (SPACE, f"{entry}=[1, 2]", f"{entry} = [1.0, 2.0]: three numbers (x, y, z) are needed in space")
+        for entry in ("ground.points.a", "joints.slider.direction")
+    ],
+    (
+        BEAMS,
+        "bodies.crank.placement={origin=[1, 2, 3]}",
+        "bodies.crank.placement.origin = [1.0, 2.0, 3.0]: two numbers (x, y) are needed in the plane",
+    ),
+    (
+        SPACE,
+        "bodies.crank.placement={origin=[1, 2]}",
+        "bodies.crank.placement.origin = [1.0, 2.0]: three numbers (x, y, z) are needed in space",
+    ),
+    (
+        SPACE,
+        "bodies.crank.placement={origin=[1, 2, 3, 4]}",
+        (
+            "bodies.crank.placement.origin = [1, 2, 3, 4]: two finite numbers in brackets (three in space) are needed, "
+            "such as [0.0, 1.0]"
+        ),
+    ),
+    (
+        BEAMS,
+        "effects.weight={type='gravity', direction=[0, -1, 0]}",
+        "effects.weight.direction = [0.0, -1.0, 0.0]: two numbers (x, y) are needed in the plane",
+    ),
+    (
+        BEAMS,
+        "effects.push={type='force', point='rod:tip', direction=[0, -1, 0], table=[[0, 1]]}",
+        "effects.push.direction = [0.0, -1.0, 0.0]: two numbers (x, y) are needed in the plane",
+    ),
+    (
+        SPACE,
+        "effects.weight={type='gravity', direction=[0, -1]}",
+        "effects.weight.direction = [0.0, -1.0]: three numbers (x, y, z) are needed in space",
+    ),
+    (
+        SPACE,
+        "effects.push={type='force', point='rod:tip', direction=[0, -1], table=[[0, 1]]}",
+        "effects.push.direction = [0.0, -1.0]: three numbers (x, y, z) are needed in space",
+    ),
+    (
+        SPACE,
+        "effects.weight={type='gravity', direction=[0, 0, 0]}",
+        "effects.weight.direction = [0, 0, 0]: a direction other than [0, 0, 0] is needed",
+    ),
+    # placements
+    (
+        BEAMS,
+        "bodies.crank.placement={rotation=[0, 0, 1]}",
+        "bodies.crank.placement.rotation = [0.0, 0.0, 1.0]: for mechanisms in space; give angle",
+    ),
+    (
+        SPACE,
+        "bodies.crank.placement={angle=0.3}",
+        "bodies.crank.placement.angle = 0.3: for the plane; give rotation",
+    ),
+    (SPACE, "bodies.crank.placement={rotation=0.3}", f"bodies.crank.placement.rotation = 0.3: {TRIPLE}"),
+    # effects
+    (
+        SPACE,
+        "effects.weight={type='gravity'}",
+        "effects.weight.direction: missing; needed in space: direction (x, y, z)",
+    ),
+    *[
+        (
+            SPACE,
+            f"effects.push={{type='force', point='rod:tip', table=[[0, 1]], {how}}}",
+            "effects.push: in space a force keeps a direction of the ground",
+        )
+        for how in ("direction=[0, -1, 0], follows=true", "towards='ground:origin'")
+    ],
+    *[
+        (SPACE, f"effects.more={{type='{kind}', joint='elbow', {rest}}}", f'effects.more.type = "{kind}": {NOT_YET}')
+        for kind, rest in {
+            "joint_damping": "coefficient=0.1",
+            "joint_friction": "limit=0.1, speed=1",
+            "spring_damper": "stiffness=0.1",
+            "end_stop": "lower=0.0, upper=1.0, stiffness=1e3",
+        }.items()
+    ],
+    # outputs
+    (
+        SPACE,
+        "outputs.tilt={type='rotation', point='rod:tip'}",
+        'outputs.tilt.type = "rotation": for the plane; in space take the angle of a joint',
+    ),
+    (BEAMS, "outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("scene", "override", "message"), ENTRIES, ids=[f"{e[0]}: {e[1][:50]}" for e in ENTRIES])
+def test_a_wrong_entry_is_explained(scene: str, override: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
+    assert str(caught.value) == message
+    assert caught.value.exit_status == 2
+
+
+@pytest.mark.parametrize("kinds", [("geometric_stiffening", "mode_inertia")])
+def test_what_is_of_second_order_is_not_in_space(kinds: tuple[str, str]) -> None:
+    overrides = [f"effects.e{k}.type='{kind}'" for k, kind in enumerate(kinds)]
+    with pytest.raises(InputError) as caught:
+        load_scene(ROOT / "scenes" / f"{SPACE}.toml", overrides)
+    assert str(caught.value).splitlines() == [
+        f'effects.e{k}.type = "{kind}": {NOT_YET}' for k, kind in enumerate(kinds)
+    ]
+
+
+FITTING = [
+    # zero is the same in the plane and in space
+    (BEAMS, "ground.points.a=[0, 0, 0]"),
+    (SPACE, "ground.points.a=[0, 0]"),
+    (SPACE, "bodies.crank.placement={origin=[0, 0]}"),
+    (SPACE, "bodies.crank.placement={origin=[0.1, 0, 0], rotation=[0, 0, 1], angle=0}"),
+    (SPACE, "joints.elbow.axis=[0, 3, 0]"),
+    (
+        SPACE,
+        "joints.elbow={type='universal', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1], second_axis=[0, 3, 0]}",
+    ),
+    (SPACE, "effects.weight={type='gravity', direction=[0, -1, 0]}"),
+    (SPACE, "effects.push={type='force', point='rod:tip', direction=[0, -1, 0], table=[[0, 1]]}"),
+    (SPACE, "effects.ball={type='point_mass', point='rod:tip', mass=0.1}"),
+    (SPACE, "effects.medium={type='structural_damping', mass=1.0}"),
+    (SPACE, "effects.simple={type='gyroscopic', keep=false}"),
+    (SPACE, "effects={drive={type='prescribed_motion', coordinate='theta', constant_speed={speed=1.0}}}"),
+    (SPACE, "outputs.lift={type='deformation', point='rod:tip', axis='z'}"),
+    (SPACE, "bodies.rod.regions={core='alloy'}"),
+    (PLANE, "bodies.rod.regions={core='steel'}"),
+]
+
+
+@pytest.mark.parametrize(("scene", "override"), FITTING, ids=[f"{e[0]}: {e[1][:50]}" for e in FITTING])
+def test_what_fits_is_taken(scene: str, override: str) -> None:
+    assert load_scene(ROOT / "scenes" / f"{scene}.toml", [override]).dimension == (3 if scene == SPACE else 2)
+
+
+@pytest.mark.parametrize("scene", [PLANE, SPACE])
+@pytest.mark.parametrize(
+    ("override", "entry"),
+    [
+        ("reduction.second_order=true", "reduction.second_order = true"),
+        ("reduction.tolerance=1e-3", "reduction.tolerance = 0.001"),
+    ],
+)
+def test_what_only_beams_have_is_refused_before_a_build(scene: str, override: str, entry: str) -> None:
+    loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
+    with pytest.raises(InputError) as caught:
+        check_features(loaded)
+    assert str(caught.value) == f"{entry}: for bodies of beams only, but crank, rod is meshed; leave it out"
+
+
+def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
+    overrides = ["effects.a.type='geometric_stiffening'", "effects.b.type='mode_inertia'"]
+    loaded = load_scene(ROOT / "scenes" / f"{PLANE}.toml", overrides)
+    with pytest.raises(InputError) as caught:
+        check_features(loaded)
+    assert str(caught.value) == "effects.a: for bodies of beams only, but crank, rod is meshed; leave it out"
