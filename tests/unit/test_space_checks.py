@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from conftest import ROOT
 
-from pgmp_petsc.reduction.coordinate_limits import check_features
+from pgmp_petsc.reduction.limits import check_features
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene
 
@@ -62,11 +62,6 @@ ENTRIES = [
                     "bodies.crank.line = { length = 0.3, elements = 4 }: exactly one of mesh, line is needed; "
                     "mesh and line are given"
                 ),
-            ),
-            (
-                scene,
-                "bodies.crank.flexible=false",
-                f"bodies.crank.flexible = false: {element} bodies are flexible; a rigid body is made of beam2d",
             ),
             (
                 scene,
@@ -362,7 +357,7 @@ def test_what_only_beams_have_is_refused_before_a_build(scene: str, override: st
     loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
     with pytest.raises(InputError) as caught:
         check_features(loaded)
-    assert str(caught.value) == f"{entry}: for bodies of beams only, but crank, rod is meshed; leave it out"
+    assert str(caught.value) == f"{entry}: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
 
 
 def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
@@ -370,4 +365,4 @@ def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
     loaded = load_scene(ROOT / "scenes" / f"{PLANE}.toml", overrides)
     with pytest.raises(InputError) as caught:
         check_features(loaded)
-    assert str(caught.value) == "effects.a: for bodies of beams only, but crank, rod is meshed; leave it out"
+    assert str(caught.value) == "effects.a: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
