@@ -97,7 +97,9 @@ stop() {
         sleep 1
         waited=$((waited + 1))
     done
-    kill -KILL "$1" 2>/dev/null || true
+    if kill -0 "$1" 2>/dev/null; then
+        kill -KILL "$1" || true
+    fi
     status=0
     wait "$1" || status=$?
 }
