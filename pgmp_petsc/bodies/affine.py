@@ -61,6 +61,10 @@ class Quantity:
             return cls(1.0, Monomial(((entry, 1),)))
         return cls(float(entry))
 
+    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the quantity at the given parameter values."""
+        return self.coefficient * self.monomial.evaluate(values)
+
     def __mul__(self, other: Quantity | float) -> Quantity:
         if isinstance(other, Quantity):
             return Quantity(self.coefficient * other.coefficient, self.monomial * other.monomial)

@@ -196,6 +196,13 @@ class Body:
         """Weights of its affine stiffness terms; none for a rigid body."""
         return self._own_weights("stiffness") if self.flexible else set()
 
+    def condensed_weights(self, kind: str) -> set[Monomial]:
+        """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is one."""
+        if self.meshed is None:
+            return self.mass_weights if kind == "mass" else self.stiffness_weights
+        lumped = {weight for lumps in self.lumps.values() for weight in lumps} if kind == "mass" else set()
+        return lumped | self.meshed.condensed_weights(kind)
+
     def _own_weights(self, kind: str) -> set[Monomial]:
         if self.component is not None:
             return set(getattr(self.component, kind))

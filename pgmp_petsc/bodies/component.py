@@ -15,6 +15,8 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 
+MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
+
 
 @dataclass(frozen=True, eq=False)
 class Component:
@@ -69,9 +71,11 @@ class Component:
         if self.rigid:
             return max(float(np.sqrt(12.0 * np.max(np.diag(m)[d:]) / m[0, 0])) for m in self.mass.values())
         moved = self.fields[:, [0, *range(d, 2 * d)]]  # by one and by every coordinate, all in the first direction
-        variances = []
-        for matrix in self.mass.values():
-            moments = moved.T @ matrix @ moved
+        all_moments = [moved.T @ matrix @ moved for matrix in self.mass.values()]
+        most, variances = max(moments[0, 0] for moments in all_moments), []
+        for moments in all_moments:
+            if moments[0, 0] < MASSLESS * most:
+                continue  # what scaling a cross-section adds to moments of inertia alone
             variances.append(np.diag(moments)[1:] / moments[0, 0] - (moments[0, 1:] / moments[0, 0]) ** 2)
         return float(np.sqrt(12.0 * np.max(variances)))
 

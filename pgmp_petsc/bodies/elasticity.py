@@ -64,13 +64,19 @@ def volumes_of(places: np.ndarray, quadrature: Quadrature) -> np.ndarray:
     return np.linalg.det(jacobians) * quadrature.weights
 
 
-def stiffness(geometry: Geometry, lame: Lame) -> np.ndarray:
-    """Return tangents at rest, shape (n_e, n_a, d, n_b, d): ``d2W / dx_ai dx_bj``."""
+def stiffness(geometry: Geometry, lame: Lame, pairs: np.ndarray | None = None) -> np.ndarray:
+    """Return tangents at rest, shape (n_e, n_a, d, n_b, d): ``d2W / dx_ai dx_bj``.
+
+    With `pairs`, shape (d, d), only what pairs ``dN_a/dX_k dN_b/dX_l`` of derivatives give for which ``pairs[k, l]`` is
+    true (`SectionScale`).
+    """
     g, volumes = geometry.gradients, geometry.volumes
     n_e, n_q, d, n_a = g.shape
     # one product over quadrature points and no larger arrays: (n_e, d n_a, d n_a)
     weighted = (g * volumes[:, :, None, None]).reshape(n_e, n_q, d * n_a)
     outer = np.matmul(weighted.transpose(0, 2, 1), g.reshape(n_e, n_q, d * n_a)).reshape(n_e, d, n_a, d, n_a)
+    if pairs is not None:
+        outer *= pairs[:, None, :, None]
     result = lame.first * outer.transpose(0, 2, 1, 4, 3)  # G_ai G_bj
     result += lame.shear * outer.transpose(0, 2, 3, 4, 1)  # G_aj G_bi
     dot = lame.shear * np.einsum("eiaib->eab", outer)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
+from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material
+
+ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the axis that its section is scaled about
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +30,13 @@ class FramedSolid:
         Mesh and materials.
     frames
         By the name of the group of faces.
+    drawn
+        What the cross-section of the mesh was scaled with already (`at`).
     """
 
     solid: Solid
     frames: dict[str, FaceFrame]
+    drawn: SectionScale | None = None
 
     @classmethod
     def of(
@@ -57,10 +63,43 @@ class FramedSolid:
         Raises
         ------
         InputError
-            If a region or a group is missing, overlaps another one, or is too small to carry a rotation.
+            If a region or a group is missing, overlaps another one, or is too small to carry a rotation; with a scaled
+            cross-section, if a group is no section across the x axis.
         """
         frames = {point: _frame(mesh, point, blame) for point, blame in points.items()}
-        return cls(Solid(name, mesh, _regions(name, entry, materials, mesh)), frames)
+        scale = None
+        if entry.section_scale is not None:
+            scale = SectionScale(Quantity.of(entry.section_scale))
+            for point, frame in frames.items():
+                _check_section(f"bodies.{name}.section_scale", mesh, point, frame)
+        return cls(Solid(name, mesh, _regions(name, entry, materials, mesh), scale), frames)
+
+    def at(self, values: Mapping[str, float]) -> FramedSolid:
+        """Return the body whose mesh has the cross-section that parameter values give, and no scale any more."""
+        solid = self.solid
+        if solid.section_scale is None:
+            return self
+        stretch = solid.section_scale.stretch(solid.mesh.dimension, values)
+        mesh, regions = replace(solid.mesh, nodes=solid.mesh.nodes * stretch), solid.regions
+        if mesh.dimension == 2:  # the thickness is part of the section
+            scaled = [(region.modulus * stretch[1], region.density * stretch[1]) for region in regions]
+            regions = tuple(
+                replace(region, modulus=modulus, density=density)
+                for region, (modulus, density) in zip(regions, scaled)
+            )
+        frames = {
+            point: replace(frame, arms=frame.arms * stretch, inertia=frame.inertia * stretch[1] ** 2)
+            for point, frame in self.frames.items()
+        }
+        return FramedSolid(Solid(solid.name, mesh, regions), frames, solid.section_scale)
+
+    def condensed_weights(self, kind: str) -> set[Monomial]:
+        """Return the weights of the terms of ``"mass"`` or ``"stiffness"`` that the body has condensed, where scales are kept."""
+        weights, scale = self.solid.weights(kind), self.drawn or self.solid.section_scale
+        if scale is None:
+            return weights
+        bare = replace(self.solid, section_scale=None).weights(kind)
+        return {weight * (scale.factor**power).monomial for weight in bare for power in scale.powers[kind]}
 
 
 def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:
@@ -73,6 +112,22 @@ def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:
             f"carry a rotation; more than {SMALLEST_RADIUS * extent:.3g} m is needed"
         )
     return frame
+
+
+def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) -> None:
+    """Refuse a group whose place or whose mean rotation would be another function of the scale."""
+    extent = float(np.ptp(mesh.nodes, axis=0).max())
+    off, spread = np.abs(frame.centre[1:]).max(), np.ptp(mesh.nodes[frame.nodes, 0])
+    if off > ON_AXIS * extent:
+        raise InputError(
+            f'{entry}: the faces of "{point}" have their centre {off:.3g} m off the x axis of the mesh; sections are scaled '
+            f"about it, so that points that joints, effects and outputs name have to be on it (to {ON_AXIS * extent:.3g} m)"
+        )
+    if spread > ON_AXIS * extent:
+        raise InputError(
+            f'{entry}: the faces of "{point}" extend over {spread:.3g} m along the x axis of the mesh; groups of a body with '
+            "a scaled cross-section are sections across the axis"
+        )
 
 
 def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh) -> tuple[Region, ...]:

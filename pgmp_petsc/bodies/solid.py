@@ -5,13 +5,15 @@ plane stress, the thickness are factors of the elements' matrices, so that
 
     K = sum_regions  E t K_region,    M = sum_regions  rho t M_region
 
-is affine in them, and the weights of terms are their products (`Quantity`).
+is affine in them, and the weights of terms are their products (`Quantity`); so it is in powers of a scale of the
+cross-section (`SectionScale`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,8 +21,11 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
+from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+
+Part = tuple[Quantity, Callable[[np.ndarray], np.ndarray]]  # a factor, and element matrices from the places of nodes
 
 ENTRIES_AT_ONCE = 2_000_000  # of element matrices: 16 MB, which stays near the processor and bounds the memory
 
@@ -57,11 +62,14 @@ class Solid:
         Of one kind of cells, in the body's frame, m.
     regions
         Materials; every cell is in one of them.
+    section_scale
+        What scales the cross-section.
     """
 
     name: str
     mesh: SolidMesh
     regions: tuple[Region, ...]
+    section_scale: SectionScale | None = None
 
     @property
     def n_dofs(self) -> int:
@@ -71,20 +79,16 @@ class Solid:
     def stiffness(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:
         """Return the rows of K that belong to nodes, shape (d n, n_dofs), by weight, in one pattern."""
 
-        def entries(region: Region, places: np.ndarray) -> np.ndarray:
+        def parts(region: Region) -> Iterator[Part]:
             lame = Lame.of(region.nu, self.mesh.dimension == 2)
-            return elasticity.stiffness(Geometry.of(places, self._element.stiffness), lame)
+            for power, pairs in self._powers():
+                yield region.modulus * power, partial(self._stiffness, lame=lame, pairs=pairs)
 
-        return self._assemble(nodes, lambda region: region.modulus, entries)
+        return self._assemble(nodes, parts)
 
     def mass(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:
         """Return the rows of the consistent mass that belong to nodes, as `stiffness`."""
-        eye, rule = np.eye(self.mesh.dimension), self._element.mass
-
-        def entries(region: Region, places: np.ndarray) -> np.ndarray:
-            return np.einsum("eab,ij->eaibj", elasticity.mass(elasticity.volumes_of(places, rule), rule), eye)
-
-        return self._assemble(nodes, lambda region: region.density, entries)
+        return self._assemble(nodes, lambda region: [(self._density(region), self._mass)])
 
     @property
     def volume(self) -> float:
@@ -94,27 +98,43 @@ class Solid:
 
     def weights(self, kind: str) -> set[Monomial]:
         """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``."""
-        return {(region.density if kind == "mass" else region.modulus).monomial for region in self.regions}
+        if kind == "mass":
+            return {self._density(region).monomial for region in self.regions}
+        return {(region.modulus * power).monomial for region in self.regions for power, _ in self._powers()}
 
     @property
     def _element(self):
         return reference_element(self.mesh.kind)
 
+    def _powers(self) -> list[tuple[Quantity, np.ndarray | None]]:
+        """Return what multiplies a modulus, and the pairs of derivatives in its term; None for all."""
+        if self.section_scale is None:
+            return [(Quantity(1.0), None)]
+        return list(self.section_scale.pairs(self.mesh.dimension))
+
+    def _density(self, region: Region) -> Quantity:
+        return region.density if self.section_scale is None else region.density * self.section_scale.area
+
+    def _stiffness(self, places: np.ndarray, lame: Lame, pairs: np.ndarray | None) -> np.ndarray:
+        return elasticity.stiffness(Geometry.of(places, self._element.stiffness), lame, pairs)
+
+    def _mass(self, places: np.ndarray) -> np.ndarray:
+        rule = self._element.mass
+        scalar = elasticity.mass(elasticity.volumes_of(places, rule), rule)
+        return np.einsum("eab,ij->eaibj", scalar, np.eye(self.mesh.dimension))
+
     def _assemble(
-        self,
-        nodes: range,
-        factor_of: Callable[[Region], Quantity],
-        entries: Callable[[Region, np.ndarray], np.ndarray],
+        self, nodes: range, parts_of: Callable[[Region], Iterable[Part]]
     ) -> dict[Monomial, sp.csr_matrix]:
         pattern = BlockPattern(self.mesh.cells, nodes, self.mesh.n_nodes)
         d = self.mesh.dimension
         terms: dict[Monomial, np.ndarray] = {}
         for region in self.regions:
-            factor = factor_of(region)
-            data = terms.setdefault(factor.monomial, np.zeros((pattern.n_blocks, d, d)))
-            for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
-                places = self.mesh.nodes[self.mesh.cells[chosen]]
-                pattern.add(data, self.mesh.cells[chosen], factor.coefficient * entries(region, places))
+            for factor, entries in parts_of(region):
+                data = terms.setdefault(factor.monomial, np.zeros((pattern.n_blocks, d, d)))
+                for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
+                    places = self.mesh.nodes[self.mesh.cells[chosen]]
+                    pattern.add(data, self.mesh.cells[chosen], factor.coefficient * entries(places))
         return {weight: pattern.matrix(data) for weight, data in terms.items()}
 
 

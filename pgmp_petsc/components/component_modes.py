@@ -26,11 +26,12 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.matrices import weighted_sum
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.displacement_fields import linear_fields, polynomial_fields
-from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
 from pgmp_petsc.components.subspace import Subspace
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times
@@ -147,7 +148,7 @@ def condense(
     component
         The condensed body, on all ranks.
     recovery
-        T, local rows, shape (n_local, n).
+        T, local rows, shape (n_local, n); with a scaled cross-section that of the first point.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def condense(
         finally:
             problem.close()
     with timings.phase("projection"):
-        return _condensed(solid, frames, points[0], subspace, loads, fields, (mass, stiffness), nodes, error)
+        return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
 
 
 def _serve(
@@ -231,7 +232,7 @@ def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
 def _condensed(
     solid: Solid,
     frames: Mapping[str, FaceFrame],
-    values: Mapping[str, float],
+    points: Sequence[Mapping[str, float]],
     subspace: Subspace,
     loads: np.ndarray,
     fields: np.ndarray,
@@ -240,31 +241,53 @@ def _condensed(
     error: float,
 ) -> tuple[Component, np.ndarray]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
-    d, comm = solid.mesh.dimension, subspace.comm
+    d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
-    masses = {weight: _projected(matrix, vectors, comm) for weight, matrix in matrices[0].items()}
-    rigid = _rigid(d, subspace.inner(subspace.mass_vectors, fields))
-    keep = np.eye(subspace.n) - rigid @ rigid.T  # what is exactly zero is not left to round-off
-    stiffnesses = {weight: keep @ _projected(matrix, vectors, comm) @ keep for weight, matrix in matrices[1].items()}
+    mass, stiffness = ({w: _projected(a, vectors, comm) for w, a in terms.items()} for terms in matrices)
     frame_of = subspace.inner(loads, vectors)  # P V
-    total_mass, total = weighted_sum_dense(masses, values), weighted_sum_dense(stiffnesses, values)
+    total_mass, total = weighted_sum_dense(mass, values), weighted_sum_dense(stiffness, values)
     shapes = _frame_shapes(total, frame_of)
     rest = null_space(frame_of)
     _, modes = eigh(rest.T @ total @ rest, rest.T @ total_mass @ rest)
     turn = np.hstack([shapes, rest @ modes])
-    back = np.linalg.inv(turn)
+    constant = np.linalg.solve(turn, subspace.inner(subspace.mass_vectors, fields))
+    mass, stiffness = ({w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness))
+    if solid.section_scale is not None:
+        across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
+        own = weighted_sum_dense(mass, values)
+        section = SectionCoordinates.of(solid.section_scale.factor, len(frames), across, own, constant)
+        mass, stiffness, turn = section.apply(mass), section.apply(stiffness), turn @ section.at(values)
+    keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
     component = Component(
         {name: number for number, name in enumerate(frames)},
         np.array([frame.centre for frame in frames.values()]),
-        {weight: turn.T @ matrix @ turn for weight, matrix in masses.items()},
-        {weight: turn.T @ matrix @ turn for weight, matrix in stiffnesses.items()},
-        back @ subspace.inner(subspace.mass_vectors, fields),
+        mass,
+        {w: keep.T @ a @ keep for w, a in stiffness.items()},
+        constant,
         turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
         solid.n_dofs,
         error,
     )
     return component, vectors @ turn
+
+
+def _across_axis(
+    solid: Solid,
+    nodes: range,
+    subspace: Subspace,
+    mass: Mapping[Monomial, sp.csr_matrix],
+    values: Mapping[str, float],
+) -> np.ndarray:
+    """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
+
+    The subspace is orthonormal in the mass at the parameter values.
+    """
+    x = solid.mesh.nodes[:, 0]
+    fields = axial_fields(solid.mesh.nodes[nodes.start : nodes.stop], x.min(), x.max())
+    squares = {weight: _projected(matrix, fields, subspace.comm) for weight, matrix in mass.items()}
+    momenta = subspace.inner(subspace.mass_vectors, fields)
+    return np.eye(subspace.n) - axial_part(momenta, weighted_sum_dense(squares, values))
 
 
 def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
@@ -282,10 +305,11 @@ def _projected(matrix: sp.csr_matrix, vectors: np.ndarray, comm: MPI.Comm) -> np
     return 0.5 * (product + product.T)
 
 
-def _rigid(d: int, fields: np.ndarray) -> np.ndarray:
-    """Return orthonormal coordinates of the rigid motions, shape (n, n_rigid), from those of the linear fields."""
+def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to round-off."""
     spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
-    return np.linalg.qr(np.column_stack([fields[:, :d], *spins]))[0]
+    rigid = np.linalg.qr(np.column_stack([fields[:, :d], *spins]))[0]
+    return np.eye(len(mass)) - rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T @ mass)
 
 
 def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:

@@ -73,6 +73,16 @@ def condensed(
     return done
 
 
+def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> RankGroup:
+    """Return the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is small.
+
+    Collective on ``group.world``.
+    """
+    if group.comm.size > 1 and all(isinstance(shape, Component) for shape in shapes.values()):
+        return RankGroup.split(group.world, 1)
+    return group
+
+
 def _points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
     """Return the parameter values to serve: where one factor is all that changes, those of any point serve everywhere."""
     solid = meshed.solid

@@ -68,7 +68,7 @@ def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:
     """Return a continuum body from its mesh, or condensed."""
     if isinstance(shape, Component):
         return Body.condensed(name, shape)
-    meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shape, points_used(scene, name))
+    meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shape, points_used(scene, name)).at(scene.values)
     if not scene.bodies[name].flexible:
         return Body.condensed(name, rigid_component(meshed))
     return Body.continuum(name, meshed)

@@ -59,7 +59,17 @@ class FullModel:
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
-        return FullDistributed(self.kinematics, self._effects, values, self._start, comm, self._motions)
+        sized = self._sized(values)
+        return FullDistributed(sized.kinematics, sized._effects, values, sized._start, comm, sized._motions)
+
+    def _sized(self, values: Mapping[str, float]) -> Self:
+        """Return the model whose meshes have the cross-sections that parameter values give."""
+        scaling = {body.section_scale for body in self.scene.bodies.values()} & set(values)
+        if all(values[name] == self.scene.values[name] for name in scaling):
+            return self
+        parameters = self.scene.parameters
+        changed = {name: parameters[name].model_copy(update={"value": float(values[name])}) for name in scaling}
+        return type(self)(self.scene.model_copy(update={"parameters": parameters | changed}), self.meshes)
 
     def output_frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``. Collective on the system's communicator."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
-from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -84,6 +84,7 @@ def build_rom(
     with timings.phase("components"):
         check_features(scene)
         meshes = condensed(scene, meshes, group, checkpoint)
+        group = angle_group(meshes, group)
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
         check_count(scene, mechanism)

@@ -100,6 +100,11 @@ class Body(Table):
     thickness: PositiveOrParameter | None = Field(
         None, description="thickness of solid2d (m), a number or a parameter's name"
     )
+    section_scale: PositiveOrParameter | None = Field(
+        None,
+        description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh has "
+        "1; a number or a parameter's name",
+    )
     regions: dict[Name, str] = Field(
         {}, description="materials of named regions of the mesh, other than the body's; continuum elements only"
     )
@@ -126,11 +131,13 @@ class Body(Table):
             raise refusal("missing; needed: thickness of the body (m), a number or a parameter's name", "thickness")
         if self.element == "solid3d" and self.thickness is not None:
             raise refusal("for solid2d only; a solid3d body has its thickness from its mesh", "thickness")
+        if self.section_scale is not None and not self.flexible:
+            raise refusal("for flexible bodies; the inertia of a rigid one would not be affine in it", "section_scale")
         return self
 
     def _consistent_beam(self) -> Self:
-        for key, value in (("thickness", self.thickness), ("regions", self.regions or None)):
-            if value is not None:
+        for key in ("thickness", "section_scale", "regions"):
+            if getattr(self, key):
                 raise refusal("for solid2d and solid3d only", key)
         if self.section is None:
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")

@@ -135,8 +135,9 @@ def numbers_of(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
         yield f"materials.{name}.E", material.E, True
         yield f"materials.{name}.rho", material.rho, True
     for name, body in scene.bodies.items():
-        if body.thickness is not None:
-            yield f"bodies.{name}.thickness", body.thickness, True
+        for key in ("thickness", "section_scale"):
+            if getattr(body, key) is not None:
+                yield f"bodies.{name}.{key}", getattr(body, key), True
         for key, size in body.section or ():
             if key != "shape":
                 yield f"bodies.{name}.section.{key}", size, key != "rotary_density" or body.flexible

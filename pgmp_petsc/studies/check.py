@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
@@ -89,7 +90,7 @@ def _bodies(mechanism: Mechanism) -> list[str]:
             weights = ", ".join(map(str, sorted(body.mass_weights)))
             lines.append(f"  body          {body.name}: rigid, weights of its mass {weights}")
             continue
-        stiffness = ", ".join(map(str, sorted(body.stiffness_weights)))
+        stiffness = ", ".join(map(str, sorted(body.condensed_weights("stiffness"))))
         if body.meshed is not None:
             mesh = body.meshed.solid.mesh
             frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.meshed.frames.items())
@@ -120,11 +121,17 @@ def _parameters(scene: Scene, mechanism: Mechanism) -> list[str]:
         law = parameter.distribution
         drawn = f", drawn from {law.name}({', '.join(f'{k}={v:g}' for k, v in law.arguments.items())})" if law else ""
         lines.append(f"  parameter     {name} = {parameter.current:g} {parameter.unit}{drawn}")
+    mass, stiffness = (_weights(mechanism, kind) for kind in ("mass", "stiffness"))
     lines.append(
-        f"  affine terms  {len(mechanism.mass_weights)} of mass ({', '.join(map(str, mechanism.mass_weights))}), "
-        f"{len(mechanism.stiffness_weights)} of stiffness ({', '.join(map(str, mechanism.stiffness_weights))})"
+        f"  affine terms  {len(mass)} of mass ({', '.join(map(str, mass))}), "
+        f"{len(stiffness)} of stiffness ({', '.join(map(str, stiffness))})"
     )
     return lines
+
+
+def _weights(mechanism: Mechanism, kind: str) -> list[Monomial]:
+    """Return the weights of the reduced model's terms."""
+    return sorted({weight for body in mechanism.bodies for weight in body.condensed_weights(kind)})
 
 
 def _effects(scene: Scene, effects: Sequence[Effect], loads: Sequence[Load]) -> list[str]:

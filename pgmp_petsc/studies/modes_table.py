@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -52,6 +52,7 @@ def tabulate_modes(
     own = np.empty((0, scene.reduction.modes))
     with timings.phase("components"):
         meshes = condensed(scene, meshes, group)
+        group = angle_group(meshes, group)
     with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
         n_angles ** len(scene.coordinates), "eigenproblems", group.world
     ) as bar:

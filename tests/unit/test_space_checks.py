@@ -26,6 +26,7 @@ ENTRIES = [
         "bodies.crank.regions={core='steel'}",
         'bodies.crank.regions = { core = "steel" }: for solid2d and solid3d only',
     ),
+    (BEAMS, "bodies.crank.section_scale=1.1", "bodies.crank.section_scale = 1.1: for solid2d and solid3d only"),
     *[
         (
             BEAMS,
@@ -102,6 +103,18 @@ ENTRIES = [
         "bodies.rod.thickness=0.01",
         "bodies.rod.thickness = 0.01: for solid2d only; a solid3d body has its thickness from its mesh",
     ),
+    # scaled sections
+    (
+        SPACE,
+        "bodies.rod={mesh='a.msh', element='solid3d', material='steel', section_scale=1.1, flexible=false}",
+        "bodies.rod.section_scale = 1.1: for flexible bodies; the inertia of a rigid one would not be affine in it",
+    ),
+    (
+        PLANE,
+        "bodies.rod.section_scale=-1.0",
+        "bodies.rod.section_scale = -1.0: a positive number or the name of a parameter is needed",
+    ),
+    (PLANE, "bodies.rod.section_scale='s'", 'bodies.rod.section_scale = "s": there is no such parameter; known: t1'),
     # bodies of one kind
     (
         SPACE,
