@@ -248,7 +248,8 @@ def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
 
 def test_a_build_is_taken_up_on_other_ranks(checkout: Path) -> None:
     """The real program: one uninterrupted PBS job, and two Slurm jobs of which the first is stopped after a body."""
-    extra = "--override reduction.modes=4 --override 'reduction.angles = 24'"
+    # so many angles that some are left when the signal comes
+    extra = "--override reduction.modes=4 --override 'reduction.angles = 480'"
     given = {"SCENE": ROOT / "scenes" / "slider_crank_solid2d.toml", "EXTRA": extra}
     run(checkout, "build.pbs", ROM="whole.h5", RANKS=1, **given)
     job = start(checkout, "build.slurm", ROM="parts.h5", SLURM_NTASKS=2, **given)
