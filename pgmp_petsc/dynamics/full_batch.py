@@ -58,7 +58,7 @@ class FullBatch:
         n_samples: int,
         motions: Mapping[int, Motion] = MappingProxyType({}),
     ) -> None:
-        mechanism = kinematics.mechanism
+        mechanism = self._mechanism = kinematics.mechanism
         self.n_samples = n_samples
         self.n_blocks = -(-n_samples // LANES)
         self.n_dofs = mechanism.n_dofs
@@ -142,6 +142,10 @@ class FullBatch:
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return a state's array as (n, n_samples)."""
         return _lanes_last(array).reshape(array.shape[1], -1)[:, : self.n_samples]
+
+    def frames(self, state: State) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, 3, n_samples)."""
+        return self._mechanism.by_node(self.unpack(state.q))
 
     def pack(self, rows: np.ndarray) -> np.ndarray:
         """Return rows of shape (n, n_samples) as a state's array."""

@@ -24,15 +24,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.matrices import assemble, owned_rows, weighted_sum
-from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.full_equations import full_equations
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.local_forces import LocalForces
-from pgmp_petsc.dynamics.rank_elements import RankElements
-from pgmp_petsc.dynamics.rank_solids import rank_solids
-from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
-from pgmp_petsc.mechanism.connections import independent_constraints
+from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
@@ -72,34 +67,22 @@ class FullDistributed:
         comm: MPI.Comm,
         motions: Mapping[int, Motion] = MappingProxyType({}),
     ) -> None:
-        mechanism = kinematics.mechanism
         self.comm = comm
-        self._kinematics, self._initial, self._effects = kinematics, initial, effects
+        self._kinematics, self._effects = kinematics, effects
         self._motions = list(motions.values())
-        self._constraints = independent_constraints(kinematics, initial[0])
-        self.n_dofs = mechanism.n_dofs
-        self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
+        equations = self._equations = full_equations(kinematics, effects, values, initial, comm)
+        self._constraints, self.n_dofs, self.rows = equations.constraints, equations.n_dofs, equations.rows
         self._n_multipliers = self._constraints.n_constraints if comm.rank == comm.size - 1 else 0
-        matrices = assemble(mechanism.bodies, self.rows)
-        loads = loads_of(effects, matrices)
-        by_name = {effect.name: effect for effect in effects}
-        self._load_effects = [by_name[load.effect] for load in loads]
-        self._local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
-        self._damping = BodyDampings.of(effects, mechanism)
-        self._elements = RankElements(mechanism.bodies, self.rows, values, self._damping)
-        self._solids = tuple(rank_solids(mechanism.bodies, self.rows, values, self._damping))
-        damped = any(elements.damped for elements in (self._elements, *self._solids))
+        self._load_effects, self._load_vectors = equations.load_effects, equations.load_vectors
+        self._local, self._damping, self._couples = equations.local, equations.damping, equations.couples
+        self._elements, self._parts = equations.elements, equations.parts
+        damped = any(elements.damped for elements in (self._elements, *self._parts))
         self._needs_rates = bool(self._local.n_actions or self._damping.modal or damped)
-        self._load_vectors = np.array([load.weight.evaluate(values) * load.vector for load in loads]).reshape(
-            len(loads), len(self.rows)
-        )
-        mass = weighted_sum(matrices.mass, values)
-        self._mass = aij_matrix(mass, comm, len(self.rows))
-        self._typical_mass = comm.allreduce(float(mass.diagonal(self.rows.start).sum())) / self.n_dofs
+        self._mass = aij_matrix(equations.mass, comm, len(self.rows))
+        diagonal = equations.mass.diagonal(self.rows.start).sum()
+        self._typical_mass = comm.allreduce(float(diagonal)) / self.n_dofs
         self._numbering()
-        units = np.full(self.n_dofs, 1.0 / kinematics.size)
-        mechanism.by_node(units)[:, 2] = 1.0
-        self._units = units[self.rows.start : self.rows.stop]
+        self._units = equations.units[self.rows.start : self.rows.stop]
         self._solver()
 
     def close(self) -> None:
@@ -116,7 +99,7 @@ class FullDistributed:
 
     def start(self) -> State:
         """Return the undeformed start with consistent accelerations and multipliers."""
-        return self.consistent(*self._kinematics.undeformed(*self._initial))
+        return self.consistent(*self._equations.start())
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
@@ -165,6 +148,10 @@ class FullDistributed:
         """Gather a state's array from all ranks as (n, 1), on every rank."""
         return np.concatenate(self.comm.allgather(array))[:, None]
 
+    def frames(self, state: State) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, n_frame, 1), the same on all ranks. Collective on `comm`."""
+        return self._equations.frames(self.unpack(state.q))
+
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, the same on all ranks. Collective on `comm`."""
         q, multipliers = self._gather(state)
@@ -175,9 +162,9 @@ class FullDistributed:
         self._mass.mult(self._a, self._ma)
         kinetic = 0.5 * float(state.v @ self._ma.getArray(readonly=True))
         # what each rank knows of its own rows and elements; the rest is known to all
-        strain = sum(part.strain_energy(q) for part in (self._elements, *self._solids))
+        strain = sum(part.strain_energy(q) for part in (self._elements, *self._parts))
         parts = {("kinetic", ""): kinetic, ("strain", ""): strain}
-        braked_solids = [(solid, solid.evaluate(q, v, 0.0)) for solid in self._solids if solid.damped]
+        braked_solids = [(solid, solid.evaluate(q, v, 0.0)) for solid in self._parts if solid.damped]
         for number, name in self._damping.effects.items():
             own = owned & (self._elements.body == number)
             braked = self._elements.lumped_body == number
@@ -211,6 +198,9 @@ class FullDistributed:
             nowhere = np.zeros((self.n_dofs, 1))
             for name, power in self._damping.add_modal_forces(q[:, None], v[:, None], nowhere).items():
                 energies.add_power(name, power)
+        for couple in self._couples:
+            gradient, _ = couple.angle.derivatives(q)
+            energies.add_power(couple.effect.name, np.array([couple.strength(time) * (gradient @ v[couple.angle.dofs])]))
         for motion, multiplier in zip(self._motions, multipliers[multipliers.size - len(self._motions) :]):
             energies.add_power(motion.name, np.array([-multiplier * motion.at(time)[1]]))
 
@@ -221,16 +211,17 @@ class FullDistributed:
         gain_v, gain_a, gain_k = gains
         scale = gain_a * self._typical_mass
         q, multipliers = self._gather(state)
+        self._equations.follow(q)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
-        solids = [solid.evaluate(q, v, gain_v) for solid in self._solids]
+        solids = [solid.evaluate(q, v, gain_v) for solid in self._parts]
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
             constraint = self._constraints.residual(everywhere, driven(self._motions, time).angle)[:, 0]
         rows, columns = self._constraints.jacobian_pattern
         residual = np.zeros(self.n_dofs)
-        for part, now in zip((self._elements, *self._solids), (elements, *solids)):
+        for part, now in zip((self._elements, *self._parts), (elements, *solids)):
             np.add.at(residual, part.dofs.ravel(), now.forces.ravel())
         np.add.at(residual, columns, jacobian * multipliers[rows])
         residual[self._elements.lumped] += self._elements.lumped_forces(v)
@@ -243,6 +234,11 @@ class FullDistributed:
                 tangents = now.tangents[:, 0]
             self._damping.add_modal_forces(everywhere, v[:, None], local)
             residual -= local[:, 0]
+        stiffening = [np.zeros(0)]
+        for couple in self._couples:
+            gradient, hessian = couple.angle.derivatives(q)
+            residual[couple.angle.dofs] -= couple.strength(time) * gradient
+            stiffening.append(-couple.strength(time) * hessian[np.tril_indices(len(hessian))])
         own = residual[self.rows.start : self.rows.stop]
         self._a.setArray(state.a)
         self._mass.mult(self._a, self._ma)
@@ -252,7 +248,7 @@ class FullDistributed:
         if fresh:
             curvature = self._constraints.curvature_values(everywhere, multipliers[:, None])[:, 0]
             found = [now.tangents for now in (elements, *solids)]
-            self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents]))
+            self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents, *stiffening]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
         self._ksp.solve(self._rhs, self._x)
         if self._ksp.getConvergedReason() < 0:
@@ -267,10 +263,12 @@ class FullDistributed:
     def _numbering(self) -> None:
         """Find which unknowns are needed here, and where element and constraint entries go in this rank's rows."""
         rows, columns = self._constraints.jacobian_pattern
+        turned = [couple.angle.dofs for couple in self._couples]
+        lower = [dofs[np.array(np.tril_indices(dofs.size))] for dofs in turned]  # one of each symmetric pair
         curved_rows, curved_columns = (
-            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern)
+            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern, *lower)
         )
-        elements, lumped = [part.dofs for part in (self._elements, *self._solids)], self._elements.lumped
+        elements, lumped = [part.dofs for part in (self._elements, *self._parts)], self._elements.lumped
         modal = [b.dofs for b in self._modal_bodies()]
         off_diagonal = curved_rows != curved_columns
         self._mirrored = off_diagonal
@@ -363,7 +361,7 @@ class FullDistributed:
         gain_v, gain_a, gain_k = gains
         values = np.concatenate(
             [
-                *(part.matrices(gains, now).ravel() for part, now in zip((self._elements, *self._solids), tangents)),
+                *(part.matrices(gains, now).ravel() for part, now in zip((self._elements, *self._parts), tangents)),
                 scale * jacobian,
                 scale * jacobian,
                 gain_k * curvature,

@@ -13,12 +13,22 @@ bodies (`structural_damping`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.patterns import FIXED, fixed_pattern
+from pgmp_petsc.effects.patterns import FIXED, GroundForce, fixed_pattern
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+
+    from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+    from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 
 
 class Effect:
@@ -44,6 +54,28 @@ class Effect:
         """Return the common factor of the load terms at a time (s), or at each of several."""
         return np.ones_like(time)
 
+    def natural_load(
+        self, unknowns: NaturalUnknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
+    ) -> np.ndarray | None:
+        """Return the constant vector of its loads in natural coordinates, shape (n_rows,), or None.
+
+        Parameters
+        ----------
+        unknowns
+            The numbering.
+        mass
+            The given rows of the mass matrix.
+        rows
+            Unknowns that a rank owns.
+        values
+            Parameter values.
+        """
+        return None
+
+    def couple(self) -> tuple[SpatialConnection, Quantity] | None:
+        """Return the joint in space about whose axis the effect turns, and what the amplitude is to be multiplied with."""
+        return None
+
     def actions(self) -> list[Action]:
         """Return the local effects."""
         return []
@@ -55,8 +87,8 @@ class Effect:
         """
         return []
 
-    def turning_patterns(self) -> list[Action]:
-        """Return the actions whose unit force is to be answered in the direction that it has in each configuration."""
+    def turning_patterns(self) -> list[Action | GroundForce]:
+        """Return the unit forces that are to be answered in the direction that they have in each configuration."""
         return []
 
 

@@ -6,7 +6,10 @@ point, and any force on a rigid body away from its centre of mass depend on the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
@@ -16,9 +19,12 @@ from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.measures import DISTANCE, FOLLOWING, SLIDE
+from pgmp_petsc.effects.patterns import GroundForce
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import PointOnLine
+from pgmp_petsc.mechanism.joints import Joint, PointOnLine
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+from pgmp_petsc.mechanism.spatial_joints import SpatialJoint
 from pgmp_petsc.scene import effects as schema
 
 GROUND_ORIGIN = Attachment(-1, -1, np.zeros(2))
@@ -39,8 +45,13 @@ def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
 
 
 def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
-    """Return whether a point slides along a line, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and isinstance(c.joint, PointOnLine) for c in mechanism.connections)
+    """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
+    return any(c.b.node == point.node and _guides(c.joint) for c in mechanism.connections)
+
+
+def _guides(joint: Joint | SpatialJoint) -> bool:
+    """Return whether a joint leaves the positions of its points apart."""
+    return not joint.holds_position if isinstance(joint, SpatialJoint) else isinstance(joint, PointOnLine)
 
 
 class FixedForce(Effect):
@@ -65,18 +76,25 @@ class FixedForce(Effect):
         vector = self._vector(matrices, self._scale.coefficient * self._direction)
         return [Load(self.name, self._scale.monomial, vector)]
 
+    def natural_load(
+        self, unknowns: NaturalUnknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
+    ) -> np.ndarray:
+        """Return the force on the position of the node's frame."""
+        vector = np.zeros(len(rows))
+        for dof, component in zip(unknowns.frame(self._point.node), self._scale.at(values) * self._direction):
+            if dof in rows:
+                vector[dof - rows.start] = component
+        return vector
+
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return unit forces along all axes of the body in whose frame the direction turns; none of a guided point."""
         return [] if self._guided else [self._vector(matrices, axis) for axis in np.eye(self._direction.size)]
 
-    def turning_patterns(self) -> list[Action]:
+    def turning_patterns(self) -> list[GroundForce]:
         """Return the force on a guided point, in its own direction."""
         if not self._guided:
             return []
-        direction = (float(self._direction[0]), float(self._direction[1]))
-        return [
-            Action(self.name, SLIDE, GROUND_ORIGIN, self._point, SOURCE, (self._scale,), direction, self._amplitude)
-        ]
+        return [GroundForce(self._point.dofs[: self._direction.size], self._direction)]
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the force, N."""

@@ -19,6 +19,22 @@ FIXED = (ROTATION, FOLLOWING)
 
 
 @dataclass(frozen=True, eq=False)
+class GroundForce:
+    """A unit force on a node that keeps its direction in space.
+
+    Attributes
+    ----------
+    dofs
+        Unknowns of the node's position, shape (d,).
+    direction
+        Of length 1, shape (d,).
+    """
+
+    dofs: np.ndarray
+    direction: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Patterns:
     """The forces that some effects are made of.
 
@@ -27,11 +43,11 @@ class Patterns:
     fixed
         Vectors that do not change with the configuration, local rows, shape (n_local, n_fixed).
     turning
-        Local effects whose force turns with the configuration; one vector each (`turning_force`).
+        Forces that turn in body frames with the configuration; one vector each (`turning_force`).
     """
 
     fixed: np.ndarray
-    turning: tuple[Action, ...] = ()
+    turning: tuple[Action | GroundForce, ...] = ()
 
     @property
     def n(self) -> int:
@@ -50,8 +66,12 @@ def fixed_pattern(action: Action, matrices: AffineMatrices) -> np.ndarray:
     return vector
 
 
-def turning_force(action: Action, mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
-    """Return an action's unit force on the rigid mechanism at poses (n_bodies, 3), in body frames, shape (n_dofs,)."""
+def turning_force(action: Action | GroundForce, mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
+    """Return a unit force on the rigid mechanism at poses (n_bodies, n_pose), in body frames, shape (n_dofs,)."""
+    if isinstance(action, GroundForce):
+        total = np.zeros(mechanism.n_dofs)
+        total[action.dofs] = action.direction
+        return to_body(mechanism, poses, total)
     q = mechanism.place(poses)
     z = np.concatenate([side.frame_of_node(q) for side in action.sides])
     gradient, hessian = np.empty(N_PAIR), np.empty((N_PAIR, N_PAIR))

@@ -34,6 +34,10 @@ class Torque(Effect):
                     vector[dof - matrices.rows.start] += sign * component * self._scale.coefficient
         return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
+    def couple(self) -> tuple[SpatialConnection, Quantity]:
+        """Return the joint and the scale of the torque."""
+        return self._connection, self._scale
+
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the couples, which are constant in the bodies."""
         return [load.vector for load in self.loads(matrices)]

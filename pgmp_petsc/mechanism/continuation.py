@@ -167,17 +167,21 @@ class _Front:
         It is refused if J is singular there; with redundant constraints its columns may have turned far.
         """
         closure, before, poses = self.closure, self.theta[k], self.poses[..., [k]]
+        # beside a singular configuration orientations are those of round-off: the most singular one met is the place
+        place, values = before, closure.singular_values(poses)[0]
         for _ in range(30):
             middle = 0.5 * (before + after)
             there = closure.close(poses, middle[None])
+            met = closure.singular_values(there)[0]
+            if met[-1] * values[0] < values[-1] * met[0]:
+                place, values = middle, met
             if _keeps_orientation(closure, there, jacobian)[0]:
                 before, poses = middle, there
             else:
                 after = middle
-        values = closure.singular_values(poses)[0]
         n_rows, n_poses = closure.scaled_jacobian(poses).shape[1:]
         if n_rows == n_poses or values[-1] < NEARLY_SINGULAR * values[0]:
-            _refuse_control(closure, before, values)
+            _refuse_control(closure, place, values)
 
 
 def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray) -> None:

@@ -18,7 +18,6 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
@@ -28,10 +27,6 @@ class FullModel:
     name = "full"
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
-        if scene.dimension == 3:
-            raise InputError(
-                "--full: the full-order model is for mechanisms in the plane; in space, build a reduced one"
-            )
         self.scene = scene
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)
@@ -76,5 +71,5 @@ class FullModel:
         return self.frames(system, state)[list(self.outputs.nodes)]
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, 3, n_samples)."""
-        return self.kinematics.mechanism.by_node(system.unpack(state.q))
+        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""
+        return system.frames(state)

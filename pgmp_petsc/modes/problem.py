@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
 ROUND_OFF = 1e-15
+TAKEN_UP = 1e-11  # of a load: what round-off leaves of one that the constraints take up
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
 RIGID_TOLERANCE = 1e-5  # largest "zero" eigenvalue over the first flexible one; largest angle to d rho/d theta
 
@@ -187,21 +188,34 @@ class ModalProblem:
         RunError
             If an answer vanishes beside the others: the basis would not be continuous there.
         """
-        kept = modes.eigenvectors
-        answers = kept
-        for load in loads.T:
+        basis, dependent = self._with_answers(modes.eigenvectors, loads)
+        if dependent.any():
+            raise RunError(
+                f"reduction.static_modes at {self.kinematics.describe(modes.theta)}: a load's static "
+                "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
+            )
+        return basis[:, modes.eigenvectors.shape[1] :]
+
+    def dependent_loads(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
+        """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
+
+        Parameters are those of `static_modes`.
+        """
+        return self._with_answers(modes.eigenvectors, loads)[1]
+
+    def _with_answers(self, kept: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out."""
+        basis, dependent = kept, np.zeros(len(loads.T), dtype=bool)
+        for number, load in enumerate(loads.T):
             answer = self.static_answers(kept, load[:, None])
             before = self._norms(answer)[0]
             for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-                answer = answer - self.onto(answers, answer)
+                answer = answer - self.onto(basis, answer)
             after = self._norms(answer)[0]
-            if not after > DEPENDENT_TOLERANCE * before:
-                raise RunError(
-                    f"reduction.static_modes at {self.kinematics.describe(modes.theta)}: a load's static "
-                    "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
-                )
-            answers = np.hstack([answers, answer / after])
-        return answers[:, kept.shape[1] :]
+            dependent[number] = not after > DEPENDENT_TOLERANCE * before
+            if not dependent[number]:
+                basis = np.hstack([basis, answer / after])
+        return basis, dependent
 
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
         """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
@@ -231,7 +245,9 @@ class ModalProblem:
         undeflated = self._norms(self._shifted_answers(loads))
         answers = np.zeros_like(loads)
         last = np.full(loads.shape[1], np.inf)
-        active = np.arange(loads.shape[1])
+        active = np.flatnonzero(self._feels(loads))
+        if not active.size:
+            return answers
         for _ in range(MAX_REFINEMENTS):
             residual = balanced[:, active] - times(self.stiffness, answers[:, active])
             step = self._shifted_answers(residual)
@@ -254,6 +270,14 @@ class ModalProblem:
     def _shifted_answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k), with the factor of the last solve."""
         return times(self._null, self._solver.apply_inverse(transposed_times(self._null, loads)))
+
+    def _feels(self, loads: np.ndarray) -> np.ndarray:
+        """Return which loads the constraints do not take up altogether, shape (k,)."""
+        from mpi4py import MPI
+
+        sizes = [np.sum(part**2, axis=0) for part in (transposed_times(self._null, loads), loads)]
+        felt, whole = np.sqrt(self.comm.allreduce(np.array(sizes), op=MPI.SUM))
+        return felt > TAKEN_UP * whole
 
     def onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the M-orthogonal projection of vectors onto a basis."""

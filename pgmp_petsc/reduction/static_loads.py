@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.effects import Action, Patterns
-from pgmp_petsc.effects.patterns import turning_force
+from pgmp_petsc.effects.patterns import GroundForce, turning_force
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.scene.numerics import Reduction
@@ -33,12 +33,12 @@ class StaticLoads:
     """
 
     patterns: np.ndarray
-    actions: tuple[Action, ...]
+    actions: tuple[Action | GroundForce, ...]
     accelerations: np.ndarray
 
     @classmethod
     def of(cls, problem: ModalProblem, patterns: Patterns, reduction: Reduction) -> StaticLoads:
-        """Return the loads that a scene asks for, those that depend on others left out.
+        """Return the loads that a scene asks for, those that depend on others left out; the problem is moved.
 
         Parameters
         ----------
@@ -53,10 +53,27 @@ class StaticLoads:
         wanted = patterns if reduction.static_modes else Patterns(patterns.fixed[:, :0])
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
         turning = tuple(wanted.turning[k] for k in _independent_forces(problem, wanted.turning))
-        loads = cls(problem.independent(wanted.fixed), turning, accelerations)
+        loads = cls(problem.independent(wanted.fixed), turning, accelerations)._answered(problem)
         n_static = loads.patterns.shape[1] + len(loads.actions) + accelerations.size
         problem.check_basis(n_static, reduction.parameter_modes)
         return loads
+
+    def _answered(self, problem: ModalProblem) -> StaticLoads:
+        """Return the loads without those whose answers are combinations of others wherever they are tried.
+
+        A guide takes up a part of the weight of a rigid body, for one: its answers along two axes are then the same one.
+        """
+        n_fixed, n_turning = self.patterns.shape[1], len(self.actions)
+        if not n_fixed + n_turning + self.accelerations.size:
+            return self
+        found = []
+        for theta in _places(problem):
+            modes = problem.solve(theta)
+            found.append(problem.dependent_loads(modes, self.at(problem, modes)))
+        kept = ~np.all(found, axis=0)
+        fixed, turning, inertia = np.split(kept, [n_fixed, n_fixed + n_turning])
+        actions = tuple(action for action, keep in zip(self.actions, turning) if keep)
+        return StaticLoads(self.patterns[:, fixed], actions, self.accelerations[inertia])
 
     def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:
         """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
@@ -81,14 +98,14 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
 
 
-def _forces(problem: ModalProblem, actions: tuple[Action, ...], theta: np.ndarray) -> np.ndarray:
+def _forces(problem: ModalProblem, actions: tuple[Action | GroundForce, ...], theta: np.ndarray) -> np.ndarray:
     """Return the unit forces of actions at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
     poses = problem.kinematics.poses(theta)[..., 0]
     own = slice(problem.rows.start, problem.rows.stop)
     return np.array([turning_force(action, problem.mechanism, poses)[own] for action in actions]).T
 
 
-def _independent_forces(problem: ModalProblem, actions: tuple[Action, ...]) -> np.ndarray:
+def _independent_forces(problem: ModalProblem, actions: tuple[Action | GroundForce, ...]) -> np.ndarray:
     """Return the numbers of the actions whose force is no combination, the same everywhere, of those before them."""
     if not actions:
         return np.zeros(0, dtype=int)

@@ -10,7 +10,7 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
-from pgmp_petsc.mechanism.joints import N_FRAME
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
@@ -66,7 +66,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     timings = Timings()
     simulation, values = model.scene.simulation, model.scene.values
     wanted = frame_steps(simulation)
-    times, histories, frames, energies = [], [], [], []
+    times, histories, measured, frames, energies = [], [], [], [], []
     with timings.phase("assembly"):
         system = model.distributed(values, comm)
     with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
@@ -75,7 +75,8 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             every = model.frames(system, state)
             times.append(time)
             energies.append(system.energies(time, state))
-            histories.append(np.concatenate([every[list(model.outputs.nodes)], _driving(model, every)]))
+            histories.append(every[list(model.outputs.nodes)])
+            measured.append(_coordinates(model, every))
             if step in wanted:
                 frames.append(every[..., 0])
             bar.update(step > 0)
@@ -85,13 +86,10 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
-    history = np.concatenate(histories, axis=-1)
-    n_outputs = len(model.outputs.nodes)
-    driving = history[n_outputs:, 2]
-    measured = (driving[1::2] - driving[::2]).T
-    stored = np.array(frames).reshape(len(frames), model.kinematics.mechanism.n_nodes, N_FRAME)
+    mechanism = model.kinematics.mechanism
+    stored = np.array(frames).reshape(len(frames), mechanism.n_nodes, -1 if frames else mechanism.space.n_pose)
     return _trajectory(
-        model, np.array(times), history[:n_outputs], measured, None,
+        model, np.array(times), np.concatenate(histories, axis=-1), np.array(measured), None,
         stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
     )
 
@@ -151,10 +149,13 @@ def _span(simulation) -> tuple[float, float]:
     return simulation.duration, simulation.step
 
 
-def _driving(model: FullModel, every: np.ndarray) -> np.ndarray:
-    """Return the two frames of every coordinate's joint, shape (2 n_theta, 3, n)."""
-    sides = [side for coordinate in model.kinematics.coordinates for side in coordinate.connection.sides]
-    return np.array([np.zeros(every.shape[1:]) if side.on_ground else every[side.node] for side in sides])
+def _coordinates(model: FullModel, every: np.ndarray) -> np.ndarray:
+    """Return the measured coordinates, shape (n_theta,), from the frames of all nodes (n_nodes, n_frame, 1)."""
+    space, coordinates = model.kinematics.mechanism.space, model.kinematics.coordinates
+    if space is SPATIAL:
+        return every[0, space.n_pose :, 0]
+    angles = [[0.0 if s.on_ground else every[s.node, 2, 0] for s in c.connection.sides] for c in coordinates]
+    return np.array([b - a for a, b in angles])
 
 
 def _check(run: Run, model: FullModel | ReducedModel) -> None:

@@ -1,0 +1,253 @@
+"""What the full-order equations of one sample are made of on one rank, in the plane and in space.
+
+`FullDistributed` solves them, whichever they are: numbering, constraints, masses, elements and forces come from here. In
+the plane the unknowns are those of nodes, ``(x, y, phi)``; in space natural coordinates (`mechanism.natural_coordinates`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from mpi4py import MPI
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.matrices import assemble, meshed_rows, owned_rows, weighted_sum
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.rank_elements import RankElements
+from pgmp_petsc.dynamics.rank_solids import RankSolid, rank_solids
+from pgmp_petsc.dynamics.spatial_masses import SpatialMasses, spatial_masses
+from pgmp_petsc.effects import Effect, actions_of, loads_of
+from pgmp_petsc.mechanism.connections import ConstraintSet, independent_constraints
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.natural_coordinates import JointAngle, NaturalUnknowns
+from pgmp_petsc.mechanism.quadratic_constraints import QuadraticConstraints, natural_constraints
+from pgmp_petsc.mechanism.space import PLANE, SPATIAL
+
+
+class Couple:
+    """A torque about the axis of a joint in space, whose axis turns with the bodies.
+
+    Attributes
+    ----------
+    effect
+        What it belongs to.
+    angle
+        The rotation that it does work on.
+    """
+
+    def __init__(self, effect: Effect, angle: JointAngle, scale: float) -> None:
+        self.effect, self.angle, self._scale = effect, angle, scale
+
+    def strength(self, time: float) -> float:
+        """Return the torque, N m."""
+        return self._scale * float(self.effect.amplitude(time))
+
+
+class FullEquations(Protocol):
+    """The equations of one sample on one rank.
+
+    Attributes
+    ----------
+    n_dofs
+        Number of unknowns.
+    rows
+        Those that this rank owns.
+    units
+        What the unknowns are measured in, over the mechanism's size or 1 rad: factors, shape (n_dofs,).
+    constraints
+        Without those that follow from others.
+    mass
+        This rank's rows, shape (n_rows, n_dofs).
+    elements
+        Beams and masses of nodes.
+    parts
+        Other elements.
+    load_effects, load_vectors
+        Effects with constant vectors, shape (n_loads, n_rows).
+    couples
+        Torques whose direction depends on the state.
+    local
+        Effects between points.
+    damping
+        Structural damping.
+    """
+
+    n_dofs: int
+    rows: range
+    units: np.ndarray
+    constraints: ConstraintSet | QuadraticConstraints
+    mass: sp.csr_matrix
+    elements: RankElements
+    parts: Sequence[RankSolid | SpatialMasses]
+    load_effects: Sequence[Effect]
+    load_vectors: np.ndarray
+    couples: Sequence[Couple]
+    local: LocalForces
+    damping: BodyDampings
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
+
+    def follow(self, q: np.ndarray) -> None:
+        """Take note of a state on the way, unknowns (n_dofs,), for what counts turns."""
+
+    def frames(self, q: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes as outputs take them, shape (n_nodes, n_frame, 1), for unknowns (n_dofs, 1)."""
+
+
+class PlanarEquations:
+    """A mechanism in the plane; see `FullEquations`."""
+
+    couples = ()
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        effects: Sequence[Effect],
+        values: Mapping[str, float],
+        initial: tuple[np.ndarray, np.ndarray],
+        comm: MPI.Comm,
+    ) -> None:
+        mechanism = self._mechanism = kinematics.mechanism
+        self._kinematics, self._initial = kinematics, initial
+        self.constraints = independent_constraints(kinematics, initial[0])
+        self.n_dofs = mechanism.n_dofs
+        self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
+        matrices = assemble(mechanism.bodies, self.rows)
+        loads = loads_of(effects, matrices)
+        by_name = {effect.name: effect for effect in effects}
+        self.load_effects = [by_name[load.effect] for load in loads]
+        vectors = [load.weight.evaluate(values) * load.vector for load in loads]
+        self.load_vectors = np.array(vectors).reshape(len(loads), len(self.rows))
+        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
+        self.damping = BodyDampings.of(effects, mechanism)
+        self.elements = RankElements(mechanism.bodies, self.rows, values, self.damping)
+        self.parts = tuple(rank_solids(mechanism.bodies, self.rows, values, self.damping))
+        self.mass = weighted_sum(matrices.mass, values)
+        self.units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        mechanism.by_node(self.units)[:, 2] = 1.0
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the start."""
+        return self._kinematics.undeformed(*self._initial)
+
+    def follow(self, q: np.ndarray) -> None:
+        """Do nothing: angles count turns."""
+
+    def frames(self, q: np.ndarray) -> np.ndarray:
+        """Return ``(x, y, phi)``."""
+        return self._mechanism.by_node(q)
+
+
+class SpatialEquations:
+    """A mechanism in space; see `FullEquations`."""
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        effects: Sequence[Effect],
+        values: Mapping[str, float],
+        initial: tuple[np.ndarray, np.ndarray],
+        comm: MPI.Comm,
+    ) -> None:
+        mechanism = kinematics.mechanism
+        unknowns = self._unknowns = NaturalUnknowns(mechanism)
+        self._kinematics, self._initial = kinematics, initial
+        self._coordinates = [JointAngle(unknowns, c.connection) for c in mechanism.coordinates]
+        self._counted = np.array(initial[0], dtype=float)
+        self.n_dofs = unknowns.n_dofs
+        self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
+        self.constraints = natural_constraints(unknowns).independent(self.start()[0])
+        self.damping = BodyDampings.of(effects, mechanism)
+        self.elements = RankElements((), self.rows, values, self.damping)
+        masses = spatial_masses(unknowns, self.rows, values, self.damping)
+        self.parts = (*rank_solids(unknowns.bodies, self.rows, values, self.damping), *masses)
+        self.mass = _mass(unknowns.bodies, masses, self.rows, values, self.n_dofs)
+        vectors = {effect: effect.natural_load(unknowns, self.mass, self.rows, values) for effect in effects}
+        vectors = {effect: vector for effect, vector in vectors.items() if vector is not None}
+        self.load_effects = list(vectors)
+        self.load_vectors = np.array(list(vectors.values())).reshape(len(vectors), len(self.rows))
+        couples = [(effect, effect.couple()) for effect in effects]
+        self.couples = [
+            Couple(effect, JointAngle(unknowns, connection), _at(scale, values))
+            for effect, (connection, scale) in filter(lambda pair: pair[1] is not None, couples)
+        ]
+        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
+        self.units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        unknowns.frames(self.units)[:, 3:] = 1.0
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the start."""
+        theta, rates = self._initial
+        poses = self._kinematics.poses(theta)
+        turning = self._kinematics.rates(poses)[..., 0] @ rates
+        return self._unknowns.place(poses[..., 0]), self._unknowns.place(turning)
+
+    def follow(self, q: np.ndarray) -> None:
+        """Count the turns of the coordinates."""
+        if np.all(np.isfinite(q)):
+            for number, angle in enumerate(self._coordinates):
+                away = SPATIAL.principal(angle.value(q) - self._counted[number])
+                self._counted[number] += away
+
+    def frames(self, q: np.ndarray) -> np.ndarray:
+        """Return position, directors and the coordinates."""
+        self.follow(q[:, 0])
+        frames = self._unknowns.frames(q)
+        counted = np.broadcast_to(self._counted[None, :, None], (len(frames), self._counted.size, 1))
+        return np.concatenate([frames, counted], axis=1)
+
+
+def full_equations(
+    kinematics: RigidKinematics,
+    effects: Sequence[Effect],
+    values: Mapping[str, float],
+    initial: tuple[np.ndarray, np.ndarray],
+    comm: MPI.Comm,
+) -> FullEquations:
+    """Return the equations of one sample on this rank.
+
+    Parameters
+    ----------
+    kinematics
+        Rigid kinematics; the start is an undeformed configuration.
+    effects
+        Effects of the scene.
+    values
+        Parameter values.
+    initial
+        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each of shape (n_theta,).
+    comm
+        Ranks that share the model.
+    """
+    make = PlanarEquations if kinematics.mechanism.space is PLANE else SpatialEquations
+    return make(kinematics, effects, values, initial, comm)
+
+
+def _at(scale: Quantity, values: Mapping[str, float]) -> float:
+    return float(scale.at(values))
+
+
+def _mass(
+    bodies: Sequence[Body], masses: Sequence[SpatialMasses], rows: range, values: Mapping[str, float], n_dofs: int
+) -> sp.csr_matrix:
+    """Return the given rows of the mass matrix of meshes and frames."""
+    row, column, data = [], [], []
+    for body in bodies:
+        if body.meshed is not None:
+            for weight, matrix in meshed_rows(body, rows, "mass").items():
+                row.append(matrix.row)
+                column.append(matrix.col)
+                data.append(float(weight.evaluate(values)) * matrix.data)
+    for part in masses:
+        row.append(np.repeat(part.dofs, part.dofs.shape[1], axis=1).ravel())
+        column.append(np.tile(part.dofs, (1, part.dofs.shape[1])).ravel())
+        data.append(part.mass.ravel())
+    row, column, data = map(np.concatenate, (row, column, data))
+    owned = (row >= rows.start) & (row < rows.stop)
+    return sp.coo_matrix((data[owned], (row[owned] - rows.start, column[owned])), shape=(len(rows), n_dofs)).tocsr()
