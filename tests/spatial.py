@@ -161,7 +161,8 @@ def assembled(*tables: str, joint: str = "drive", coordinate: str = TURN) -> Sce
 
 
 def slider_place(theta: np.ndarray) -> np.ndarray:
-    """Return the slider's x (m) of the spatial slider-crank, shape (n,): the crank's tip, and the rod's length from there."""
+    """Return the slider's x (m) of the spatial slider-crank, shape (n,): the crank's tip, and the rod's length from
+    there."""
     _, y, z = crank_tip(theta)
     return np.sqrt(ROD**2 - y**2 - z**2)
 

@@ -197,7 +197,8 @@ class Body:
         return self._own_weights("stiffness") if self.flexible else set()
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
-        """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is one."""
+        """Return the weights of ``"mass"`` or ``"stiffness"`` in a reduced model: those of the condensed body, if it is
+        one."""
         if self.meshed is None:
             return self.mass_weights if kind == "mass" else self.stiffness_weights
         lumped = {weight for lumps in self.lumps.values() for weight in lumps} if kind == "mass" else set()

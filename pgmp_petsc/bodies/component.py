@@ -55,7 +55,8 @@ class Component:
 
     @property
     def spreading(self) -> np.ndarray:
-        """What of y makes the displacement ``u = x`` of every place x, shape (n,): the direction of centripetal forces."""
+        """What of y makes the displacement ``u = x`` of every place x, shape (n,): the direction of centripetal
+        forces."""
         d = self.centres.shape[1]
         return sum(self.fields[:, d * (1 + i) + i] for i in range(d))
 

@@ -120,7 +120,8 @@ def tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
 def viscous_forces(
     places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the forces of a stress ``lambda tr(E') 1 + 2 mu E'``, which rigid motion does not feel, and ``d force/d rate``.
+    """Return the forces of a stress ``lambda tr(E') 1 + 2 mu E'``, which rigid motion does not feel, and ``d force/d
+    rate``.
 
     Parameters
     ----------

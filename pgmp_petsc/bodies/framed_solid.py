@@ -94,7 +94,8 @@ class FramedSolid:
         return FramedSolid(Solid(solid.name, mesh, regions), frames, solid.section_scale)
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
-        """Return the weights of the terms of ``"mass"`` or ``"stiffness"`` that the body has condensed, where scales are kept."""
+        """Return the weights of the terms of ``"mass"`` or ``"stiffness"`` that the body has condensed, where scales
+        are kept."""
         weights, scale = self.solid.weights(kind), self.drawn or self.solid.section_scale
         if scale is None:
             return weights
@@ -108,8 +109,8 @@ def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:
     extent = float(np.ptp(mesh.nodes, axis=0).max())
     if not frame.radius > SMALLEST_RADIUS * extent:
         raise InputError(
-            f'{blame} = "{point}": its {len(faces)} faces have a radius of gyration of {frame.radius:.3g} m, too small to '
-            f"carry a rotation; more than {SMALLEST_RADIUS * extent:.3g} m is needed"
+            f'{blame} = "{point}": its {len(faces)} faces have a radius of gyration of {frame.radius:.3g} m, too small '
+            f"to carry a rotation; more than {SMALLEST_RADIUS * extent:.3g} m is needed"
         )
     return frame
 
@@ -120,13 +121,14 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
     off, spread = np.abs(frame.centre[1:]).max(), np.ptp(mesh.nodes[frame.nodes, 0])
     if off > ON_AXIS * extent:
         raise InputError(
-            f'{entry}: the faces of "{point}" have their centre {off:.3g} m off the x axis of the mesh; sections are scaled '
-            f"about it, so that points that joints, effects and outputs name have to be on it (to {ON_AXIS * extent:.3g} m)"
+            f'{entry}: the faces of "{point}" have their centre {off:.3g} m off the x axis of the mesh; sections '
+            "are scaled about it, so that points that joints, effects and outputs name have to be on it (to "
+            f"{ON_AXIS * extent:.3g} m)"
         )
     if spread > ON_AXIS * extent:
         raise InputError(
-            f'{entry}: the faces of "{point}" extend over {spread:.3g} m along the x axis of the mesh; groups of a body with '
-            "a scaled cross-section are sections across the axis"
+            f'{entry}: the faces of "{point}" extend over {spread:.3g} m along the x axis of the mesh; groups of a '
+            "body with a scaled cross-section are sections across the axis"
         )
 
 
@@ -141,8 +143,8 @@ def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mes
         if taken.size:
             other = list(entry.regions)[owner[taken[0]] - 1]
             raise InputError(
-                f"bodies.{name}.regions.{region}: {taken.size} of its {cells.size} cells are in region {other} as well; "
-                "every cell has one material"
+                f"bodies.{name}.regions.{region}: {taken.size} of its {cells.size} cells are in region {other} as "
+                "well; every cell has one material"
             )
         names.append(material)
         owner[cells] = len(names) - 1

@@ -107,7 +107,8 @@ def _assemble_terms(
 
 
 def meshed_rows(body: Body, rows: range, kind: str) -> dict[Monomial, sp.coo_matrix]:
-    """Return the entries of a continuum body's ``"mass"`` or ``"stiffness"`` on its mesh, for rows among all unknowns."""
+    """Return the entries of a continuum body's ``"mass"`` or ``"stiffness"`` on its mesh, for rows among all
+    unknowns."""
     solid, d = body.meshed.solid, body.meshed.solid.mesh.dimension
     first = min(max(rows.start - body.first_internal, 0), solid.n_dofs)
     last = min(max(rows.stop - body.first_internal, 0), solid.n_dofs)

@@ -5,8 +5,8 @@ thickness). Derivatives across the axis are then 1/s of those on the mesh and vo
 
     M = s^2 M_2,    K = s^2 K_2 + s K_1 + K_0,
 
-where K_2, K_1 and K_0 hold the products of strains with none, one and two derivatives across the axis: exact terms of the
-mapped energy, not a Taylor series.
+where K_2, K_1 and K_0 hold the products of strains with none, one and two derivatives across the axis: exact terms of
+the mapped energy, not a Taylor series.
 """
 
 from __future__ import annotations

@@ -93,7 +93,8 @@ class BodyProblem:
         self._solver.factor(self.stiffness, self.mass)
 
     def _lowest(self) -> float:
-        """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the place."""
+        """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the
+        place."""
         from mpi4py import MPI
 
         fields = polynomial_fields(self._places, self.comm)
@@ -208,13 +209,14 @@ def _serve(
         elif subspace.add(answer) == 0:
             break
     raise RunError(
-        f"bodies.{name}: the answers of its frames are still {error:.2g} off with {subspace.n} vectors; the mesh may be too "
-        "fine for double precision"
+        f"bodies.{name}: the answers of its frames are still {error:.2g} off with {subspace.n} vectors; the mesh may "
+        "be too fine for double precision"
     )
 
 
 def _tests(values: np.ndarray) -> np.ndarray:
-    """Choose values of lambda up to the highest eigenvalue, in the middle between eigenvalues, where answers stay finite."""
+    """Choose values of lambda up to the highest eigenvalue, in the middle between eigenvalues, where answers stay
+    finite."""
     distinct = np.concatenate([[0.0], values[np.diff(values, prepend=0.0) > 1e-3 * values]])
     middles = 0.5 * (distinct[1:] + distinct[:-1])
     chosen = np.unique(np.linspace(0, middles.size - 1, min(N_TESTS, middles.size)).round().astype(int))
@@ -306,14 +308,16 @@ def _projected(matrix: sp.csr_matrix, vectors: np.ndarray, comm: MPI.Comm) -> np
 
 
 def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to round-off."""
+    """Return what takes rigid motion out of coordinates, shape (n, n): its exact stiffness of zero is not left to
+    round-off."""
     spins = [fields[:, d * (1 + i) + j] - fields[:, d * (1 + j) + i] for i in range(d) for j in range(i)]
     rigid = np.linalg.qr(np.column_stack([fields[:, :d], *spins]))[0]
     return np.eye(len(mass)) - rigid @ np.linalg.solve(rigid.T @ mass @ rigid, rigid.T @ mass)
 
 
 def _frame_shapes(stiffness: np.ndarray, frame_of: np.ndarray) -> np.ndarray:
-    """Return what has the least strain energy among all that moves one unknown of the frames by 1, shape (n, n_frame)."""
+    """Return what has the least strain energy among all that moves one unknown of the frames by 1, shape (n,
+    n_frame)."""
     n_frame, n = frame_of.shape
     scale = np.linalg.norm(stiffness) / np.linalg.norm(frame_of) ** 2  # both parts of one size, for the pivots' sake
     saddle = np.block([[stiffness, scale * frame_of.T], [scale * frame_of, np.zeros((n_frame, n_frame))]])

@@ -35,7 +35,8 @@ def condensed(
     finished: Finished | None = None,
     timings: Timings | None = None,
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on ``group.world``.
+    """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on
+    ``group.world``.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ def condensed(
 
 
 def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> RankGroup:
-    """Return the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is small.
+    """Return the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
+    small.
 
     Collective on ``group.world``.
     """
@@ -84,12 +86,20 @@ def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> RankGroup:
 
 
 def _points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
-    """Return the parameter values to serve: where one factor is all that changes, those of any point serve everywhere."""
+    """Return the parameter values to serve: where one factor is all that changes, those of any point serve
+    everywhere."""
     solid = meshed.solid
     if max(len(solid.weights("mass")), len(solid.weights("stiffness"))) == 1:
         return [scene.nominal]
     used = {name for kind in ("mass", "stiffness") for weight in solid.weights(kind) for name, _ in weight.powers}
-    spanning, n = spanning_values(scene)
+    varied = [name for name in sorted(used) if _varies(scene, name)]
+    spanning, n = spanning_values(scene, varied)
     # values that the body does not feel are left at the nominal ones
     points = [scene.nominal | {name: float(spanning[name][k]) for name in used} for k in range(n)]
     return [scene.nominal, *(point for k, point in enumerate(points) if point not in [scene.nominal, *points[:k]])]
+
+
+def _varies(scene: Scene, name: str) -> bool:
+    """Return whether it is known how far a parameter may be from its nominal value."""
+    parameter = scene.parameters[name]
+    return parameter.distribution is not None or parameter.bounds is not None

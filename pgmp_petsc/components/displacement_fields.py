@@ -1,4 +1,5 @@
-"""Displacement fields that are polynomials of the place: rigid motion, what stretches a body, first guesses of modes."""
+"""Displacement fields that are polynomials of the place: rigid motion, what stretches a body, first guesses of
+modes."""
 
 from __future__ import annotations
 

@@ -1,16 +1,17 @@
 """Coordinates of a condensed body with a scaled cross-section: those in which what a scale does to a motion is least.
 
-With the scale s (`bodies.section_scale`) mass and stiffness of the displacements on the mesh are affine in its powers. But a
-motion of the body is another one on the mesh for every s: the mean rotation of a section is 1/s of that on the mesh, linear
-fields with a coordinate across the axis are s of those on the mesh, and so are the axial displacements of bending, the
-turning ones of torsion, the lateral ones of stretching. What the axis does, the mean of a section, is the same. So
+With the scale s (`bodies.section_scale`) mass and stiffness of the displacements on the mesh are affine in its powers.
+But a motion of the body is another one on the mesh for every s: the mean rotation of a section is 1/s of that on the
+mesh, linear fields with a coordinate across the axis are s of those on the mesh, and so are the axial displacements of
+bending, the turning ones of torsion, the lateral ones of stretching. What the axis does, the mean of a section, is the
+same. So
 
     u = V T(s) y,    T(s) = T_0 + s T_1,
 
-with V the body's frames and internal coordinates at s = 1, T_0 the part of a motion that is a function of the place along
-the axis alone, T_1 the rest: a mode shape y of one section then is nearly one of the others. Exactly constant are the frames
-and the linear displacement fields C, those across the axis being s C_1 on the mesh: ``T(s) C = C - C_1 + s C_1``.
-``T^T M T`` and ``T^T K T`` are affine again, with two powers more, and everything else is as without a scale.
+with V the body's frames and internal coordinates at s = 1, T_0 the part of a motion that is a function of the place
+along the axis alone, T_1 the rest: a mode shape y of one section then is nearly one of the others. Exactly constant are
+the frames and the linear displacement fields C, those across the axis being s C_1 on the mesh: ``T(s) C = C - C_1 + s
+C_1``. ``T^T M T`` and ``T^T K T`` are affine again, with two powers more, and everything else is as without a scale.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 
-DEGREE = 24  # of polynomials along the axis: modes with fewer than half as many waves are well told from what varies across it
+DEGREE = 24  # of polynomials along the axis, for modes with up to half as many waves
 DEPENDENT = 1e-10  # of the largest square: a coarse mesh does not tell all of them apart
 
 
 def axial_fields(places: np.ndarray, lowest: float, highest: float) -> np.ndarray:
-    """Return displacement fields that are polynomials of x alone, shape (n d, d (DEGREE + 1)), at places (n, d) with x between."""
+    """Return displacement fields that are polynomials of x alone, shape (n d, d (DEGREE + 1)), at places (n, d) with x
+    between."""
     n, d = places.shape
     along = legvander((2.0 * places[:, 0] - lowest - highest) / (highest - lowest), DEGREE)
     return np.einsum("nk,ij->nikj", along, np.eye(d)).reshape(n * d, -1)

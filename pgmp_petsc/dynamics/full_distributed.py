@@ -200,7 +200,8 @@ class FullDistributed:
                 energies.add_power(name, power)
         for couple in self._couples:
             gradient, _ = couple.angle.derivatives(q)
-            energies.add_power(couple.effect.name, np.array([couple.strength(time) * (gradient @ v[couple.angle.dofs])]))
+            power = couple.strength(time) * (gradient @ v[couple.angle.dofs])
+            energies.add_power(couple.effect.name, np.array([power]))
         for motion, multiplier in zip(self._motions, multipliers[multipliers.size - len(self._motions) :]):
             energies.add_power(motion.name, np.array([-multiplier * motion.at(time)[1]]))
 

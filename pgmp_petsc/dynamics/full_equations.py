@@ -1,7 +1,8 @@
 """What the full-order equations of one sample are made of on one rank, in the plane and in space.
 
-`FullDistributed` solves them, whichever they are: numbering, constraints, masses, elements and forces come from here. In
-the plane the unknowns are those of nodes, ``(x, y, phi)``; in space natural coordinates (`mechanism.natural_coordinates`).
+`FullDistributed` solves them, whichever they are: numbering, constraints, masses, elements and forces come from here.
+In the plane the unknowns are those of nodes, ``(x, y, phi)``; in space natural coordinates
+(`mechanism.natural_coordinates`).
 """
 
 from __future__ import annotations
@@ -97,7 +98,8 @@ class FullEquations(Protocol):
         """Take note of a state on the way, unknowns (n_dofs,), for what counts turns."""
 
     def frames(self, q: np.ndarray) -> np.ndarray:
-        """Return the frames of all nodes as outputs take them, shape (n_nodes, n_frame, 1), for unknowns (n_dofs, 1)."""
+        """Return the frames of all nodes as outputs take them, shape (n_nodes, n_frame, 1), for unknowns (n_dofs,
+        1)."""
 
 
 class PlanarEquations:

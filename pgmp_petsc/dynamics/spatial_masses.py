@@ -17,7 +17,8 @@ from pgmp_petsc.mechanism.natural_coordinates import N_POSE, NaturalUnknowns
 
 
 class SpatialMasses:
-    """The masses of frames that touch one rank's unknowns; the interface is that of `RankSolid`, for frames of one body.
+    """The masses of frames that touch one rank's unknowns; the interface is that of `RankSolid`, for frames of one
+    body.
 
     Parameters
     ----------

@@ -73,7 +73,8 @@ class Effect:
         return None
 
     def couple(self) -> tuple[SpatialConnection, Quantity] | None:
-        """Return the joint in space about whose axis the effect turns, and what the amplitude is to be multiplied with."""
+        """Return the joint in space about whose axis the effect turns, and what the amplitude is to be multiplied
+        with."""
         return None
 
     def actions(self) -> list[Action]:

@@ -49,7 +49,8 @@ class Attachment:
 
     @property
     def pose_map(self) -> np.ndarray:
-        """What of a pose turns the point's frame, shape (3, 3); its position turns with it, which no coordinate measures."""
+        """What of a pose turns the point's frame, shape (3, 3); its position turns with it, which no coordinate
+        measures."""
         return np.eye(N_FRAME)
 
     def frame_of_node(self, q: np.ndarray) -> np.ndarray:

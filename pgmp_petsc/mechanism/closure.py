@@ -126,7 +126,8 @@ class LoopClosure:
         return result.reshape(-1, self.n_pose, n_theta, n_theta, n)
 
     def _pushed(self, side: Attachment, moving: np.ndarray) -> np.ndarray:
-        """Return how a side's frame moves, shape (n_pose, n_theta, n), where poses move by (n_bodies n_pose, n_theta, n)."""
+        """Return how a side's frame moves, shape (n_pose, n_theta, n), where poses move by (n_bodies n_pose, n_theta,
+        n)."""
         if side.on_ground:
             return np.zeros((self.n_pose, *moving.shape[1:]))
         return np.tensordot(side.pose_map, moving[self._own(side)], axes=1)

@@ -17,7 +17,8 @@ from pgmp_petsc.mechanism.null_space import null_space
 
 
 class ConstraintSet:
-    """Constraints ``c(q) = 0`` of a mechanism's joints and frame ties, and ``phi_b - phi_a`` of the joints that are driven.
+    """Constraints ``c(q) = 0`` of a mechanism's joints and frame ties, and ``phi_b - phi_a`` of the joints that are
+    driven.
 
     Parameters
     ----------

@@ -162,7 +162,8 @@ class _Front:
         return _Front(self.closure, theta, poses)
 
     def _check_change(self, k: int, after: np.ndarray, jacobian: np.ndarray) -> None:
-        """Bisect for the place on the way to a neighbour where the orientation of J, (1, n_rows, n_poses) here, changes.
+        """Bisect for the place on the way to a neighbour where the orientation of J, (1, n_rows, n_poses) here,
+        changes.
 
         It is refused if J is singular there; with redundant constraints its columns may have turned far.
         """

@@ -61,7 +61,8 @@ class Coordinate:
         return gradient, None
 
     def body_gradient(self, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives in them, in body frames."""
+        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives in them, in body
+        frames."""
         sides = self.connection.sides
         if not isinstance(self.connection, SpatialConnection):
             return [(s.dofs[2:], np.array([sign])) for sign, s in zip((-1.0, 1.0), sides) if not s.on_ground]

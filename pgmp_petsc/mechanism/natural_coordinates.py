@@ -1,8 +1,8 @@
 """The unknowns of full-order models in space: natural coordinates of frames, and the positions of meshes.
 
 Every node, the frame of a group of faces or the centre of mass of a rigid body, has the twelve numbers of its frame,
-position and directors (`space`); after all of them come the positions of the meshes' nodes. Rigid motion, joints and ties
-are then polynomials of first and second degree (Garcia de Jalon and Bayo 1994), and nothing is singular anywhere.
+position and directors (`space`); after all of them come the positions of the meshes' nodes. Rigid motion, joints and
+ties are then polynomials of first and second degree (Garcia de Jalon and Bayo 1994), and nothing is singular anywhere.
 """
 
 from __future__ import annotations
@@ -135,7 +135,8 @@ class JointAngle:
         return float(angle_between(self._axes, *self._sides.frames(q)))
 
     def derivatives(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return first (m,) and second derivatives (m, m); see `angle_derivatives` for what the second ones hold for."""
+        """Return first (m,) and second derivatives (m, m); see `angle_derivatives` for what the second ones hold
+        for."""
         gradient, hessian = angle_derivatives(self._axes, *self._sides.frames(q))
         return gradient @ self._sides.map, self._sides.map.T @ hessian @ self._sides.map
 

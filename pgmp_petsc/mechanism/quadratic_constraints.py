@@ -2,7 +2,8 @@
 
     c_r = g_r + sum G_ri q_i + sum B_rk q_i(k) q_j(k)
 
-A frame (p, d_1, d_2, d_3) is tied to the nodes x_i of its faces, with their weights w_i and arms a_i (`bodies.face_frame`), by
+A frame (p, d_1, d_2, d_3) is tied to the nodes x_i of its faces, with their weights w_i and arms a_i
+(`bodies.face_frame`), by
 
     p - sum_i w_i x_i = 0,    1/h sum_k d_k x (sum_i a_ik x_i) = 0,    2 h = tr int X' X'^T dA / A + ...,
 
@@ -91,7 +92,8 @@ class QuadraticConstraints:
         """Return c, shape (n_constraints, 1), for unknowns (n_dofs, 1); m, 1 or rad."""
         q = q[:, 0]
         (row, i, factor), (rows, j, k, factors) = self._linear, self._bilinear
-        found = self._constant + np.bincount(row, factor * q[i], self._n) + np.bincount(rows, factors * q[j] * q[k], self._n)
+        found = self._constant + np.bincount(row, factor * q[i], self._n)
+        found += np.bincount(rows, factors * q[j] * q[k], self._n)
         away = np.array([angle.value(q) for angle in self._angles])
         if self.n_driven:
             away = SPATIAL.principal(away - np.ravel(driven))
@@ -178,9 +180,7 @@ def of_joint(
     row, i = np.nonzero(slope)
     rows, j, k = np.nonzero(np.tril(curvature))
     factors = np.where(j == k, 0.5, 1.0) * curvature[rows, j, k]
-    return Polynomials(
-        constant, (row, frames.dofs[i], slope[row, i]), (rows, frames.dofs[j], frames.dofs[k], factors)
-    )
+    return Polynomials(constant, (row, frames.dofs[i], slope[row, i]), (rows, frames.dofs[j], frames.dofs[k], factors))
 
 
 def _ties(unknowns: NaturalUnknowns) -> Iterator[Polynomials]:

@@ -45,7 +45,8 @@ class Space(Protocol):
     identity: np.ndarray
 
     def units(self, size: float) -> np.ndarray:
-        """Return what the numbers of a pose are measured in, shape (n_pose,): the size for lengths, 1 for directions."""
+        """Return what the numbers of a pose are measured in, shape (n_pose,): the size for lengths, 1 for
+        directions."""
 
     def turns(self, step: np.ndarray) -> np.ndarray:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
@@ -72,10 +73,12 @@ class Space(Protocol):
         """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
 
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k, ...)."""
+        """Return the coefficients (d + d^2, k, ...) of velocities for poses (n_pose, ...) and rates (n_pose, k,
+        ...)."""
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k, k) of accelerations for second derivatives of the pose (n_pose, k, k)."""
+        """Return the coefficients (d + d^2, k, k) of accelerations for second derivatives of the pose (n_pose, k,
+        k)."""
 
 
 class Plane:

@@ -167,7 +167,8 @@ def _joint(kind: str, parts: Iterable[_Meet | _Perpendicular | _Along]) -> Spati
 
 
 def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
-    """Return an orthonormal triad whose first column is along an axis and whose second is nearest to another direction."""
+    """Return an orthonormal triad whose first column is along an axis and whose second is nearest to another
+    direction."""
     first = axis / np.linalg.norm(axis)
     if second is None:
         second = np.eye(3)[np.argmin(np.abs(first))]

@@ -135,7 +135,8 @@ class Sampler:
         return rotation
 
     def _waves(self, n_waves: int) -> np.ndarray:
-        """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by accident.
+        """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
+        accident.
 
         Internal coordinates of condensed bodies have no meaning of their own; the waves over the bodies' meshes have.
         """

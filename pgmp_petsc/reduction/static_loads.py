@@ -61,7 +61,8 @@ class StaticLoads:
     def _answered(self, problem: ModalProblem) -> StaticLoads:
         """Return the loads without those whose answers are combinations of others wherever they are tried.
 
-        A guide takes up a part of the weight of a rigid body, for one: its answers along two axes are then the same one.
+        A guide takes up a part of the weight of a rigid body, for one: its answers along two axes are then the same
+        one.
         """
         n_fixed, n_turning = self.patterns.shape[1], len(self.actions)
         if not n_fixed + n_turning + self.accelerations.size:

@@ -102,8 +102,8 @@ class Body(Table):
     )
     section_scale: PositiveOrParameter | None = Field(
         None,
-        description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh has "
-        "1; a number or a parameter's name",
+        description="scale of the cross-section of a continuum body about the x axis of its mesh, of which the mesh "
+        "has 1; a number or a parameter's name",
     )
     regions: dict[Name, str] = Field(
         {}, description="materials of named regions of the mesh, other than the body's; continuum elements only"

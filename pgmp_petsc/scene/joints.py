@@ -95,7 +95,8 @@ class Spherical(_Joint):
 
 
 class Universal(_Joint):
-    """Two points share their position, and an axis of each body stays at a right angle to one of the other. In space."""
+    """Two points share their position, and an axis of each body stays at a right angle to one of the other. In
+    space."""
 
     n_constraints: ClassVar[dict[int, int]] = {3: 4}
     type: Literal["universal"]

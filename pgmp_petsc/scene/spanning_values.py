@@ -7,6 +7,7 @@ together (corners).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -15,6 +16,7 @@ from pgmp_petsc.scene.schema import Scene
 
 OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
 SMALLEST = 1e-9  # probability above which a parameter that must be positive is so
+LEAST_SHARE = 0.1  # of the nominal value, of a parameter that must be positive and may be as small as 0
 MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
 
 
@@ -23,9 +25,15 @@ def uncertain_names(scene: Scene) -> list[str]:
     return sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
 
 
-def spanning_values(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
-    """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples."""
-    names = uncertain_names(scene)
+def spanning_values(scene: Scene, names: Sequence[str] | None = None) -> tuple[dict[str, np.ndarray], int]:
+    """Return the values of every parameter, shape (n_samples,), the nominal ones first, and n_samples.
+
+    Parameters
+    ----------
+    names
+        Parameters that vary, each with a distribution or with bounds; by default those with a distribution.
+    """
+    names = uncertain_names(scene) if names is None else names
     levels = {name: _levels(scene, name) for name in names}
     samples = [dict(scene.nominal)]
     for name, (low, high) in levels.items():
@@ -44,6 +52,9 @@ def spanning_values(scene: Scene) -> tuple[dict[str, np.ndarray], int]:
 def _levels(scene: Scene, name: str) -> tuple[float, float]:
     """Return the outermost values of a parameter, bounds applied as an ensemble applies them."""
     parameter = scene.parameters[name]
+    if parameter.distribution is None:
+        low, high = parameter.bounds
+        return (LEAST_SHARE * parameter.nominal if name in scene.positive_parameters and low <= 0.0 else low), high
     law = parameter.frozen()
     low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
     least, most = law.cdf(low), law.cdf(high)

@@ -201,8 +201,8 @@ def _condensing(mechanism: Mechanism) -> list[str]:
     largest = max(solids, key=lambda solid: solid.n_dofs)
     # neighbouring cells share entries: about half of those of all elements are left
     return [
-        f"  memory        sparse matrices about {_size(0.5 * entries * (BYTES + 4) * 2)}, factors more (--trial measures "
-        f"them); {largest.name} has {largest.n_dofs} unknowns"
+        f"  memory        sparse matrices about {_size(0.5 * entries * (BYTES + 4) * 2)}, factors more (--trial "
+        f"measures them); {largest.name} has {largest.n_dofs} unknowns"
     ]
 
 

@@ -1,4 +1,5 @@
-"""A scaled cross-section against the mesh that has it: exact terms, condensed matrices, and groups that cannot be scaled."""
+"""A scaled cross-section against the mesh that has it: exact terms, condensed matrices, and groups that cannot be
+scaled."""
 
 from __future__ import annotations
 

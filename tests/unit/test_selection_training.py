@@ -54,6 +54,14 @@ def test_the_value_of_a_run_is_tried_too() -> None:
     assert n == 2
 
 
+def test_bounds_span_a_parameter_without_a_distribution_where_asked_for() -> None:
+    bounded = slider_crank("parameters.r1={nominal=5e-3, bounds=[4e-3, 7e-3]}")
+    np.testing.assert_array_equal(spanning_values(bounded)[0]["r1"], [5e-3])
+    np.testing.assert_allclose(spanning_values(bounded, ["r1"])[0]["r1"], [5e-3, 4e-3, 4.5e-3, 6e-3, 7e-3])
+    from_nothing = slider_crank("parameters.r1={nominal=5e-3, bounds=[0.0, 7e-3]}")
+    assert spanning_values(from_nothing, ["r1"])[0]["r1"].min() == 5e-4
+
+
 def test_without_parameters_or_torques_nothing_is_varied_and_that_is_said() -> None:
     training = Training.of(pendulum('effects.weight={type="gravity"}'))
     assert training.n_samples == 1 and training.values == {}

@@ -1,4 +1,5 @@
-"""Joints in space: what they hold and leave free, their derivatives, their place on bodies, and the angle of a hinge."""
+"""Joints in space: what they hold and leave free, their derivatives, their place on bodies, and the angle of a
+hinge."""
 
 from __future__ import annotations
 

@@ -117,14 +117,18 @@ def test_tables_of_the_condensed_mechanism_are_those_of_the_meshes(theta: float)
 
 # half of the crank is of another material, whose modulus is uncertain
 TWO_MATERIALS = (
-    'parameters={E={nominal=7e10, distribution={name="norm", loc=7e10, scale=5e9}}}',
     'materials.alloy={E="E", nu=0.33, rho=2700.0}',
     'bodies.crank.regions={half="alloy"}',
 )
 
 
-def test_frequencies_of_two_materials_at_other_values_of_a_parameter() -> None:
-    scene, meshes = solid_slider_crank(*TWO_MATERIALS, f"reduction.modes={N_MODES}"), solid_meshes("quad8", 20)
+@pytest.mark.parametrize(
+    "known", ['distribution={name="norm", loc=7e10, scale=5e9}', "bounds=[5.5e10, 8.5e10]"], ids=["law", "bounds"]
+)
+def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str) -> None:
+    modulus = f"parameters={{E={{nominal=7e10, {known}}}}}"
+    scene = solid_slider_crank(modulus, *TWO_MATERIALS, f"reduction.modes={N_MODES}")
+    meshes = solid_meshes("quad8", 20)
     crank = meshes["crank"]
     half = np.flatnonzero(crank.nodes[crank.cells].mean(axis=1)[:, 0] > 0.15)
     meshes["crank"] = replace(crank, regions={"half": half})

@@ -1,4 +1,5 @@
-"""Full-order runs in space: constraints and their derivatives, against reduced models, beams in the plane, closed forms, ranks."""
+"""Full-order runs in space: constraints and their derivatives, against reduced models, beams in the plane, closed
+forms, ranks."""
 
 from __future__ import annotations
 
@@ -171,9 +172,10 @@ def test_the_reduced_run_is_that_of_the_full_order_model(
     np.testing.assert_allclose(full.outputs["angle"], full.coordinates[:, 0], atol=1e-12)
 
 
+RAMP = "table=[[0.0, 0.0], [0.05, 5.0], [1.0, 5.0]]"
 EFFECTS = (
-    "effects={pull={type='force', point='rod:tip', direction=[1.0, 0.0, 1.0], table=[[0.0, 0.0], [0.05, 5.0], [1.0, 5.0]]},"
-    "push={type='force', point='crank:tip', direction=[0.0, 0.0, 1.0], table=[[0.0, 0.0], [0.05, 5.0], [1.0, 5.0]]},"
+    f"effects={{pull={{type='force', point='rod:tip', direction=[1.0, 0.0, 1.0], {RAMP}}},"
+    f"push={{type='force', point='crank:tip', direction=[0.0, 0.0, 1.0], {RAMP}}},"
     "knob={type='point_mass', point='rod:tip', mass=0.2, inertia=1e-4},"
     "friction={type='structural_damping', stiffness=1e-4, mass=2.0},"
     "motor={type='torque', joint='crank_hinge', table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}}"
@@ -181,7 +183,8 @@ EFFECTS = (
 
 
 def test_effects_together() -> None:
-    """Forces across the plane and on the guided point, a point mass with inertia, both dampings and a torque; balance within the step's error."""
+    """Forces across the plane and on the guided point, a point mass with inertia, both dampings and a torque; balance
+    within the step's error."""
     made = slider_crank_in_space(*over(0.1), EFFECTS, outputs("crank_hinge", "crank:tip", "z"), *ACCURATE)
     full, reduced = full_run(made), reduced_run(made)
     for name, limit in (("angle", 3e-4), ("position", 5e-6), ("deformation", 0.05)):
@@ -205,7 +208,8 @@ def test_a_planar_mechanism_moves_in_space_as_beams_do_in_the_plane() -> None:
         "parameters={}", *bodies, *over(0.2), f"effects={{motor={torque}}}", SLIDER, "reduction.parameter_modes=0"
     )
     expected = simulate_full(FullModel(plane, meshes_of(plane)), MPI.COMM_SELF)
-    found = full_run(slider_crank_in_space(*over(0.2), TORQUE, SLIDER, 'bodies.crank.mesh="0.0:0.3:5"', 'bodies.rod.mesh="0.3:1.0:9"'))
+    finer = ('bodies.crank.mesh="0.0:0.3:5"', 'bodies.rod.mesh="0.3:1.0:9"')
+    found = full_run(slider_crank_in_space(*over(0.2), TORQUE, SLIDER, *finer))
     for name, limit in (("angle", 1e-3), ("position", 1e-4), ("deformation", 0.03)):
         values = expected.outputs[name]
         assert largest(found.outputs[name] - values, values) < limit, name
@@ -236,7 +240,8 @@ def test_a_prescribed_coordinate_turns_as_prescribed_and_counts_its_turns() -> N
 
 
 def test_effects_find_their_vectors() -> None:
-    """The weight is that of the whole mass, whatever it is spread over; its work is that of the fall of the centre of mass."""
+    """The weight is that of the whole mass, whatever it is spread over; its work is that of the fall of the centre of
+    mass."""
     made = spatial_slider_crank()
     model = FullModel(made, bars_of(made))
     with model.distributed(made.values, MPI.COMM_SELF) as system:

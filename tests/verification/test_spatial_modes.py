@@ -1,4 +1,5 @@
-"""Modes of mechanisms in space: beams in the plane, closed forms, bodies that are not condensed, and nearly equal modes."""
+"""Modes of mechanisms in space: beams in the plane, closed forms, bodies that are not condensed, and nearly equal
+modes."""
 
 from __future__ import annotations
 
