@@ -1,0 +1,34 @@
+"""``pgmp check --trial``: what a build of continuum bodies will take, on any number of ranks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+from conftest import ROOT
+from runs import PGMP, pgmp
+
+from pgmp_petsc.components.trial import FACTORS
+
+SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
+TRIAL = re.compile(
+    r"trial +rod, 1130 unknowns: assembly (\S+) s, factorisation (\S+) s, solve (\S+) s\n"
+    r" +build +about (\S+) s for condensing the bodies, (\S+) ([MG])B on all ranks"
+)
+
+
+@pytest.mark.parametrize("n_ranks", [1, 3])
+def test_the_largest_body_is_tried(mpirun: Callable, n_ranks: int) -> None:
+    found = TRIAL.search(mpirun(n_ranks, *PGMP, "check", SOLID, "--trial").stdout)
+    assembly, factorisation, solve, build, memory = map(float, found.groups()[:5])
+    assert min(assembly, factorisation, solve) > 0.0
+    # more than the steps that it is made of, each taken once
+    assert assembly + FACTORS * factorisation + solve < build < 60.0
+    assert memory > (50.0 if found[6] == "M" else 0.05) * n_ranks
+
+
+def test_a_scene_of_beams_has_nothing_to_try() -> None:
+    assert (
+        "no continuum bodies: nothing to try" in pgmp("check", ROOT / "scenes" / "slider_crank.toml", "--trial").stdout
+    )
