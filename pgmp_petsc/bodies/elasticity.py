@@ -111,27 +111,18 @@ def tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
     deformation, _, stress = _stress(places, geometry, lame)
     g, volumes = geometry.gradients, geometry.volumes
     result = _material_tangent(deformation, geometry, lame)
-    geometric = np.einsum("eqia,eqij,eqjb,eq->eab", g, stress, g, volumes, optimize=True)
+    n_e, n_q, d, n_a = g.shape
+    pulled = (stress @ g * volumes[:, :, None, None]).reshape(n_e, n_q * d, n_a)
+    geometric = np.matmul(g.reshape(n_e, n_q * d, n_a).transpose(0, 2, 1), pulled)
     for i in range(places.shape[2]):
         result[:, :, i, :, i] += geometric
     return result
 
 
-def viscous_forces(
-    places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the forces of a stress ``lambda tr(E') 1 + 2 mu E'``, which rigid motion does not feel, and ``d force/d
-    rate``.
+def viscous_forces(places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the forces of a stress ``lambda tr(E') 1 + 2 mu E'``, which rigid motion does not feel.
 
-    Parameters
-    ----------
-    places, rates
-        Of the nodes, shape (n_e, n_a, d).
-
-    Returns
-    -------
-    forces, derivatives
-        Shapes (n_e, n_a, d) and (n_e, n_a, d, n_b, d).
+    Places and rates are those of the nodes, shape (n_e, n_a, d), and so are the forces.
     """
     g, volumes = geometry.gradients, geometry.volumes
     deformation = np.einsum("eai,eqja->eqij", places, g, optimize=True)
@@ -141,7 +132,13 @@ def viscous_forces(
     trace = np.trace(strain_rate, axis1=2, axis2=3)[:, :, None, None]
     stress = lame.first * trace * np.eye(places.shape[2]) + 2.0 * lame.shear * strain_rate
     first = deformation @ stress * volumes[:, :, None, None]
-    return np.einsum("eqij,eqja->eai", first, g, optimize=True), _material_tangent(deformation, geometry, lame)
+    return np.einsum("eqij,eqja->eai", first, g, optimize=True)
+
+
+def viscous_tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the derivatives of `viscous_forces` in the rates, shape (n_e, n_a, d, n_b, d)."""
+    deformation = np.einsum("eai,eqja->eqij", places, geometry.gradients, optimize=True)
+    return _material_tangent(deformation, geometry, lame)
 
 
 def _material_tangent(deformation: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
@@ -154,8 +151,9 @@ def _material_tangent(deformation: np.ndarray, geometry: Geometry, lame: Lame) -
     result = lame.first * outer.transpose(0, 2, 1, 4, 3)
     result += lame.shear * outer.transpose(0, 2, 3, 4, 1)
     left = deformation @ deformation.swapaxes(2, 3) * (lame.shear * volumes)[:, :, None, None]
-    products = np.einsum("eqja,eqjb->eqab", g, g, optimize=True)
-    result += np.einsum("eqij,eqab->eaibj", left, products, optimize=True)
+    products = g.swapaxes(2, 3) @ g
+    turned = np.matmul(left.reshape(n_e, n_q, d * d).transpose(0, 2, 1), products.reshape(n_e, n_q, n_a * n_a))
+    result += turned.reshape(n_e, d, d, n_a, n_a).transpose(0, 3, 1, 4, 2)
     return result
 
 

@@ -164,7 +164,7 @@ class FullDistributed:
         # what each rank knows of its own rows and elements; the rest is known to all
         strain = sum(part.strain_energy(q) for part in (self._elements, *self._parts))
         parts = {("kinetic", ""): kinetic, ("strain", ""): strain}
-        braked_solids = [(solid, solid.evaluate(q, v, 0.0)) for solid in self._parts if solid.damped]
+        braked_solids = [(solid, solid.evaluate(q, v, 0.0, fresh=False)) for solid in self._parts if solid.damped]
         for number, name in self._damping.effects.items():
             own = owned & (self._elements.body == number)
             braked = self._elements.lumped_body == number
@@ -215,7 +215,7 @@ class FullDistributed:
         self._equations.follow(q)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
-        solids = [solid.evaluate(q, v, gain_v) for solid in self._parts]
+        solids = [solid.evaluate(q, v, gain_v, fresh) for solid in self._parts]
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:

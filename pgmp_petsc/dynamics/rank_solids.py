@@ -24,13 +24,13 @@ class SolidState:
     forces
         Internal and damping forces, shape (n_e, m).
     tangents
-        Their derivatives, shape (n_e, m, m).
+        Their derivatives, shape (n_e, m, m); None where they were not asked for.
     powers
         Power of the structural damping, shape (n_e,), W.
     """
 
     forces: np.ndarray
-    tangents: np.ndarray
+    tangents: np.ndarray | None
     powers: np.ndarray
 
 
@@ -91,22 +91,29 @@ class RankSolid:
         """Whether any velocity is needed."""
         return bool(self._beta or self._alpha)
 
-    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> SolidState:
-        """Evaluate all elements for unknowns and velocities (n_dofs,), valid where the elements are."""
+    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float, fresh: bool = True) -> SolidState:
+        """Evaluate all elements for unknowns and velocities (n_dofs,), valid where the elements are.
+
+        `fresh` asks for tangents, which take several times as long as forces.
+        """
         n, m = self.dofs.shape
         places = self._by_node(q)
         forces = self._modulus * elasticity.forces(places, self._geometry, self._lame).reshape(n, m)
-        tangents = self._modulus * elasticity.tangents(places, self._geometry, self._lame).reshape(n, m, m)
+        tangents = None
+        if fresh:
+            tangents = self._modulus * elasticity.tangents(places, self._geometry, self._lame).reshape(n, m, m)
         powers = np.zeros(n)
         if self.damped:
             local = v[self.dofs]
             braking = self._alpha * np.einsum("eij,ej->ei", self._mass, local)
             if self._beta:
                 rates = self._by_node(v)
-                viscous, resisting = elasticity.viscous_forces(places, rates, self._geometry, self._lame)
                 factor = self._beta * self._modulus
+                viscous = elasticity.viscous_forces(places, rates, self._geometry, self._lame)
                 braking += factor * viscous.reshape(n, m)
-                tangents += gain_v * factor * resisting.reshape(n, m, m)
+                if fresh:
+                    resisting = elasticity.viscous_tangents(places, self._geometry, self._lame)
+                    tangents += gain_v * factor * resisting.reshape(n, m, m)
             forces += braking
             powers -= np.sum(braking * local, axis=1)
         return SolidState(forces, tangents, powers)

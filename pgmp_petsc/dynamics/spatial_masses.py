@@ -44,7 +44,7 @@ class SpatialMasses:
         """Whether any velocity is needed."""
         return self._braking != 0.0
 
-    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> SolidState:
+    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float, fresh: bool = True) -> SolidState:
         """Return the damping forces for unknowns and velocities (n_dofs,); masses have no others."""
         n, m = self.dofs.shape
         local = v[self.dofs]

@@ -205,7 +205,8 @@ def test_viscous_forces_are_linear_in_the_rates_and_dissipate(kind: str) -> None
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), strained(places)
     rates = rates_of(places)
-    force, derivative = elasticity.viscous_forces(now, rates, geometry, lame)
+    force = elasticity.viscous_forces(now, rates, geometry, lame)
+    derivative = elasticity.viscous_tangents(now, geometry, lame)
     # linear in the rates, so that the derivative gives the whole force; round-off of one product
     np.testing.assert_allclose(
         force, np.einsum("eaibj,ebj->eai", derivative, rates), rtol=0, atol=1e-13 * np.abs(force).max()
@@ -213,7 +214,7 @@ def test_viscous_forces_are_linear_in_the_rates_and_dissipate(kind: str) -> None
     for a, i in ((0, 0), (1, 1), (places.shape[1] - 1, places.shape[2] - 1)):
         unit = np.zeros_like(rates)
         unit[:, a, i] = 1.0
-        more, _ = elasticity.viscous_forces(now, rates + unit, geometry, lame)
+        more = elasticity.viscous_forces(now, rates + unit, geometry, lame)
         np.testing.assert_allclose(more - force, derivative[:, :, :, a, i], rtol=0, atol=1e-12 * np.abs(force).max())
     # E is quadratic in the places: the central difference is its rate along the motion but for round-off
     rate = 0.5 * (strains(now + rates, geometry) - strains(now - rates, geometry))
@@ -230,9 +231,10 @@ def test_rigid_motion_feels_no_viscous_force(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), turned(strained(places), 2.0)
     for rates in rigid_rates(now):
-        force, derivative = elasticity.viscous_forces(now, rates, geometry, lame)
+        force = elasticity.viscous_forces(now, rates, geometry, lame)
+        derivative = elasticity.viscous_tangents(now, geometry, lame)
         np.testing.assert_allclose(force, 0.0, rtol=0, atol=1e-12 * np.abs(derivative).max())
-    _, derivative = elasticity.viscous_forces(places, rates_of(places), geometry, lame)
+    derivative = elasticity.viscous_tangents(places, geometry, lame)
     stiffness = elasticity.stiffness(geometry, lame)
     np.testing.assert_allclose(derivative, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
 
