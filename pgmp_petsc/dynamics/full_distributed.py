@@ -25,10 +25,9 @@ from petsc4py import PETSc
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.full_equations import full_equations
+from pgmp_petsc.dynamics.full_equations import FullEquations
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.effects import Effect, Motion, driven
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.effects import Motion, driven
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
 
@@ -42,16 +41,10 @@ class FullDistributed:
 
     Parameters
     ----------
-    kinematics
-        Rigid kinematics; the start is an undeformed configuration.
-    effects
-        Effects of the scene.
-    values
-        Parameter values.
-    initial
-        Positions (rad) and velocities (rad/s) of the rigid coordinates at the start, each of shape (n_theta,).
+    equations
+        Of the sample on this rank.
     comm
-        Ranks that share the model.
+        Ranks that share the model, those that the equations were made for.
     motions
         Prescribed motions by the number of their coordinate.
     """
@@ -59,18 +52,10 @@ class FullDistributed:
     n_samples = 1
 
     def __init__(
-        self,
-        kinematics: RigidKinematics,
-        effects: Sequence[Effect],
-        values: Mapping[str, float],
-        initial: tuple[np.ndarray, np.ndarray],
-        comm: MPI.Comm,
-        motions: Mapping[int, Motion] = MappingProxyType({}),
+        self, equations: FullEquations, comm: MPI.Comm, motions: Mapping[int, Motion] = MappingProxyType({})
     ) -> None:
-        self.comm = comm
-        self._kinematics, self._effects = kinematics, effects
+        self.comm, self._equations = comm, equations
         self._motions = list(motions.values())
-        equations = self._equations = full_equations(kinematics, effects, values, initial, comm)
         self._constraints, self.n_dofs, self.rows = equations.constraints, equations.n_dofs, equations.rows
         self._n_multipliers = self._constraints.n_constraints if comm.rank == comm.size - 1 else 0
         self._load_effects, self._load_vectors = equations.load_effects, equations.load_vectors
@@ -349,7 +334,7 @@ class FullDistributed:
         return everywhere
 
     def _modal_bodies(self) -> list[Body]:
-        return [self._kinematics.mechanism.bodies[modal.body] for modal in self._damping.modal]
+        return [self._damping.mechanism.bodies[modal.body] for modal in self._damping.modal]
 
     def _assemble(
         self,

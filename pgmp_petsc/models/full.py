@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_equations import full_equations
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -55,7 +56,8 @@ class FullModel:
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
         sized = self._sized(values)
-        return FullDistributed(sized.kinematics, sized._effects, values, sized._start, comm, sized._motions)
+        equations = full_equations(sized.kinematics, sized._effects, values, sized._start, comm)
+        return FullDistributed(equations, comm, sized._motions)
 
     def _sized(self, values: Mapping[str, float]) -> Self:
         """Return the model whose meshes have the cross-sections that parameter values give."""

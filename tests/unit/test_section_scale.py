@@ -12,7 +12,7 @@ import petsc4py
 import pytest
 from scipy.linalg import eigh
 from scipy.sparse.linalg import splu
-from solids import mesh_of, rod
+from solids import rod
 
 petsc4py.init([])
 

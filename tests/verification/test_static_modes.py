@@ -198,6 +198,14 @@ def test_a_load_that_others_make_up_gives_no_static_mode_of_its_own() -> None:
     np.testing.assert_allclose(both.tables.stiffness, once.tables.stiffness, rtol=1e-9, atol=0)
 
 
+@pytest.mark.parametrize("direction", ["[1.0, 0.0]", "[0.0, 1.0]"])
+def test_a_load_that_a_guide_takes_up_gives_no_static_mode(direction: str) -> None:
+    """A force along the slider's line is answered, one across it is not."""
+    force = f'effects={{push={{type="force", point="rod:tip", direction={direction}, table=[[0.0, 1.0]]}}}}'
+    scene = slider_crank(force, STATIC)
+    assert rom_of(scene).tables.n_modes == scene.reduction.modes + (direction == "[1.0, 0.0]")
+
+
 def test_static_answers_to_gravity_are_continuous() -> None:
     """Gravity turns in the bodies' frames; its two directions in each body do not, nor do their answers vanish."""
     cosines = [
