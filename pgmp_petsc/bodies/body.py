@@ -180,7 +180,7 @@ class Body:
     @property
     def mass_weights(self) -> set[Monomial]:
         """Weights of its affine mass terms."""
-        lumped = {weight for lumps in self.lumps.values() for weight in lumps}
+        lumped = self._lumped_weights
         return lumped | self._own_weights("mass") if self.flexible or self.is_continuum else lumped
 
     @property
@@ -201,8 +201,12 @@ class Body:
         one."""
         if self.meshed is None:
             return self.mass_weights if kind == "mass" else self.stiffness_weights
-        lumped = {weight for lumps in self.lumps.values() for weight in lumps} if kind == "mass" else set()
+        lumped = self._lumped_weights if kind == "mass" else set()
         return lumped | self.meshed.condensed_weights(kind)
+
+    @property
+    def _lumped_weights(self) -> set[Monomial]:
+        return {weight for lumps in self.lumps.values() for weight in lumps}
 
     def _own_weights(self, kind: str) -> set[Monomial]:
         if self.component is not None:

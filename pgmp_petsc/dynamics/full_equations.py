@@ -14,7 +14,6 @@ import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
 
-from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, meshed_rows, owned_rows, weighted_sum
 from pgmp_petsc.dynamics.body_damping import BodyDampings
@@ -176,7 +175,7 @@ class SpatialEquations:
         self.load_vectors = np.array(list(vectors.values())).reshape(len(vectors), len(self.rows))
         couples = [(effect, effect.couple()) for effect in effects]
         self.couples = [
-            Couple(effect, JointAngle(unknowns, connection), _at(scale, values))
+            Couple(effect, JointAngle(unknowns, connection), float(scale.at(values)))
             for effect, (connection, scale) in filter(lambda pair: pair[1] is not None, couples)
         ]
         self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
@@ -229,10 +228,6 @@ def full_equations(
     """
     make = PlanarEquations if kinematics.mechanism.space is PLANE else SpatialEquations
     return make(kinematics, effects, values, initial, comm)
-
-
-def _at(scale: Quantity, values: Mapping[str, float]) -> float:
-    return float(scale.at(values))
 
 
 def _mass(

@@ -77,7 +77,7 @@ class RankElements:
             chosen = touching(body, rows)
             section = body.section
             quantities = (section.axial, section.shear, section.bending)
-            numbers = [q.coefficient * float(q.monomial.evaluate(values)) for q in quantities]
+            numbers = [float(q.at(values)) for q in quantities]
             dofs.append(element_dofs(body.elements[chosen]))
             lengths.append(body.mesh.lengths[chosen])
             directions.append(body.directions[chosen])

@@ -79,8 +79,8 @@ class RankSolid:
         places = mesh.nodes[cells[here]]
         self._geometry = Geometry.of(places, element.stiffness)
         self._lame = Lame.of(region.nu, d == 2)
-        self._modulus = region.modulus.coefficient * float(region.modulus.monomial.evaluate(values))
-        density = region.density.coefficient * float(region.density.monomial.evaluate(values))
+        self._modulus = float(region.modulus.at(values))
+        density = float(region.density.at(values))
         scalar = density * elasticity.mass(elasticity.volumes_of(places, element.mass), element.mass)
         n, m = self.dofs.shape
         self._mass = np.einsum("eab,ij->eaibj", scalar, np.eye(d)).reshape(n, m, m)

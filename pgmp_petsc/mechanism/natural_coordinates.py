@@ -7,8 +7,6 @@ ties are then polynomials of first and second degree (Garcia de Jalon and Bayo 1
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -100,7 +98,7 @@ class NaturalSides:
             [unknowns.frame(side.node) for side in sides if not side.on_ground] or [np.zeros(0, dtype=int)]
         )
         columns = np.repeat(moving, N_POSE)
-        self.map = block_diag(*(_of_node(side) for side in sides))[:, columns]
+        self.map = block_diag(*(side.frame_map for side in sides))[:, columns]
         self.constant = np.concatenate(
             [np.zeros(N_POSE) if moves else side.ground_frame(()) for side, moves in zip(sides, moving)]
         )
@@ -120,15 +118,16 @@ class JointAngle:
         The numbering.
     connection
         A joint with one axis.
+
+    Attributes
+    ----------
+    dofs
+        The unknowns that it depends on, shape (m,).
     """
 
     def __init__(self, unknowns: NaturalUnknowns, connection: SpatialConnection) -> None:
         self._sides, self._axes = NaturalSides(unknowns, connection.sides), connection.axes
-
-    @cached_property
-    def dofs(self) -> np.ndarray:
-        """The unknowns that it depends on, shape (m,)."""
-        return self._sides.dofs
+        self.dofs = self._sides.dofs
 
     def value(self, q: np.ndarray) -> float:
         """Return the angle in (-pi, pi], rad."""
@@ -139,11 +138,3 @@ class JointAngle:
         for."""
         gradient, hessian = angle_derivatives(self._axes, *self._sides.frames(q))
         return gradient @ self._sides.map, self._sides.map.T @ hessian @ self._sides.map
-
-
-def _of_node(side: SpatialAttachment) -> np.ndarray:
-    """Return what makes the frame of an attachment of that of its node, shape (12, 12)."""
-    result = np.eye(N_POSE)
-    for k, length in enumerate(side.arm):
-        result[:3, 3 + 3 * k : 6 + 3 * k] = length * np.eye(3)
-    return result

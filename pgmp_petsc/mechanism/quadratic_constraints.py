@@ -5,7 +5,7 @@
 A frame (p, d_1, d_2, d_3) is tied to the nodes x_i of its faces, with their weights w_i and arms a_i
 (`bodies.face_frame`), by
 
-    p - sum_i w_i x_i = 0,    1/h sum_k d_k x (sum_i a_ik x_i) = 0,    2 h = tr int X' X'^T dA / A + ...,
+    p - sum_i w_i x_i = 0,    1/h sum_k d_k x (sum_i a_ik x_i) = 0,    h = int X'.X' dA / A,
 
 the second of which is the frame's rotation less the faces' mean rotation to first order, and holds for any rotation.
 Prescribed coordinates are angles, the only constraints of another kind.

@@ -52,10 +52,12 @@ class SpatialAttachment:
     @cached_property
     def pose_map(self) -> np.ndarray:
         """The frame is this matrix times the pose of a rigid body, shape (12, 12)."""
-        result = np.eye(SPATIAL.n_pose)
-        for k, length in enumerate(self.point):
-            result[:3, 3 + 3 * k : 6 + 3 * k] = length * np.eye(3)
-        return result
+        return _moved_by(self.point)
+
+    @cached_property
+    def frame_map(self) -> np.ndarray:
+        """The frame is this matrix times that of the node, shape (12, 12)."""
+        return _moved_by(self.arm)
 
     @property
     def node_map(self) -> np.ndarray:
@@ -81,3 +83,11 @@ class SpatialAttachment:
         """Return the frame of a point of the ground, shape (12, *trailing)."""
         frame = np.concatenate([self.point, np.eye(3).ravel()])
         return np.broadcast_to(frame.reshape(-1, *(1,) * len(trailing)), (SPATIAL.n_pose, *trailing)).copy()
+
+
+def _moved_by(arm: np.ndarray) -> np.ndarray:
+    """Return what makes a frame that is moved by an arm (3,) along its own axes of a frame, shape (12, 12)."""
+    result = np.eye(SPATIAL.n_pose)
+    for k, length in enumerate(arm):
+        result[:3, 3 + 3 * k : 6 + 3 * k] = length * np.eye(3)
+    return result
