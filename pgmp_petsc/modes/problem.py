@@ -164,61 +164,11 @@ class ModalProblem:
                 chosen = np.hstack([chosen, rest / size])
         return chosen[:, clamps.shape[1] :]
 
-    def static_modes(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-        """Return the static answers to loads that the modes miss.
-
-        ``x = K^-1 f`` with rigid motion and kept modes deflated from f and x; by iterative refinement with the
-        shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts by
-        ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
-
-        Parameters
-        ----------
-        modes
-            Modes at the configuration that the problem is at.
-        loads
-            In body frames, local rows, shape (n_local, n_loads).
-
-        Returns
-        -------
-        ndarray, shape (n_local, n_static)
-            M-orthonormal, and M-orthogonal to `modes`.
-
-        Raises
-        ------
-        RunError
-            If an answer vanishes beside the others: the basis would not be continuous there.
-        """
-        basis, dependent = self._with_answers(modes.eigenvectors, loads)
-        if dependent.any():
-            raise RunError(
-                f"reduction.static_modes at {self.kinematics.describe(modes.theta)}: a load's static "
-                "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
-            )
-        return basis[:, modes.eigenvectors.shape[1] :]
-
-    def dependent_loads(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
-        """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
-
-        Parameters are those of `static_modes`.
-        """
-        return self._with_answers(modes.eigenvectors, loads)[1]
-
-    def _with_answers(self, kept: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out."""
-        basis, dependent = kept, np.zeros(len(loads.T), dtype=bool)
-        for number, load in enumerate(loads.T):
-            answer = self.static_answers(kept, load[:, None])
-            before = self._norms(answer)[0]
-            for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-                answer = answer - self.onto(basis, answer)
-            after = self._norms(answer)[0]
-            dependent[number] = not after > DEPENDENT_TOLERANCE * before
-            if not dependent[number]:
-                basis = np.hstack([basis, answer / after])
-        return basis, dependent
-
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
         """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
+
+        The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts by
+        ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
 
         Parameters
         ----------
@@ -242,7 +192,7 @@ class ModalProblem:
         m_kept = self.times_mass(kept)
         balanced = loads - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
-        undeflated = self._norms(self._shifted_answers(loads))
+        undeflated = self.norms(self._shifted_answers(loads))
         answers = np.zeros_like(loads)
         last = np.full(loads.shape[1], np.inf)
         active = np.flatnonzero(self._feels(loads))
@@ -253,7 +203,7 @@ class ModalProblem:
             step = self._shifted_answers(residual)
             step -= self.onto(kept, step)
             answers[:, active] += step
-            size, whole = self._norms(step), self._norms(answers[:, active])
+            size, whole = self.norms(step), self.norms(answers[:, active])
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
@@ -284,7 +234,7 @@ class ModalProblem:
         m_basis = self.times_mass(basis)
         return basis @ np.linalg.solve(self.inner(basis, m_basis), self.inner(m_basis, vectors))
 
-    def _norms(self, vectors: np.ndarray) -> np.ndarray:
+    def norms(self, vectors: np.ndarray) -> np.ndarray:
         """Return the M-norms of local columns (n_local, k), shape (k,)."""
         from mpi4py import MPI
 

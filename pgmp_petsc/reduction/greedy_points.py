@@ -16,6 +16,7 @@ import numpy as np
 from pgmp_petsc.effects import Patterns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.compression import ROUND_OFF
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
@@ -134,7 +135,7 @@ class _Configuration:
     ) -> _Configuration:
         """Compute the products."""
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, loads.at(problem, modes))
+        static = static_modes(problem, modes, loads.at(problem, modes))
         flexible = np.hstack([modes.flexible, static])
         found = snapshots.at(theta, flexible)
         rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))

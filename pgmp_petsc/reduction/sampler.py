@@ -11,6 +11,7 @@ from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.modes.continuity import canonical_rotation
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
 
@@ -106,7 +107,7 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = turned_loads(problem, self._loads, theta)
-        static = problem.static_modes(modes, self._static_loads.at(problem, modes))
+        static = static_modes(problem, modes, self._static_loads.at(problem, modes))
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
             missed = self._snapshots.missed(

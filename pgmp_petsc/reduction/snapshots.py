@@ -8,6 +8,7 @@ from types import TracebackType
 import numpy as np
 
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.static_loads import StaticLoads
 
 
@@ -60,7 +61,7 @@ class ParameterSnapshots:
 
     def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
         modes = problem.solve(theta)
-        static = problem.static_modes(modes, self._loads.at(problem, modes))
+        static = static_modes(problem, modes, self._loads.at(problem, modes))
         own = np.hstack([modes.flexible, static])
         return own @ problem.inner(own, problem.times_mass(kept))
 

@@ -10,6 +10,7 @@ from pgmp_petsc.effects import Action, Patterns
 from pgmp_petsc.effects.patterns import GroundForce, turning_force
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
+from pgmp_petsc.modes.static_modes import dependent_loads
 from pgmp_petsc.scene.numerics import Reduction
 
 # shares of the ranges at which loads are compared, far from every symmetry
@@ -70,7 +71,7 @@ class StaticLoads:
         found = []
         for theta in _places(problem):
             modes = problem.solve(theta)
-            found.append(problem.dependent_loads(modes, self.at(problem, modes)))
+            found.append(dependent_loads(problem, modes, self.at(problem, modes)))
         kept = ~np.all(found, axis=0)
         fixed, turning, inertia = np.split(kept, [n_fixed, n_fixed + n_turning])
         actions = tuple(action for action, keep in zip(self.actions, turning) if keep)

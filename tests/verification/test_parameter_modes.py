@@ -14,6 +14,7 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
@@ -48,7 +49,7 @@ def kept_vectors(problem: ModalProblem, scene: Scene, theta: float) -> tuple[Sta
     """Return the static loads, the modes at a configuration, and modes and static modes side by side."""
     loads = static_loads(problem, scene)
     modes = problem.solve(theta)
-    static = problem.static_modes(modes, loads.at(problem, modes))
+    static = static_modes(problem, modes, loads.at(problem, modes))
     return loads, modes, np.hstack([modes.flexible, static])
 
 
@@ -72,7 +73,7 @@ def test_inertia_modes_are_the_static_answer_to_rotation_at_constant_speed() -> 
         modes = problem.solve(0.8)
         loads = wanted.at(problem, modes)
         assert loads.shape == (36, 1)
-        basis = np.hstack([modes.flexible, problem.static_modes(modes, loads)])
+        basis = np.hstack([modes.flexible, static_modes(problem, modes, loads)])
         exact = problem.static_answers(modes.rigid, loads)
         stiffness = basis.T @ times(problem.stiffness, basis)
         balanced = loads - problem.times_mass(modes.rigid) @ np.linalg.solve(

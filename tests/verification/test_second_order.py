@@ -20,6 +20,7 @@ from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -73,7 +74,7 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
         patterns = problem.independent(patterns.fixed)
-        static = problem.static_modes(modes, patterns)
+        static = static_modes(problem, modes, patterns)
         shape, curvature = np.hstack([modes.flexible, static]), CurvatureProblem(problem)
         chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
     nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)

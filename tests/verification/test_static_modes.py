@@ -16,6 +16,7 @@ from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
@@ -74,7 +75,7 @@ def sampled(scene: Scene, theta: float, n_modes: int) -> tuple[ModeSet, np.ndarr
     dense = Dense(kinematics, scene, theta)
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
-        return modes, problem.static_modes(modes, dense.loads), dense
+        return modes, static_modes(problem, modes, dense.loads), dense
 
 
 @every_scene
@@ -232,7 +233,7 @@ def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
         load = np.zeros((36, 1))
         load[2] = 1.0
         with pytest.raises(RunError, match="reduction.static_modes at theta = 1 rad"):
-            problem.static_modes(modes, np.hstack([load, load]))
+            static_modes(problem, modes, np.hstack([load, load]))
 
 
 def test_a_solver_of_the_users_own_gives_the_same_answers() -> None:
