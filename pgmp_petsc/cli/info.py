@@ -41,6 +41,8 @@ def describe(path: Path) -> str:
             f"seed       {'none' if record.seed is None else record.seed}",
             f"ranks      {record.ranks}",
         ]
+        if record.remarks:
+            lines += ["", *(f"  {remark}" for remark in record.remarks)]
         selection = Selection.read(file)
         if selection is not None:
             lines += ["", *selection.lines()]

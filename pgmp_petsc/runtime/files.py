@@ -13,6 +13,7 @@ attribute             meaning
 ``parameters``        parameter values as a JSON object, SI units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none
 ``ranks``             number of MPI ranks of the run
+``remarks``           warnings and notes as JSON, see :mod:`pgmp_petsc.runtime.remarks`
 ===================== ==========================================================================
 
 and scalar datasets ``/timings/<phase>``: wall time in s, maximum over the ranks. Every dataset has the
@@ -33,12 +34,13 @@ import numpy as np
 
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.remarks import Remark, from_json, to_json
 from pgmp_petsc.runtime.streams import GuardedStream, first_line, synchronise_directory
 
 if TYPE_CHECKING:
     import h5py
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 KINDS = {
     "rom": "reduced model",
     "trajectory": "trajectory",
@@ -46,7 +48,7 @@ KINDS = {
     "modes": "table of modes",
     "tradeoff": "trade-off study",
 }
-_REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks")
+_REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ class RunRecord:
         Number of MPI ranks.
     timings : dict of str to float
         Wall time a phase, s.
+    remarks : tuple of Remark
+        What the reader of the result has to know.
     """
 
     scene_toml: str
@@ -72,6 +76,7 @@ class RunRecord:
     seed: int | None
     ranks: int
     timings: dict[str, float] = field(default_factory=dict)
+    remarks: tuple[Remark, ...] = ()
 
     def write(self, file: h5py.File) -> None:
         """Write the record into the root attributes and ``/timings`` of an open file."""
@@ -81,6 +86,7 @@ class RunRecord:
         file.attrs["parameters"] = json.dumps({name: float(value) for name, value in self.parameters.items()})
         file.attrs["seed"] = h5py.Empty("i8") if self.seed is None else self.seed
         file.attrs["ranks"] = self.ranks
+        file.attrs["remarks"] = to_json(self.remarks)
         timings = file.create_group("timings", track_order=True)
         for phase, seconds in self.timings.items():
             put(timings, phase, float(seconds), "s", f"wall time of phase '{phase}', maximum over the ranks")
@@ -95,6 +101,7 @@ class RunRecord:
             seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
             ranks=int(file.attrs["ranks"]),
             timings={phase: float(data[()]) for phase, data in file.get("timings", {}).items()},
+            remarks=from_json(file.attrs["remarks"]),
         )
 
 

@@ -16,7 +16,7 @@ from pgmp_petsc import __version__
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
 from pgmp_petsc.runtime.files import FORMAT_VERSION
 
-ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks")
+ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ("crank_angle", "slider_position", "slider_deformation")
 STATISTICS = ("mean", "std", "pdf", "edges", "quantiles")
 N_STEPS = 50

@@ -17,7 +17,7 @@ SMALL = overridden(
     "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.02", "ensemble.batch=8",
     'coordinates.theta={joint="crank_hinge", range=[-0.5, 1.0]}',
 )
-ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks")
+ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ["crank_angle", "slider_position", "slider_deformation"]
 
 
