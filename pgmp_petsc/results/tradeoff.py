@@ -45,8 +45,8 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, shapes_of, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 FAMILIES = ("reduced", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
