@@ -13,9 +13,9 @@ from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.outputs import claimed
 from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.inputs import read_scene

@@ -10,8 +10,8 @@ import numpy as np
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.outputs import claimed
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.modes_table import tabulate_modes
 

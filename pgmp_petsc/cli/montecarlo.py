@@ -16,7 +16,7 @@ from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.outputs import claimed
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
 

@@ -12,7 +12,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.outputs import claimed
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced

@@ -11,7 +11,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.reduction.limits import check_single
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.runtime.outputs import claimed
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK

@@ -18,9 +18,9 @@ import numpy as np
 
 from pgmp_petsc import __version__
 from pgmp_petsc.results.trajectory import frame_name
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take
-from pgmp_petsc.runtime.outputs import check_output
 
 
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
@@ -58,7 +58,7 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
     # tells `check_output` that the file is ours to replace
-    ElementTree.SubElement(domain, "Information", Name="program", Value=f"pgmp_petsc {__version__}")
+    root.append(ElementTree.Comment(f" written by pgmp_petsc {__version__} "))
     series = ElementTree.SubElement(
         domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal"
     )

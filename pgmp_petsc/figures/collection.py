@@ -19,9 +19,9 @@ from pgmp_petsc.figures.style import save
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
-from pgmp_petsc.runtime.outputs import check_output
 
 READERS = {"modes": ModesTable, "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff}
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix

@@ -21,7 +21,7 @@ from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.shape_files import put_shape, take_shape
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, put, shapes_of, take, write_file
 from pgmp_petsc.runtime.identity import identity
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class ReducedOrderModel:
         InputError
             If the file is missing, cut off, of another kind or version, or its tables do not fit together.
         """
-        with open_file(path, "rom") as file, shapes_of(file):
+        with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
             return cls._read(file, with_projection)
 
     @classmethod

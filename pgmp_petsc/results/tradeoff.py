@@ -337,7 +337,7 @@ def _put_texts(group: h5py.Group, name: str, texts: Sequence[str], description: 
 
 
 def _take_texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    return tuple(text.decode() for text in take(group, name, 1))
+    return tuple(text.decode() for text in take(group, name, 1, texts=True))
 
 
 def _take_column(group: h5py.Group, name: str) -> np.ndarray:

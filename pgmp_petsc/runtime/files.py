@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.runtime.claims import KINDS, check_output, named
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.outputs import KINDS, check_output, named
 from pgmp_petsc.runtime.remarks import Remark, from_json, to_json
 from pgmp_petsc.runtime.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
 from pgmp_petsc.runtime.streams import GuardedStream, first_line, synchronise_directory, synchronise_file
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT_VERSION = 2
+WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
 _LIBRARIES = ("v108", "v110")
@@ -158,7 +159,7 @@ def write_file(
     Raises
     ------
     InputError
-        If `path` cannot be written (see :func:`~pgmp_petsc.runtime.outputs.check_output`).
+        If `path` cannot be written (see :func:`~pgmp_petsc.runtime.claims.check_output`).
     RunError
         If the system fails to write (a full disk, say); an older file under `path` is left as it was.
     """
@@ -213,13 +214,13 @@ def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5p
 
 
 @contextmanager
-def shapes_of(file: h5py.File) -> Iterator[None]:
-    """Turn what does not fit together in a file that is being read into an `InputError`."""
+def shapes_of(file: h5py.File, cure: str = WRITE_AGAIN) -> Iterator[None]:
+    """Turn what does not fit together in a file that is being read into an `InputError`, which ends with the cure."""
     try:
         yield
     except _MISFITS as error:
         reason = error.args[0] if error.args else type(error).__name__
-        raise InputError(f"file '{file.filename}' is damaged: {reason}; write it again") from error
+        raise InputError(f"file '{file.filename}' is damaged: {reason}; {cure}") from error
 
 
 def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:
@@ -289,7 +290,7 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
             f"{_names(kinds)}; write it again"
         )
     if head.startswith(MAGIC) or head[SIZE:] == _SIGNATURE:
-        return f"file '{path}' is damaged: {broken}; write it again"
+        return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
     cure = ""
     if path.suffix.lower() == ".toml" and "rom" in kinds:
         cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or run the full-order model with --full"
@@ -302,7 +303,7 @@ def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> No
     if missing:
         raise InputError(f"file '{path}' lacks the attribute(s) {', '.join(missing)}; write it again")
     version, kind = file.attrs["format_version"], file.attrs["kind"]
-    if version != FORMAT_VERSION or kind not in kinds:
+    if str(version) != str(FORMAT_VERSION) or str(kind) not in kinds:
         raise InputError(f"file '{path}' is damaged: its attributes say {kind}, version {version}; write it again")
 
 

@@ -26,10 +26,10 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
-from pgmp_petsc.runtime.outputs import check_output
 from pgmp_petsc.studies.inputs import read_scene
 
 COARSE = (40, 80, 160)

@@ -34,10 +34,10 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import scaling as phases
 from pgmp_petsc.results.scaling import ScalingCase
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.outputs import check_output
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene

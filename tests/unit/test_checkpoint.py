@@ -38,7 +38,7 @@ def batch(first: int, n: int = 4) -> Batch:
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
-    checkpoint = Checkpoint(plan, SCENE, "reduced")
+    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES, SIZE)
     assert checkpoint.open() == set()
     for first in firsts:
         checkpoint.add(batch(first))
