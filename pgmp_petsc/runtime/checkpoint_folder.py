@@ -96,12 +96,11 @@ class CheckpointFolder:
         RunError
             If the system fails to write; pieces that are there stay.
         """
-        target = self.path / f"{name}.npz"
+        target, archive = self.path / f"{name}.npz", io.BytesIO()
+        np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
         try:
             with replacing(target, "checkpoint") as waiting:
-                with open(waiting, "wb") as stream:
-                    stream.write(bytes(SIZE))
-                    np.savez(stream, **arrays)
+                waiting.write_bytes(bytes(SIZE) + archive.getbuffer())
                 seal(waiting, KIND, 1, self._identity)
         except RunError as error:
             raise RunError(f"{error}; what was finished before is kept, and --resume takes it up") from error
