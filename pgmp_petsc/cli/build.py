@@ -13,8 +13,8 @@ from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.effect_choice import choose_effects
@@ -49,7 +49,7 @@ def build(
     with any number of ranks.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "rom", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     check_flexible(loaded)
     check_features(loaded)
@@ -103,6 +103,7 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
         )
     if rom.indefinite:
         lines.append(f"  warning: {rom.indefinite}")
+    lines += [f"  {remark}" for remark in rom.record.remarks]
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
 

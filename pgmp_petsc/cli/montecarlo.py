@@ -11,13 +11,12 @@ from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.files import check_writable
-from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
 
@@ -47,7 +46,7 @@ def montecarlo(
     Exit status 1 if some samples failed; they are recorded with their reason and the others go on.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm)
@@ -65,7 +64,7 @@ def montecarlo(
     save(context, ensemble, output)
     failed = 0
     if ensemble is not None:
-        Checkpoint(plan, scene_to_toml(model.scene), model.name).remove()
+        remove_checkpoint(plan)
         failed = int(np.sum(ensemble.status != 0))
         say(context, report(ensemble, output))
     if comm.bcast(failed):
@@ -87,5 +86,6 @@ def report(ensemble: Ensemble, path: Path) -> str:
         lines.append(f"  {count} of {n} samples failed (status {code}): {ensemble.meanings[int(code)]}")
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
+    lines += [f"  {remark}" for remark in ensemble.record.remarks]
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)

@@ -43,12 +43,14 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     ------
     InputError
         If the checkpoint to resume belongs to another scene, model, seed or number of samples.
+    RunError
+        If the finished batches are not all samples, each once.
     """
     timings = Timings()
     scene_toml = scene_to_toml(model.scene)
     size = model.largest_batch
     draw(model.scene, plan.seed, 0, 1)  # a scene with nothing to draw is refused before anything is touched
-    checkpoint = Checkpoint(plan, scene_toml, model.name)
+    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, size)
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
@@ -70,10 +72,18 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
                         checkpoint.add(item)
                     bar.update(sum(len(item.status) for item in done))
     timings = timings.maximum(comm)
-    if comm.rank > 0:
-        return None
+    with agreed(comm, "statistics"):
+        return _described(model, plan, checkpoint, scene_toml, comm.size, timings) if comm.rank == 0 else None
+
+
+def _described(
+    model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
+) -> Ensemble:
+    """Describe what the checkpoint holds, with what was found in it."""
     with timings.phase("statistics"):
-        return describe_ensemble(model, plan, checkpoint.batches(), scene_toml, comm.size, timings)
+        ensemble = describe_ensemble(model, plan, checkpoint.batches(), scene_toml, ranks, timings)
+    remarks = (*checkpoint.remarks, *ensemble.record.remarks)
+    return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
 
 
 def run_batch(

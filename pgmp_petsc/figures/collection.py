@@ -19,6 +19,7 @@ from pgmp_petsc.figures.style import save
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
@@ -52,6 +53,8 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> l
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
             pictures[f"{name}{suffix}"] = partial(picture, study)
+    for name in pictures:
+        check_output(directory / f"{name}.png", "picture", files)
     lines = [str(save(picture(), directory / f"{name}.png")) for name, picture in pictures.items()]
     if runs and "mechanism" not in pictures:
         lines.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")

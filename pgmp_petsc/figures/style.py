@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from pgmp_petsc import __version__
 from pgmp_petsc.runtime.files import RunRecord
 
 Arguments = ParamSpec("Arguments")
@@ -26,6 +27,7 @@ FULL_COLOUR = "#4D4D4D"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
 RESOLUTION = 150
+PROGRAM = f"pgmp_petsc {__version__}"
 
 _SETTINGS = {
     "font.family": "sans-serif",
@@ -81,7 +83,8 @@ def new_figure(width: float, height: float) -> Figure:
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure as PNG (or what the suffix says) and return the path."""
     with matplotlib.rc_context(_SETTINGS):
-        figure.savefig(path, dpi=RESOLUTION)
+        # tells `check_output` that the picture is ours to replace
+        figure.savefig(path, dpi=RESOLUTION, metadata={"Software": PROGRAM} if Path(path).suffix == ".png" else None)
     return Path(path)
 
 

@@ -45,8 +45,8 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, shapes_of, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 FAMILIES = ("reduced", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
@@ -337,7 +337,7 @@ def _put_texts(group: h5py.Group, name: str, texts: Sequence[str], description: 
 
 
 def _take_texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    return tuple(text.decode() for text in take(group, name, 1))
+    return tuple(text.decode() for text in take(group, name, 1, texts=True))
 
 
 def _take_column(group: h5py.Group, name: str) -> np.ndarray:

@@ -12,6 +12,7 @@ import meshio
 import numpy as np
 import pytest
 from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+from sealed import resealed
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.dynamics.status import Status
@@ -133,7 +134,7 @@ CASES = {
     "a scene for a model, ensemble": Case(("montecarlo", SCENE, "-n", "2", "-o", OUT),
                                           ("slider_crank_paper.toml", "needed: a reduced model")),
     "no model": Case(("simulate", "{folder}/nothing.h5", "-o", OUT), ("nothing.h5", "does not exist")),
-    "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "damaged or cut off")),
+    "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "is damaged: it is cut off")),
     "other version": Case(("simulate", "{folder}/future.h5", "-o", OUT), ("future.h5", "format version 99")),
     "other kind": Case(
         ("simulate", "{folder}/kind.h5", "-o", OUT),
@@ -236,11 +237,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 2])
     for name in ("future", "kind", "empty"):
         (folder / f"{name}.h5").write_bytes(whole)
-    with h5py.File(folder / "future.h5", "r+") as file:
-        file.attrs["format_version"] = 99
-    with h5py.File(folder / "kind.h5", "r+") as file:
-        file.attrs["kind"] = "trajectory"
-    with h5py.File(folder / "empty.h5", "r+") as file:
+    for name, change in (("future", {"format": 99}), ("kind", {"kind": "trajectory"})):
+        with resealed(folder / f"{name}.h5", **change):
+            pass
+    with resealed(folder / "empty.h5") as file:
         del file["tables"]
     corners = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.1, 0.0]])
     meshio.Mesh(corners, [("triangle", np.array([[0, 1, 2]]))]).write(folder / "triangle.vtu")

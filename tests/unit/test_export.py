@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 import synthetic
+from sealed import resealed
 
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -83,7 +84,7 @@ def test_without_frames_the_cure_is_named(tmp_path):
 
 
 def test_the_trajectory_itself_is_no_target(exported):
-    with pytest.raises(InputError, match="is the trajectory itself"):
+    with pytest.raises(InputError, match="is what the command reads"):
         write_xdmf(exported[0], exported[0])
 
 
@@ -95,7 +96,7 @@ def test_a_file_of_another_kind(tmp_path):
 
 def test_a_damaged_trajectory(exported):
     run, xdmf = exported
-    with h5py.File(run, "r+") as file:
+    with resealed(run) as file:
         del file["frames/rotation/00002"]
     with pytest.raises(InputError, match="damaged"):
         write_xdmf(run, xdmf)
@@ -105,7 +106,7 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
     def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("pgmp_petsc.export.xdmf.os.replace", fail)
+    monkeypatch.setattr("pgmp_petsc.runtime.files.os.replace", fail)
     with pytest.raises(RunError, match="no space left"):
         write_xdmf(exported[0], exported[1])
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]

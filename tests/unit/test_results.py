@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
+from sealed import resealed
 
 from pgmp_petsc.results import Ensemble, Frames, ModesTable, Trajectory
 from pgmp_petsc.runtime.errors import InputError
@@ -154,7 +155,7 @@ def test_modes_that_do_not_fit_together():
 )
 def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
     result.write(tmp_path / "f.h5")
-    with h5py.File(tmp_path / "f.h5", "r+") as file:
+    with resealed(tmp_path / "f.h5") as file:
         del file[dataset]
     with pytest.raises(InputError, match="f.h5'"):
         type(result).read(tmp_path / "f.h5")
@@ -162,7 +163,7 @@ def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
 
 def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
     synthetic.ensemble(n_samples=9).write(tmp_path / "f.h5")
-    with h5py.File(tmp_path / "f.h5", "r+") as file:
+    with resealed(tmp_path / "f.h5") as file:
         del file["outputs/crank_angle"]
         file["outputs/crank_angle"] = np.zeros(5)
         file["outputs/crank_angle"].attrs["unit"] = "rad"
