@@ -2,7 +2,7 @@
 
 Sample k has a random stream of its own, spawned from the seed with key k; the rank that integrates it, the batch it is
 in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution
-function.
+function, of the distribution truncated to the parameter's bounds where it has any.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray
     uniform = uniform.reshape(last - first, len(uncertain))
     values = {name: np.full(last - first, value) for name, value in scene.values.items()}
     for column, name in zip(uniform.T, uncertain):
-        values[name] = scene.parameters[name].frozen().ppf(column)
+        values[name] = scene.parameters[name].quantiles(column)
     return values
 
 
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples lie inside all bounds, positive where sections and materials need it."""
+    """Return which samples lie inside all bounds, finite, and positive where sections and materials need it."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])

@@ -72,6 +72,9 @@ class LinearSystem:
     def outside(self, state: State) -> np.ndarray:
         return np.abs(state.q).max(axis=1) > self.beyond
 
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return np.full(samples.sum(), Status.NOT_CONVERGED)
+
 
 def two_masses(n_samples: int = 1, **options: object) -> LinearSystem:
     """Return two damped masses under a constant force that start out of equilibrium, each sample from elsewhere."""
@@ -129,6 +132,9 @@ class Pendulum:
 
     def outside(self, state: State) -> np.ndarray:
         return np.zeros(1, dtype=bool)
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return np.array([Status.NOT_CONVERGED])
 
 
 def run(system: object, radius: float, step: float, duration: float = 1.0, **options: object) -> Run:
@@ -352,7 +358,7 @@ def test_samples_that_are_not_alive_are_never_advanced() -> None:
     system = two_masses(3)
     done = run(system, 0.8, 0.1, alive=alive)
     fine = run(two_masses(3), 0.8, 0.1)
-    np.testing.assert_array_equal(done.status, [0, Status.OUT_OF_BOUNDS, 0])
+    np.testing.assert_array_equal(done.status, [0, Status.UNPHYSICAL, 0])
     np.testing.assert_array_equal(done.failure_time, [np.nan, 0.0, np.nan])
     np.testing.assert_array_equal(done.state.q[1], system.q[1])
     assert_same(done.state, fine.state, alive)
