@@ -375,5 +375,6 @@ def test_a_batch_without_a_living_sample_takes_no_corrections() -> None:
 
 
 def test_every_status_has_its_words() -> None:
-    assert [int(status) for status in Status] == [0, 1, 2, 3]
-    assert len({status.meaning for status in Status}) == 4
+    assert [int(status) for status in Status] == [0, 1, 2, 3, 4, 5, 6]
+    assert len({status.meaning for status in Status}) == 7
+    assert all(bool(status.cure) == (status is not Status.FINE) for status in Status)
