@@ -82,12 +82,13 @@ def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
     """Refuse a value for a parameter that every sample draws anew; the same on all ranks."""
     for setting in settings:
         name = setting.partition("=")[0].strip()
-        if scene.parameters[name].distribution is not None:
-            value = scene.parameters[name].current
+        parameter = scene.parameters[name]
+        if parameter.distribution is not None:
+            held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
             raise InputError(
                 f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no part in "
                 f"an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to hold the "
-                f"parameter, replace it: --override 'parameters.{name}={{nominal={value:g}}}'"
+                f"parameter, replace it: --override 'parameters.{name}={held}'"
             )
 
 

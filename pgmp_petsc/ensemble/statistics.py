@@ -46,7 +46,7 @@ def describe(values: np.ndarray, bins: int, probabilities: Sequence[float], n_mi
         count=n,
         mean=float(np.mean(values)),
         std=std,
-        mean_standard_error=std / np.sqrt(n),
+        mean_standard_error=float(std / np.sqrt(n)),
         std_standard_error=float(spread),
         pdf=pdf,
         edges=edges,
