@@ -14,8 +14,8 @@ from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
-FORMAT = 3
-NAMED = ("parameters", "outputs", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
+FORMAT = 4
+NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
 
 
 class Checkpoint:
