@@ -9,6 +9,7 @@ would overwrite the trajectory. The two files have to stay together.
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from xml.etree import ElementTree
@@ -18,8 +19,9 @@ import numpy as np
 
 from pgmp_petsc.results.layout import shapes_of
 from pgmp_petsc.results.trajectory import frame_name
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import check_writable, open_file, take
+from pgmp_petsc.runtime.whole_file import write_whole
 
 
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
@@ -45,18 +47,26 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
                 f"file '{trajectory_path}' has no frames to export; run the simulation again with "
                 "--override simulation.frames=100"
             )
-        heavy = os.path.relpath(Path(trajectory_path).resolve(), xdmf_path.resolve().parent)
+        heavy = _reference(Path(trajectory_path), xdmf_path)
         with shapes_of(file):
             tree, n_frames = _tree(file, heavy)
     ElementTree.indent(tree)
-    partial = xdmf_path.with_name(f".{xdmf_path.name}.{os.getpid()}.partial")
-    try:
-        tree.write(partial, encoding="utf-8", xml_declaration=True)
-        os.replace(partial, xdmf_path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise RunError(f"output file '{xdmf_path}' could not be written: {error}") from error
+    content = io.BytesIO()
+    tree.write(content, encoding="utf-8", xml_declaration=True)
+    write_whole(xdmf_path, content.getvalue())
     return n_frames
+
+
+def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
+    """Return the trajectory's path from the XDMF file, which XML and XDMF can hold."""
+    heavy = os.path.relpath(trajectory_path.resolve(), xdmf_path.resolve().parent)
+    # readers split references at these, and cut spaces off their ends
+    if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
+        raise InputError(
+            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends or "
+            "a character that cannot be printed); rename it"
+        )
+    return heavy
 
 
 def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:

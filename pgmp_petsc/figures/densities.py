@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.differences import tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
-    PALETTE,
+    MODELS,
     QUIET,
     REDUCED_COLOUR,
     axis_label,
     axis_unit,
+    distinct_colours,
+    heading,
     new_figure,
-    scene_name,
     styled,
     top_legend,
 )
@@ -27,6 +32,8 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 N_BINS = 50
 COLUMNS = 3
+DASHES = (0, (4, 3))
+BAND = "#F3F3F3"
 
 
 @styled
@@ -36,15 +43,16 @@ def densities(
     """Draw the density of every parameter and output that the ensembles have in common, one panel each.
 
     The densities are histograms of the samples that are fine, with the same bins for all ensembles. Dashed
-    lines mark the means; the band is the first ensemble's mean plus and minus a standard deviation. With two
-    ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
+    lines mark the means; the band reaches a standard deviation to both sides of the first ensemble's mean. Above each
+    panel stand the mean, after ± its standard error as everywhere, and the standard deviation. With two ensembles a
+    lower panel shows by how much the second density differs, in % of the first one's peak.
 
     Parameters
     ----------
     ensembles : sequence of Ensemble
         The first is drawn as an area, the others as steps over it.
     labels : sequence of str, optional
-        By default the model and the number of samples.
+        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
     names : sequence of str, optional
         Only these quantities, in this order.
 
@@ -53,7 +61,7 @@ def densities(
     InputError
         If the ensembles do not share one of `names`, or have no quantity in common or one has no sample that is fine.
     """
-    labels = [_label(ensemble) for ensemble in ensembles] if labels is None else labels
+    labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     n_columns = min(len(names), COLUMNS)
@@ -75,9 +83,32 @@ def densities(
         Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
         for number, (label, colour) in enumerate(zip(labels, colours))
     ]
-    name = scene_name(ensembles[0].record)
-    top_legend(figure, keys, f"Uncertainty of the {name or 'mechanism'}")
+    keys.append(Line2D([], [], color=QUIET, linestyle=DASHES, linewidth=1.0, label="mean"))
+    if any(len(_samples(ensembles[0], name)) > 1 for name in names):
+        beside = "" if len(ensembles) == 1 else " of the first"
+        keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
+    keys.append(Line2D([], [], color=QUIET, linestyle="none", marker=r"$\pm$", label="standard error of the mean"))
+    what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
+    top_legend(figure, keys, what, _notes(ensembles, labels))
     return figure
+
+
+def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
+    """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
+    kinds = [_label(ensemble) for ensemble in ensembles]
+    apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
+    return [text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)]
+
+
+def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
+    """Return what has to be known besides: samples that failed, and warnings."""
+    several = len(ensembles) > 1
+    failed = [
+        f"{label + ': ' if several else ''}the failed samples are in no figure, which may bias them"
+        for ensemble, label in zip(ensembles, labels)
+        if ensemble.status.any()
+    ]
+    return [*failed, *cautions.of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
 
 
 def _draw_quantity(
@@ -90,13 +121,14 @@ def _draw_quantity(
     edges = _edges(samples)
     heights = [np.histogram(values, edges, density=True)[0] for values in samples]
     axes = block[0]
-    mean, std = np.mean(samples[0]), np.std(samples[0], ddof=1) if len(samples[0]) > 1 else 0.0
-    axes.axvspan(mean - std, mean + std, color="#F3F3F3", zorder=0.5, linewidth=0)
+    if len(samples[0]) > 1:
+        mean, std = np.mean(samples[0]), np.std(samples[0], ddof=1)
+        axes.axvspan(mean - std, mean + std, color=BAND, zorder=0.5, linewidth=0)
     for number, (values, height, colour) in enumerate(zip(samples, heights, colours)):
         if number == 0:
             axes.stairs(height, edges, fill=True, color=_tint(colour))
         axes.stairs(height, edges, color=colour, linewidth=1.4 if number else 1.1)
-        axes.axvline(np.mean(values), color=colour, linestyle=(0, (4, 3)), linewidth=1.0)
+        axes.axvline(np.mean(values), color=colour, linestyle=DASHES, linewidth=1.0)
     axes.set_xlim(edges[0], edges[-1])
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
@@ -116,11 +148,14 @@ def _draw_quantity(
 
 
 def _write_moments(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[str], unit: str) -> None:
-    """Write mean, standard deviation and number of samples above the axes, a line for each ensemble."""
+    """Write the mean with its standard error, and the standard deviation, above the axes, a line for each ensemble."""
     shown = "" if unit in ("", "1") else f" {unit}"
     for number, (values, colour) in enumerate(zip(samples, colours)):
-        std = np.std(values, ddof=1) if len(values) > 1 else np.nan
-        text = f"{_rounded(np.mean(values), std)} ± {std:.3g}{shown},  N = {len(values)}"
+        text = f"one sample: {values[0]:.5g}{shown}"
+        if len(values) > 1:
+            std = float(np.std(values, ddof=1))
+            mean = _with_error(float(np.mean(values)), std / np.sqrt(len(values)))
+            text = f"mean {mean}, deviation {std:.3g}{shown}, n = {len(values)}"
         axes.annotate(
             text.replace("-", "\N{MINUS SIGN}"),
             xy=(0.0, 1.0),
@@ -132,12 +167,12 @@ def _write_moments(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[
         )
 
 
-def _rounded(mean: float, std: float) -> str:
-    """Return the mean with as many decimals as the three digits of the standard deviation have."""
-    if not np.isfinite(std) or std <= 0.0:
-        return f"{mean:.5g}"
-    decimals = max(0, 2 - int(np.floor(np.log10(std))))
-    return f"{mean:.{decimals}f}" if decimals < 8 else f"{mean:.5g}"
+def _with_error(value: float, error: float) -> str:
+    """Return a value with as many decimals as the two digits of its standard error have: ``5.601 ± 0.018``."""
+    if not np.isfinite(error) or error <= 0.0:
+        return f"{value:.5g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}" if decimals < 8 else f"{value:.5g} ± {error:.1e}"
 
 
 def _edges(samples: Sequence[np.ndarray]) -> np.ndarray:
@@ -178,18 +213,17 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
 
 
 def _label(ensemble: Ensemble) -> str:
-    """Return the model and how many samples it has, and how many of them failed."""
-    n_failed = int(np.count_nonzero(ensemble.status))
-    failed = f", {n_failed} failed" if n_failed else ""
-    model = "full order" if ensemble.model == "full" else "reduced"
-    return f"{model}, {len(ensemble.status)} samples{failed}"
+    """Return the model and how many of its samples are fine."""
+    n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
+    count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
+    return f"{MODELS[ensemble.model]}, {count}"
 
 
 def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
     """Return the models' colours, or the palette's where there are several ensembles of one model."""
     models = [ensemble.model for ensemble in ensembles]
     if len(set(models)) < len(models):
-        return list((PALETTE * 10)[: len(models)])
+        return distinct_colours(len(models))
     return [FULL_COLOUR if model == "full" else REDUCED_COLOUR for model in models]
 
 

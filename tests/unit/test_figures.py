@@ -15,7 +15,8 @@ from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.shapes import shown_positions
-from pgmp_petsc.figures.style import axis_unit, labels_by_parameters, quantity, save
+from pgmp_petsc.figures.differences import labels_by_parameters
+from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError
 
