@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
-from pgmp_petsc.figures.differences import mechanism_key
+from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
-from pgmp_petsc.figures.style import save, scene_name
+from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
@@ -116,22 +116,32 @@ def _of_runs(runs: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
     comparisons = paired(found)
     labels = labels_of(comparisons, files)
     pictures: Pictures = {"trajectories": partial(trajectories, comparisons, labels=labels)}
-    label_of = {id(run): label for comparison, label in zip(comparisons, labels) for run in comparison.runs}
+    label_of = {id(run): label for model in MODELS for run, label in _told_apart(found, files, model)}
     of_one = {
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "energies": (energies, lambda run: run.balance is not None),
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
     notes = _left_out("trajectories", [set(run.outputs) for run in found])
+    first_of: dict[int, list[str]] = {}
     for name, (picture, has) in of_one.items():
         having = list(filter(has, found))
         if having:
             pictures[name] = partial(picture, having[0], label=label_of[id(having[0])])
         if len(having) > 1:
-            notes.append(f"{name}.png shows {files[id(having[0])]}, the first of {len(having)}; plot others on their own")
+            first_of.setdefault(id(having[0]), []).append(f"{name}.png")
+    for run, names in first_of.items():
+        notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
     if "mechanism" not in pictures:
         notes.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
     return pictures, notes
+
+
+def _told_apart(runs: Sequence[Trajectory], files: Mapping[int, Path], model: str) -> Iterator[tuple[Trajectory, str]]:
+    """Return the runs of a model with what tells them from each other; the files are given by the runs' `id`."""
+    chosen = [run for run in runs if run.model == model]
+    labels = tell_apart([run.record for run in chosen], files=[files[id(run)] for run in chosen])
+    return zip(chosen, labels)
 
 
 def _left_out(name: str, quantities: Sequence[set[str]]) -> list[str]:

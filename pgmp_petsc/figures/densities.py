@@ -17,6 +17,7 @@ from pgmp_petsc.figures.differences import tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     MODELS,
+    PLAIN,
     QUIET,
     REDUCED_COLOUR,
     axis_label,
@@ -32,6 +33,7 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 N_BINS = 50
 COLUMNS = 3
+LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
 DASHES = (0, (4, 3))
 BAND = "#F3F3F3"
 
@@ -68,7 +70,7 @@ def densities(
     n_blocks = -(-len(names) // n_columns)
     ratios = ([2.8, 1.0] if compared else [1.0]) * n_blocks
     rows_a_block = len(ratios) // n_blocks
-    figure = new_figure(max(3.6 * n_columns, 5.0), (4.3 if compared else 3.3) * n_blocks + 0.65)
+    figure = new_figure(max(3.6 * n_columns, 5.0), (4.1 if compared else 3.1 + 0.3 * len(ensembles)) * n_blocks + 0.65)
     panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
     colours = _colours(ensembles)
     for place in range(n_blocks * n_columns):
@@ -87,7 +89,7 @@ def densities(
     if any(len(_samples(ensembles[0], name)) > 1 for name in names):
         beside = "" if len(ensembles) == 1 else " of the first"
         keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
-    keys.append(Line2D([], [], color=QUIET, linestyle="none", marker=r"$\pm$", label="standard error of the mean"))
+    keys.append(Line2D([], [], linestyle="none", label="±: standard error of the mean"))
     what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
     top_legend(figure, keys, what, _notes(ensembles, labels))
     return figure
@@ -104,7 +106,7 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
     """Return what has to be known besides: samples that failed, and warnings."""
     several = len(ensembles) > 1
     failed = [
-        f"{label + ': ' if several else ''}the failed samples are in no figure, which may bias them"
+        f"{label + ': ' if several else ''}the failed samples are in no density and no mean, which may bias them"
         for ensemble, label in zip(ensembles, labels)
         if ensemble.status.any()
     ]
@@ -132,7 +134,8 @@ def _draw_quantity(
     axes.set_xlim(edges[0], edges[-1])
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
-    axes.set_title(name.replace("_", " "), pad=8.0 + 12.0 * len(samples))
+    axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(samples))
+    axes.yaxis.set_major_formatter(PLAIN)
     axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
     _write_moments(axes, samples, colours, unit)
     if len(block) > 1:
@@ -151,20 +154,22 @@ def _write_moments(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[
     """Write the mean with its standard error, and the standard deviation, above the axes, a line for each ensemble."""
     shown = "" if unit in ("", "1") else f" {unit}"
     for number, (values, colour) in enumerate(zip(samples, colours)):
-        text = f"one sample: {values[0]:.5g}{shown}"
+        text = f"{values[0]:.5g}{shown}\none sample, no deviation"
         if len(values) > 1:
             std = float(np.std(values, ddof=1))
             mean = _with_error(float(np.mean(values)), std / np.sqrt(len(values)))
-            text = f"mean {mean}, deviation {std:.3g}{shown}, n = {len(values)}"
-        axes.annotate(
+            text = f"mean {mean}{shown}\ndeviation {std:.3g}{shown}, N = {len(values)}"
+        note = axes.annotate(
             text.replace("-", "\N{MINUS SIGN}"),
             xy=(0.0, 1.0),
             xycoords="axes fraction",
-            xytext=(0.0, 5.0 + 12.0 * (len(samples) - 1 - number)),
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(samples) - 1 - number)),
             textcoords="offset points",
             fontsize=8.5,
             color=colour,
         )
+        # a long line must not narrow the panels
+        note.set_in_layout(False)
 
 
 def _with_error(value: float, error: float) -> str:
@@ -172,7 +177,7 @@ def _with_error(value: float, error: float) -> str:
     if not np.isfinite(error) or error <= 0.0:
         return f"{value:.5g}"
     decimals = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}" if decimals < 8 else f"{value:.5g} ± {error:.1e}"
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}" if decimals < 13 else f"{value:.5g} ± {error:.1e}"
 
 
 def _edges(samples: Sequence[np.ndarray]) -> np.ndarray:

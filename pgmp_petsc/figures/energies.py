@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pgmp_petsc.figures import cautions
-from pgmp_petsc.figures.style import MODELS, PALETTE, QUIET, axis_unit, heading, new_figure, styled, top_legend
+from pgmp_petsc.figures.style import MODELS, PALETTE, QUIET, axis_unit, heading, new_figure, span, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
@@ -45,7 +45,7 @@ def energies(trajectory: Trajectory, label: str = "") -> Figure:
     for axes, (title, curves) in zip(panels, groups.items()):
         _draw_curves(axes, trajectory.time, curves, title)
     _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged)
-    panels[-1].set_xlim(trajectory.time[0], cautions.planned_end(trajectory))
+    span(panels[-1], trajectory.time[0], cautions.planned_end(trajectory))
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
     what = heading(f"Balance of energy, {MODELS[trajectory.model]}", trajectory.record, label)

@@ -61,13 +61,20 @@ def mechanism(
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set_xlabel(axis_label("x", unit))
-    axes.set_ylabel(axis_label("y", unit))
+    axes.set_xlabel(axis_label(shapes.axis_names[0], unit))
+    axes.set_ylabel(axis_label(shapes.axis_names[1], unit))
     bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
     bar.outline.set_visible(False)
     bar.set_label("time (s)")
-    enlarged = f", deformation enlarged {exaggeration:g} times" if exaggeration != 1.0 else ""
+    notes, plain, enlarged = cautions.of_runs([trajectory]), shapes.not_enlarged, ""
+    if exaggeration != 1.0:
+        deformable = len(frames.nodes) - len(frames.rigid)
+        if plain:
+            why = "only bodies in a plane, with two ends, can be"
+            notes.append(f"deformation of {', '.join(plain)} as it is, not enlarged: {why}")
+        if len(plain) < deformable:
+            enlarged = f", deformation enlarged {exaggeration:g} times"
     instants = f"at {len(chosen)} instants" if len(chosen) > 1 else "at one instant"
     what = f"Shape {instants}, {MODELS[trajectory.model]}{enlarged}"
-    top_legend(figure, keys, heading(what, trajectory.record, label), cautions.of_runs([trajectory]))
+    top_legend(figure, keys, heading(what, trajectory.record, label), notes)
     return figure

@@ -1,4 +1,4 @@
-"""The look that all pictures share: colours, type, grid, units on axes, and what tells several runs apart."""
+"""The look that all pictures share: colours, type, grid, units on axes, titles."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.whole_file import write_whole
@@ -29,6 +30,8 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 FULL_COLOUR = "#4D4D4D"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
+# numbers on an axis without a common factor, which would stand in the way of what is written above
+PLAIN = FuncFormatter(lambda value, _: f"{value:.6g}")
 MODELS = {"full": "full order", "reduced": "reduced"}
 RESOLUTION = 150
 
@@ -191,10 +194,15 @@ def distinct_colours(n: int) -> list[str]:
     return [to_hex(colour) for colour in matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, n))]
 
 
+def span(axes: Axes, low: float, high: float) -> None:
+    """Let a horizontal axis reach from one value to another; a single value leaves it as it is."""
+    if high > low:
+        axes.set_xlim(low, high)
+
+
 def angle_ticks(axes: Axes, values: np.ndarray, unit: str) -> None:
     """Tick an axis of angles that spans about a revolution at quarters of it."""
-    if values[-1] > values[0]:
-        axes.set_xlim(values[0], values[-1])
+    span(axes, values[0], values[-1])
     if unit == "rad" and abs(values[0]) < 0.05 and abs(values[-1] - 2 * np.pi) < 0.2:
         axes.set_xlim(0.0, 2 * np.pi)
         axes.set_xticks(np.arange(5) * np.pi / 2, ["0", "π/2", "π", "3π/2", "2π"])

@@ -7,12 +7,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
 
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     PALETTE,
+    PLAIN,
     QUIET,
     REDUCED_COLOUR,
     distinct_colours,
@@ -38,7 +38,6 @@ CONNECTED = {"full order": "-", "full order, more cells": ":", "response surface
 CLOSE = 1.3  # ratio of errors whose points share a label
 _DASHED = {"linestyle": (0, (4, 2)), "markerfacecolor": "white"}
 _MESH = {"color": QUIET, "linestyle": (0, (5, 3)), "linewidth": 1.0, "zorder": 1}
-_PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 
 @styled
@@ -78,7 +77,7 @@ def mesh_costs(study: Tradeoff) -> Figure:
         axes.set_xticks(cells, [str(number) for number in cells])
         axes.minorticks_off()
         axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
-        axes.yaxis.set_major_formatter(_PLAIN)
+        axes.yaxis.set_major_formatter(PLAIN)
         axes.set_xlabel("cells of all bodies")
     for axes, keys in ((errors, _keys_of_errors(study)), (costs, _keys_of_times(study))):
         if keys:
@@ -152,7 +151,7 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(_PLAIN)
+        axis.set_major_formatter(PLAIN)
     _draw_front(axes, cost, error, known & study.simulated & study.own_mesh)
     step = study.columns["step"]
     for rows, colour, order in (

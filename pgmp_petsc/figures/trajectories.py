@@ -19,12 +19,14 @@ from pgmp_petsc.figures.differences import same_case, tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     MODELS,
+    PLAIN,
     QUIET,
     axis_label,
     axis_unit,
     distinct_colours,
     heading,
     new_figure,
+    span,
     styled,
     top_legend,
 )
@@ -135,13 +137,22 @@ def trajectories(
             for axes in block:
                 axes.set_visible(False)
 
-    each = {id(run): (run, label) for comparison, label in zip(comparisons, labels) for run in comparison.runs}
-    notes = cautions.of_runs(*zip(*each.values()))
+    notes = cautions.of_runs(*_labelled_runs(comparisons, labels))
     kinds = {comparison.kind for comparison in comparisons}
     what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
     alone = labels[0] if len(comparisons) == 1 else ""
     top_legend(figure, _keys(comparisons, labels), heading(what, runs[0].record, alone), notes)
     return figure
+
+
+def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
+    """Return every run once, and what it is called in notes: with its model where another one stands beside it."""
+    shared, names = _shared(comparisons), {}
+    for comparison, label in zip(comparisons, labels):
+        for run in comparison.runs:
+            model = MODELS[run.model] if len(comparison.runs) == 2 else ""
+            names[id(run)] = run, ", ".join(filter(None, (model, "" if id(run) in shared else label)))
+    return [run for run, _ in names.values()], [name for _, name in names.values()]
 
 
 def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | None = None) -> list[str]:
@@ -188,7 +199,7 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
         _draw_errors(block[1], comparisons, output)
-    axes.set_xlim(min(run.time[0] for run in runs), max(cautions.planned_end(run) for run in runs))
+    span(axes, min(run.time[0] for run in runs), max(cautions.planned_end(run) for run in runs))
     block[-1].set_xlabel("time (s)")
 
 
@@ -201,6 +212,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
             axes.plot(*error, color=colour, linewidth=1.1)
             largest.append(float(np.max(error[1])))
     axes.set_ylim(bottom=0.0)
+    axes.yaxis.set_major_formatter(PLAIN)
     axes.set_ylabel("error (%)")
     if largest:
         axes.set_title(
