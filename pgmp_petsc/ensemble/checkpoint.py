@@ -11,7 +11,7 @@ from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 
 FORMAT = 2
-NAMED = ("parameters", "outputs", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
+NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
 
 
 class Checkpoint:
