@@ -116,6 +116,11 @@ def count_steps(duration: float, step: float) -> int:
     return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
 
 
+def instant(number: int, duration: float, n_steps: int) -> float:
+    """Return the time after so many of equal steps, without the round-off of their sum; the last is the duration."""
+    return duration if number == n_steps else duration * number / n_steps
+
+
 def integrate(
     system: SecondOrderSystem,
     simulation: Simulation,
@@ -166,7 +171,10 @@ def integrate(
         ts.setMaxSteps(n_steps)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         if observer is not None:
-            ts.setMonitor(lambda _, number, time, __: observer(number, time, stepper.state))
+            # not the TS's own time, a sum of steps: its round-off grows over the run
+            ts.setMonitor(
+                lambda _, number, *__: observer(number, instant(number, simulation.duration, n_steps), stepper.state)
+            )
         ts.setFromOptions()
         ts.solve(solution)
         check_end(ts, n_steps, simulation.duration)

@@ -19,7 +19,6 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.results import Ensemble
 
 
-
 @dataclass(frozen=True)
 class Case:
     """A command and words of its message; ``{folder}`` is the directory of prepared files."""
@@ -112,7 +111,7 @@ CASES = {
     "two coordinates": check('coordinates.second={{joint="elbow", range=[-1.0, 1.0]}}',
                              words=("they leave the rigid mechanism 1 degrees of freedom", "theta, second")),
     # effects
-    "unknown effect": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
+    "unknown effect that is like another": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
     "effect on the wrong joint": check('effects.push={{type="torque", joint="slider", table=[[0.0, 1.0]]}}',
                                        words=('effects.push.joint = "slider"', "a revolute joint is needed")),
     "contradictory effects": check(

@@ -112,6 +112,27 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]
 
 
+@pytest.mark.parametrize("name", ["a b/run 1.h5", "Größe/läuft.h5", "a&b/<run>'s \"x\".h5"])
+def test_paths_with_spaces_and_signs(tmp_path, monkeypatch, name):
+    (tmp_path / name).parent.mkdir()
+    (tmp_path / "for paraview").mkdir()
+    monkeypatch.chdir(tmp_path)
+    synthetic.trajectory(n_frames=2).write(name)
+    assert write_xdmf(name, "for paraview/my run.xdmf") == 2
+    for item in ElementTree.parse(tmp_path / "for paraview" / "my run.xdmf").getroot().findall(".//DataItem"):
+        file, dataset = item.text.split(":")
+        with h5py.File(tmp_path / "for paraview" / file) as stored:
+            assert dataset in stored
+
+
+@pytest.mark.parametrize("name", ["at 12:30.h5", "a|b.h5", "line\nbreak.h5", " space.h5"])
+def test_paths_that_xdmf_cannot_hold(tmp_path, name):
+    synthetic.trajectory(n_frames=2).write(tmp_path / name)
+    with pytest.raises(InputError, match="XDMF cannot refer to the path .*; rename it"):
+        write_xdmf(tmp_path / name, tmp_path / "t.xdmf")
+    assert not (tmp_path / "t.xdmf").exists()
+
+
 def test_both_files_can_be_moved_together(exported, tmp_path):
     moved = tmp_path / "elsewhere"
     moved.mkdir()

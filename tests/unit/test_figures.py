@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 import synthetic
-from pictures import assert_inside, legend_texts, visible
+from pictures import assert_inside, legend_texts, texts, visible
 
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.ensemble.statistics import describe
@@ -16,9 +16,13 @@ from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.shapes import shown_positions
-from pgmp_petsc.figures.style import axis_unit, labels_by_parameters, quantity, save
+from pgmp_petsc.figures.differences import labels_by_parameters
+from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError
+
+# what numpy and matplotlib warn of is a picture that is not right
+pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
 RADII = (5.04e-3, 5.6e-3, 6.16e-3)
 
@@ -120,7 +124,11 @@ def test_trajectories_without_a_common_output():
 def test_densities_compare_two_ensembles():
     figure = densities([synthetic.ensemble("full", 1000), synthetic.ensemble("reduced", 1000)])
     assert len(visible(figure)) == 6
-    assert legend_texts(figure) == ["full order, 1000 samples, 3 failed", "reduced, 1000 samples, 3 failed"]
+    assert legend_texts(figure) == [
+        "full order, 997 fine of 1000 samples", "reduced, 997 fine of 1000 samples", "mean",
+        "a standard deviation of the first to both sides", "±: standard error",
+    ]  # fmt: skip
+    assert [text for text in texts(figure) if "may bias" in text]
     shown = [text.get_text() for text in visible(figure)[0].texts]
     # parameters of all samples, as in the statistics of the file; outputs of those that are fine
     assert all("N = 1000" in text and "mm" in text for text in shown) and len(shown) == 2
@@ -138,10 +146,15 @@ def test_the_density_of_one_ensemble_is_that_of_its_file(bins):
     np.testing.assert_allclose(edges, known["crank_angle"].edges, rtol=1e-12)
 
 
-def test_a_deviation_is_named_and_never_behind_a_plus_minus():
-    """In a table of means the same sign stood for a standard error."""
-    texts = [text.get_text() for axes in visible(densities([synthetic.ensemble()])) for text in axes.texts]
-    assert texts and all("deviation" in text and "±" not in text for text in texts)
+def test_what_follows_a_plus_minus_is_a_standard_error():
+    """In a table of means the sign stood for one, in pictures for a standard deviation."""
+    ensemble = synthetic.ensemble(n_failed=0)
+    figure = densities([ensemble], names=["crank_angle"])
+    found, (text,) = ensemble.statistics["crank_angle"], visible(figure)[0].texts
+    mean, deviation = text.get_text().split("\n")
+    assert mean == f"mean {found.mean:.4f} ± {found.mean_standard_error:.4f} rad"
+    assert deviation == f"deviation {found.std:.4f} ± {found.std_standard_error:.4f} rad, N = 2000"
+    assert "±: standard error" in legend_texts(figure)
 
 
 @pytest.mark.parametrize("n_samples", [1, 2, 30])
@@ -161,7 +174,7 @@ def test_densities_of_a_quantity_that_does_not_vary():
 
 def test_three_ensembles_of_one_model_have_colours_of_their_own():
     figure = densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)])
-    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()}) == 3
+    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()[:3]}) == 3
     assert_inside(figure)
 
 
