@@ -88,7 +88,7 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         in_order = sorted(ensembles, key=lambda found: found[1].model != "full")
         files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
         pictures["densities"] = partial(densities, found, densities_labels(found, files))
-        notes += _left_out("densities", [set(ensemble.parameters) | set(ensemble.outputs) for ensemble in found])
+        notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):

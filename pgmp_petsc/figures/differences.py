@@ -78,7 +78,8 @@ def tell_apart(
         for text, record in zip(words, records):
             text.append(f"seed {'none' if record.seed is None else record.seed}")
     texts = [", ".join(filter(None, text)) for text in words]
-    if len(set(texts)) == len(texts) and len(entries) <= MOST_ENTRIES or not all(files):
+    told = len(set(texts)) == len(texts) and len(entries) <= MOST_ENTRIES
+    if told or not files or None in files:
         return texts
     counts = {text: texts.count(text) for text in texts}
     alone = len(entries) <= MOST_ENTRIES

@@ -181,7 +181,8 @@ def test_warnings_of_results_are_in_their_pictures() -> None:
 def test_ensembles_of_one_model_are_told_apart(tmp_path: Path) -> None:
     one, other = (replace(synthetic.ensemble("reduced", 40, 0), record=record(seed=seed)) for seed in (1, 2))
     assert legend_texts(densities([one, other]))[:2] == ["reduced, 40 samples, seed 1", "reduced, 40 samples, seed 2"]
-    less = replace(other, outputs={"crank_angle": other.outputs["crank_angle"]})
+    angle = "crank_angle"
+    less = replace(other, outputs={angle: other.outputs[angle]}, statistics={angle: other.statistics[angle]})
     lines = draw(written(tmp_path, one, less), tmp_path / "out")
     assert lines[-1] == "densities.png is without slider_deformation: not every file has it"
 
@@ -194,7 +195,8 @@ def test_one_sample_has_no_deviation() -> None:
 
 def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path) -> None:
     ensemble = synthetic.ensemble("full", 20)
-    lost = replace(ensemble, status=np.full(20, 2))
+    nothing = {name: synthetic.statistics(np.full(20, np.nan)) for name in ensemble.statistics}
+    lost = replace(ensemble, status=np.full(20, 2), statistics=nothing)
     lines = draw(written(tmp_path, synthetic.modes_table(), lost), tmp_path / "out")
     assert lines[0].endswith("frequencies.png") and lines[1].startswith("no densities.png: no sample")
     with pytest.raises(InputError, match="no densities.png: no sample of the full ensemble"):
