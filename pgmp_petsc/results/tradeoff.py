@@ -50,6 +50,11 @@ from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take,
 
 FAMILIES = ("reduced", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
+# columns that settings are named by
+_NEEDED = (
+    "angles", "coordinates", "inertia_modes", "interpolation", "modes", "nodes", "parameter_modes", "refinement",
+    "second_order", "static_modes", "step",
+)  # fmt: skip
 _COLUMN_UNITS = {"step": "s"}
 _CLOCKS = {
     "wall": ("offline", "online/batch", "online/single"),
@@ -288,6 +293,9 @@ class Tradeoff:
         with open_file(path, "tradeoff") as file, shapes_of(file):
             settings = file["settings"]
             names = [name for name in settings if name not in ("family", "flags", "reason")]
+            missing = set(_NEEDED) - set(names)
+            if missing:
+                raise KeyError(f"/settings lacks {', '.join(sorted(missing))}")
             references = References(
                 take(file, "reference/refinement", 1),
                 take(file, "reference/step", 1),

@@ -96,15 +96,23 @@ class RunRecord:
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
         """Read the record of a file opened with :func:`open_file`."""
-        seed = file.attrs["seed"]
-        return cls(
-            scene_toml=str(file.attrs["scene"]),
-            parameters=json.loads(file.attrs["parameters"]),
-            seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
-            ranks=int(file.attrs["ranks"]),
-            timings={phase: float(data[()]) for phase, data in file.get("timings", {}).items()},
-            remarks=from_json(file.attrs["remarks"]),
-        )
+        with shapes_of(file):
+            seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
+            return cls(
+                scene_toml=_text(file.attrs["scene"]),
+                parameters={str(name): float(value) for name, value in parameters.items()},
+                seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
+                ranks=int(file.attrs["ranks"]),
+                timings={phase: float(data[()]) for phase, data in file["timings"].items()},
+                remarks=from_json(file.attrs["remarks"]),
+            )
+
+
+def _text(value: object) -> str:
+    """Return a text attribute; raises `TypeError` where it is none."""
+    if not isinstance(value, str):
+        raise TypeError(f"a text was expected, and {type(value).__name__} found")
+    return value
 
 
 @contextmanager

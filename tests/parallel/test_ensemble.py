@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from runs import PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+from sealed import resealed_piece
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
@@ -192,10 +193,8 @@ def test_a_run_killed_on_several_ranks_is_resumed_on_one(
     assert sorted(file.name for file in partial.glob("*.npz")) == [f"{first:09d}.npz" for first in (0, 2, 4)]
     # what is stored is not computed again: a batch with other numbers stays as it is
     marked = partial / "000000002.npz"
-    with np.load(marked) as data:
-        arrays = dict(data)
-    arrays["outputs.crank_angle"] = arrays["outputs.crank_angle"] + 100.0
-    np.savez(marked, **arrays)
+    with resealed_piece(marked) as arrays:
+        arrays["outputs.crank_angle"] += 100.0
     pgmp("montecarlo", rom, *LONG, "-o", path, "--resume")
     found = Ensemble.read(path)
     angles = uninterrupted.outputs["crank_angle"].copy()
