@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pgmp_petsc.runtime.petsc import start_petsc
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -27,6 +29,4 @@ class Session:
 
     def start_petsc(self) -> None:
         """Start PETSc with the user's options; anything that imports PETSc is imported after this."""
-        import petsc4py
-
-        petsc4py.init(["pgmp", *self.petsc_options])
+        start_petsc(self.petsc_options)
