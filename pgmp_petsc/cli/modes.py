@@ -47,7 +47,7 @@ def modes(
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
-    group = RankGroup.split(comm, ranks_per_angle)
+    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
     save(context, table, output)
     if table is not None:
