@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.petsc import start_petsc
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@dataclass(frozen=True)
+@dataclass
 class Session:
     """One call of ``pgmp``; click's context object (``context.obj``).
 
@@ -26,7 +26,9 @@ class Session:
 
     comm: MPI.Comm
     petsc_options: Sequence[str] = ()
+    petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:
         """Start PETSc with the user's options; anything that imports PETSc is imported after this."""
         start_petsc(self.petsc_options)
+        self.petsc_started = True

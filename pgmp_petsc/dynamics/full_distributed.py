@@ -30,6 +30,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.effects import Motion, driven
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
 
@@ -236,7 +237,8 @@ class FullDistributed:
             found = [now.tangents for now in (elements, *solids)]
             self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents, *stiffening]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
-        self._ksp.solve(self._rhs, self._x)
+        with petsc_solver(PREFIX, f"full-order step that ends at {time:.6g} s"):
+            self._ksp.solve(self._rhs, self._x)
         if self._ksp.getConvergedReason() < 0:
             raise RunError(
                 f"full-order step that ends at {time:.6g} s: the linear solver failed "
@@ -314,7 +316,8 @@ class FullDistributed:
         self._ksp.getPC().setType(PETSc.PC.Type.LU)
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setOperators(self._matrix)
-        self._ksp.setFromOptions()
+        with petsc_solver(PREFIX, "full-order linear solver"):
+            self._ksp.setFromOptions()
 
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""

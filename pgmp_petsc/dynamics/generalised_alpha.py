@@ -30,6 +30,7 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -171,7 +172,8 @@ def integrate(
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         if observer is not None:
             ts.setMonitor(lambda _, number, time, __: observer(number, time, stepper.state))
-        ts.setFromOptions()
+        with petsc_solver(prefix, "time integration"):
+            ts.setFromOptions()
         _check_options(ts, prefix, step, n_steps)
         ts.solve(solution)
     finally:

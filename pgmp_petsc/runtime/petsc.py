@@ -7,8 +7,12 @@ Python, so a rank that never solves an eigenproblem would leave the others waiti
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Sequence
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -44,13 +48,55 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
     option_names(arguments)
     import petsc4py
 
+    said = ""
     try:
-        petsc4py.init(["pgmp", *arguments])
+        with _held_back_stderr() as printed:
+            try:
+                petsc4py.init(["pgmp", *arguments])
+            except RuntimeError:
+                said = printed()
+                raise
     except (RuntimeError, UnicodeError) as error:
-        raise InputError(f"options after '--': PETSc does not start with {' '.join(arguments)}: {reason_of(error)}")
+        reason = _printed_reason(said) or reason_of(error)
+        raise InputError(f"options after '--': PETSc does not start with {' '.join(arguments)}: {reason}") from error
     import slepc4py
 
     slepc4py.init(["pgmp", *arguments])
+
+
+@contextmanager
+def _held_back_stderr() -> Iterator[Callable[[], str]]:
+    """Hold back what C prints to standard error in the block, and print it at its end unless it was read.
+
+    PETSc prints a page where it does not start; it knows no other way then to say what is wrong.
+    """
+    sys.stderr.flush()
+    kept, read = os.dup(2), False
+    with tempfile.TemporaryFile() as file:
+
+        def printed() -> str:
+            nonlocal read
+            read = True
+            file.seek(0)
+            return file.read().decode(errors="replace")
+
+        os.dup2(file.fileno(), 2)
+        try:
+            yield printed
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            if not read:
+                os.write(2, printed().encode())
+
+
+def _printed_reason(text: str) -> str:
+    """Return what stands between the heading of PETSc's page and its advice."""
+    lines = [line.partition("PETSC ERROR: ")[2].strip() for line in text.splitlines()]
+    for number, line in enumerate(lines):
+        if "Error Message" in line:
+            return ": ".join(takewhile(lambda part: not part.startswith("See "), lines[number + 1 :]))
+    return ""
 
 
 def option_names(arguments: Sequence[str]) -> list[str]:

@@ -15,7 +15,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.modes import problem as problem_module
-from pgmp_petsc.solvers import shift_invert
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -86,7 +85,7 @@ def pencil() -> tuple[object, object, np.ndarray]:
 def solver() -> Iterator[ShiftInvertSolver]:
     from petsc4py import PETSc
 
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     yield solver
     solver.close()
 
@@ -277,7 +276,7 @@ def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: obje
 
     for name, value in (("tol", 1e-40), ("max_it", 2), ("ncv", 25)):
         options[f"pgmp_modes_eps_{name}"] = value
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     with pytest.raises(RunError, match=r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)"):
         solver.solve(*pencil[:2], 1, 5, "here")
     solver.close()
@@ -286,8 +285,8 @@ def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: obje
 def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: object) -> None:
     from petsc4py import PETSc
 
-    options[f"{shift_invert.PREFIX}eps_ncv"] = 37
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    options["pgmp_modes_eps_ncv"] = 37
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     solver.solve(*pencil[:2], 1, 5, "here")
     assert solver._eps.getDimensions()[1] == 37
     solver.close()
