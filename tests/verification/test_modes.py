@@ -292,6 +292,51 @@ def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: objec
     solver.close()
 
 
+def test_solvers_leave_the_options_alone_and_have_their_own(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    before = PETSc.Options().getAll()
+    options["other_eps_tol"] = 1e-40  # of another problem
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    solver.solve(*pencil[:2], 1, 5, "here")
+    solver.close()
+    assert PETSc.Options().getAll() == before | {"other_eps_tol": "1e-40"}
+
+
+def test_an_option_that_petsc_refuses_is_bad_input(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    options["pgmp_modes_count_mat_mumps_icntl_14"] = "x"  # read at the factorisation, which knows its prefix
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    with pytest.raises(InputError, match="^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no"):
+        solver.solve(*pencil[:2], 1, 5, "here")
+    solver.close()
+
+
+def test_a_krylov_method_that_stops_early_is_noticed(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    for name, value in (("ksp_type", "cg"), ("ksp_max_it", 1), ("pc_type", "none"), ("ksp_error_if_not_converged", 0)):
+        options[f"pgmp_modes_st_{name}"] = value
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    with pytest.raises(RunError, match="with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid"):
+        solver.factor(*pencil[:2])
+        solver.apply_inverse(np.ones((40, 1)))
+    solver.close()
+
+
+def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
+    """Without a shift, and rows that are empty: nothing that comes out may be used."""
+    from petsc4py import PETSc
+
+    empty = petsc_matrix(np.zeros((40, 40)))
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, 0.0, "pgmp_modes_")
+    with pytest.raises(RunError, match="with the shift 0: "):
+        solver.factor(empty, pencil[1])
+        solver.apply_inverse(np.ones((40, 1)))
+    solver.close()
+
+
 def test_a_rigid_motion_that_is_none_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     with modal_problem(kinematics_of(slider_crank()), 3) as problem:
         true = problem_module.rigid_velocities
