@@ -113,7 +113,8 @@ def full_model(scene: Scene) -> FullModel:
 
 def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
     """Build the reduced-order model on this process."""
-    return build_rom(scene, _meshes(scene), RankGroup.split(MPI.COMM_SELF, 1), scramble)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return build_rom(scene, _meshes(scene), group, scramble)
 
 
 def reduced_model(scene: Scene) -> ReducedModel:

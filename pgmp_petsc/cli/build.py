@@ -57,7 +57,7 @@ def build(
     if loaded.reduction.effects == "auto":
         loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
         say(context, "\n".join(sizes.lines()))
-    group = RankGroup.split(comm, ranks_per_angle)
+    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
     choice, checkpoint = None, None
     if leaves_open(loaded):
         if resume:

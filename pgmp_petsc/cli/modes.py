@@ -46,7 +46,7 @@ def modes(
     context.with_resource(claimed(comm, output, "modes", (scene, rom)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
-    group = RankGroup.split(comm, ranks_per_angle)
+    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
     save(context, table, output)
     if table is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
@@ -74,15 +75,18 @@ def condensed(
     return done
 
 
-def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> RankGroup:
-    """Return the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
+@contextmanager
+def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> Iterator[RankGroup]:
+    """Yield the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
     small.
 
     Collective on ``group.world``.
     """
-    if group.comm.size > 1 and all(isinstance(shape, Component) for shape in shapes.values()):
-        return RankGroup.split(group.world, 1)
-    return group
+    if group.world.size > group.count and all(isinstance(shape, Component) for shape in shapes.values()):
+        with RankGroup.split(group.world, 1) as alone:
+            yield alone
+    else:
+        yield group
 
 
 def _points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:

@@ -18,13 +18,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.effects.measures import ROTATION, measure
+from pgmp_petsc.runtime.compiled import njit
 
 N_FRAME, N_PAIR = 3, 6
 POWER, STORED, DEPTH = range(3)  # what is known of an action beside its force

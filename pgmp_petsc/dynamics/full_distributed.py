@@ -29,7 +29,9 @@ from pgmp_petsc.dynamics.full_equations import FullEquations
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Motion, driven
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
 
@@ -258,9 +260,10 @@ class FullDistributed:
     def _solved(self) -> bool:
         """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks."""
         try:
-            self._ksp.solve(self._rhs, self._x)
+            with petsc_solver(PREFIX, "full-order linear solver"):
+                self._ksp.solve(self._rhs, self._x)
             solved = self._ksp.getConvergedReason() > 0
-        except PETSc.Error:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
+        except RunError:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
             solved = False
         return bool(self.comm.allreduce(solved, op=MPI.LAND))
 
@@ -332,7 +335,8 @@ class FullDistributed:
         self._ksp.getPC().setType(PETSc.PC.Type.LU)
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setOperators(self._matrix)
-        self._ksp.setFromOptions()
+        with petsc_solver(PREFIX, "full-order linear solver"):
+            self._ksp.setFromOptions()
 
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""

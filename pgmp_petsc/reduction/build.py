@@ -84,7 +84,19 @@ def build_rom(
     with timings.phase("components"):
         check_features(scene)
         meshes = condensed(scene, meshes, group, checkpoint)
-        group = angle_group(meshes, group)
+    with angle_group(meshes, group) as angles:
+        return _built(scene, meshes, angles, scramble, checkpoint, timings)
+
+
+def _built(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    scramble: Callable[[ModeSet], ModeSet],
+    checkpoint: BuildCheckpoint | None,
+    timings: Timings,
+) -> ReducedOrderModel | None:
+    """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
         check_count(scene, mechanism)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +20,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
+from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64
 

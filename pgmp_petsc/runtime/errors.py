@@ -25,6 +25,23 @@ class RunError(PgmpError):
     """The input was accepted but the computation failed (exit status 1)."""
 
 
+def plain_reason(error: BaseException) -> str | None:
+    """Return what to say of an error that the system or the machine's size causes, None for a mistake of ours.
+
+    The latter deserves its traceback.
+    """
+    if isinstance(error, MemoryError):
+        detail = f": {error}" if str(error) else ""
+        return f"not enough memory{detail}; take a smaller problem or more ranks on more nodes"
+    if isinstance(error, RecursionError):
+        return "something is nested too deeply to be worked on"
+    if isinstance(error, UnicodeError):
+        return f"a text or a name is not valid in its encoding: {error}"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return None
+
+
 def nearest_name(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known name closest to ``name``, or the list of known names."""
     known = sorted(known)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -49,10 +50,22 @@ def tabulate_modes(
         On the first rank, None elsewhere.
     """
     timings = Timings()
-    own = np.empty((0, scene.reduction.modes))
     with timings.phase("components"):
         meshes = condensed(scene, meshes, group)
-        group = angle_group(meshes, group)
+    with angle_group(meshes, group) as angles:
+        return _tabulated(scene, meshes, rom, n_angles, angles, timings)
+
+
+def _tabulated(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    rom: ReducedOrderModel | None,
+    n_angles: int,
+    group: RankGroup,
+    timings: Timings,
+) -> ModesTable | None:
+    """As `tabulate_modes`, with condensed bodies."""
+    own = np.empty((0, scene.reduction.modes))
     with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
         n_angles ** len(scene.coordinates), "eigenproblems", group.world
     ) as bar:

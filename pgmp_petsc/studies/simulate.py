@@ -17,6 +17,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
@@ -53,12 +54,10 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
     several takes longer than on one. The others wait.
     """
     n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
-    workers = comm.Split(color=int(comm.rank >= n_workers), key=comm.rank)
     trajectory = None
-    with agreed(comm, "full-order simulation"):
+    with first_ranks(comm, n_workers) as workers, agreed(comm, "full-order simulation"):
         if comm.rank < n_workers:
             trajectory = _full_on_all_ranks(model, workers, comm.size)
-    workers.Free()
     return trajectory
 
 

@@ -13,6 +13,7 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 frame.GRACE_SECONDS = 1.0
 
@@ -89,6 +90,45 @@ def petsc(context: click.Context) -> None:
 
 
 @click.command()
+@click.pass_context
+def using(context: click.Context) -> None:
+    """Use an option on the last rank."""
+    from petsc4py import PETSc
+
+    comm = context.obj.comm
+    if comm.rank == comm.size - 1:
+        PETSc.Options("pgmp_ts_").getInt("used")
+
+
+@click.command()
+@click.pass_context
+def solving(context: click.Context) -> None:
+    """Make a solver."""
+    from petsc4py import PETSc
+
+    with agreed(context.obj.comm, "solving"), petsc_solver("pgmp_ts_", "solver"):
+        solver = PETSc.KSP().create(PETSc.COMM_SELF)
+        solver.setOptionsPrefix("pgmp_ts_")
+        try:
+            solver.setFromOptions()
+        finally:
+            solver.destroy()
+
+
+@click.command()
+@click.argument("kind")
+def refused(kind: str) -> None:
+    """Meet what the system refuses."""
+    errors = {
+        "memory": MemoryError("16 GiB"),
+        "permission": PermissionError(13, "Permission denied", "/data/x"),
+        "nesting": RecursionError("maximum recursion depth exceeded"),
+        "text": UnicodeEncodeError("utf-8", "\udcff", 0, 1, "surrogates not allowed"),
+    }
+    raise errors[kind]
+
+
+@click.command()
 @scene_options
 @output_option
 @click.pass_context
@@ -104,9 +144,11 @@ def modules(context: click.Context) -> None:
     say(context, f"petsc4py imported: {'petsc4py' in sys.modules}")
 
 
-for _command in (fine, agreeing, failing, alone, crashing, interrupted, some_failed, petsc, options, modules):
+STARTED = (petsc, using, solving)
+OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, some_failed, options, modules, refused)
+for _command in (*STARTED, *OTHERS):
     _name = _command.callback.__name__
-    frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_name == "petsc")
+    frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_command in STARTED)
 
 if __name__ == "__main__":
     frame.main()
