@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
 LABEL = "run.json"
 
@@ -45,12 +46,14 @@ class CheckpointFolder:
         label = self.path / LABEL
         if resume and label.exists():
             self._check(_read_label(label))
+            keep(self.path)
             return True
         shutil.rmtree(self.path, ignore_errors=True)
         self.path.mkdir()
         waiting = label.with_suffix(".writing")
         waiting.write_text(json.dumps(self._run))
         os.replace(waiting, label)
+        keep(self.path)
         return False
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -67,6 +70,7 @@ class CheckpointFolder:
 
     def remove(self) -> None:
         """Remove the folder; the result holds all of it."""
+        keep_no_longer(self.path)
         shutil.rmtree(self.path, ignore_errors=True)
 
     def _check(self, found: dict) -> None:

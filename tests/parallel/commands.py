@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import click
+import numpy as np
 
 from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.lazy import LazyCommand
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 frame.GRACE_SECONDS = 1.0
@@ -73,6 +76,23 @@ def interrupted(context: click.Context) -> None:
 
 
 @click.command()
+@click.argument("output", required=False, type=click.Path(path_type=Path))
+@click.pass_context
+def waiting(context: click.Context, output: Path | None) -> None:
+    """Wait to be ended, rank 0 within MPI; with OUTPUT a piece of it is finished."""
+    comm = context.obj.comm
+    if output is not None and comm.rank == 0:
+        folder = CheckpointFolder(output, {"format": 1})
+        folder.open(resume=False)
+        folder.put("piece", {"a": np.zeros(3)})
+    comm.barrier()
+    print("waiting", flush=True)
+    if comm.rank == 0 and comm.size > 1:
+        comm.barrier()
+    time.sleep(600.0)
+
+
+@click.command()
 @click.pass_context
 def some_failed(context: click.Context) -> None:
     """End with status 1 without a message, as where some samples failed."""
@@ -104,7 +124,7 @@ def modules(context: click.Context) -> None:
     say(context, f"petsc4py imported: {'petsc4py' in sys.modules}")
 
 
-for _command in (fine, agreeing, failing, alone, crashing, interrupted, some_failed, petsc, options, modules):
+for _command in (fine, agreeing, failing, alone, crashing, interrupted, waiting, some_failed, petsc, options, modules):
     _name = _command.callback.__name__
     frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_name == "petsc")
 

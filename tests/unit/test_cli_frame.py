@@ -176,7 +176,7 @@ def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=180)
     assert done.returncode == 130 != -signal.SIGINT
-    assert done.stderr.strip() == "pgmp: interrupted"
+    assert done.stderr.strip() == "pgmp: interrupted: no part of an unfinished result is kept; start it again"
 
 
 @pytest.mark.parametrize("n", RANKS)
