@@ -2,11 +2,13 @@
 
 A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
 after `FIRST` seconds and then every `EVERY` seconds, less often the longer the work takes; short work says nothing.
+A thread writes them, so that work of which no unit is done yet is seen to go on.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -83,29 +85,42 @@ class Lines:
         self._start = clock()
         self._next = self._start + FIRST
         self._said = False
+        self._turn = threading.Lock()
+        self._ended = threading.Event()
 
     def update(self, n: int = 1) -> None:
-        """Count ``n`` further units of work as done, and write a line if it is time."""
+        """Count ``n`` further units of work as done."""
         self._done += n
-        now = self._clock()
-        if now < self._next:
-            return
-        elapsed = now - self._start
-        self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
-        done = self._done - self._initial
-        left = self._total - self._done
-        rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
-        self._say(f"{_words(elapsed)}{rest}")
+        self.look()
+
+    def look(self) -> None:
+        """Write a line if it is time."""
+        with self._turn:
+            now = self._clock()
+            if now < self._next:
+                return
+            elapsed = now - self._start
+            self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
+            done = self._done - self._initial
+            left = self._total - self._done
+            rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
+            self._say(f"{_words(elapsed)}{rest}")
 
     def __enter__(self) -> Lines:
+        threading.Thread(target=self._watch, daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._ended.set()
         # the last line of a log says that the work came to its end
         if self._said and kind is None and self._done >= self._total:
             self._say(_words(self._clock() - self._start))
+
+    def _watch(self) -> None:
+        while not self._ended.wait(FIRST):
+            self.look()
 
     def _say(self, times: str) -> None:
         self._said = True
