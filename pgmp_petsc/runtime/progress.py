@@ -84,7 +84,7 @@ class Lines:
         self._initial = self._done = initial
         self._start = clock()
         self._next = self._start + FIRST
-        self._said = False
+        self._said = -1  # the count of the last line
         self._turn = threading.Lock()
         self._ended = threading.Event()
 
@@ -115,7 +115,7 @@ class Lines:
     ) -> None:
         self._ended.set()
         # the last line of a log says that the work came to its end
-        if self._said and kind is None and self._done >= self._total:
+        if 0 <= self._said < self._done >= self._total and kind is None:
             self._say(_words(self._clock() - self._start))
 
     def _watch(self) -> None:
@@ -123,7 +123,7 @@ class Lines:
             self.look()
 
     def _say(self, times: str) -> None:
-        self._said = True
+        self._said = self._done
         try:
             print(f"{self._description}: {self._done} of {self._total}, {times}", file=self._stream, flush=True)
         except OSError:
