@@ -10,7 +10,10 @@ readonly pgmp=.venv/bin/pgmp python=.venv/bin/python
 : "${script:?}"  # the name of the one that sources this
 readonly STOPPED=75  # EX_TEMPFAIL of sysexits.h: not done, to be tried again
 readonly array_index=${SLURM_ARRAY_TASK_ID:-${PBS_ARRAY_INDEX:-${PGMP_INDEX:-}}}
-readonly job_id=${SLURM_JOB_ID:-${PBS_JOBID:-}}
+# the number of an array's last job is that of the whole array
+own=${SLURM_JOB_ID:-${PBS_JOBID:-}}
+[ -z "${SLURM_ARRAY_TASK_ID:-}" ] || own=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID
+readonly own
 # filled by the functions below
 command=() extra=() launch=() output='' before='' older='' status=0 seconds='' lead=120
 stopped=false resumed=false ended_by=''
@@ -50,7 +53,7 @@ of_its_own() {
 
 prepare() {
     [ -x "$pgmp" ] || fail "no $pgmp in $PWD: submit from the checkout, after scripts/setup"
-    echo "== $script${job_id:+, job $job_id}${SLURM_RESTART_COUNT:+, restart $SLURM_RESTART_COUNT}," \
+    echo "== $script${own:+, job $own}${SLURM_RESTART_COUNT:+, restart $SLURM_RESTART_COUNT}," \
         "$HOSTNAME, $(date '+%Y-%m-%d %H:%M:%S')"
     if [ -n "${MODULES:-}" ]; then
         set +u  # modules are not written for it
@@ -151,13 +154,10 @@ pbs_launch() {
     [ -z "${LAUNCH:-}" ] || read -ra launch <<<"$LAUNCH"
 }
 
-# TEXT: seconds of 90, 1:30, 00:01:30 or 0-00:01:30; nothing where there is no end.
+# TEXT: seconds of 90, 1:30, 00:01:30 or 0-00:01:30.
 seconds_of() {
-    case $1 in
-        *[!0-9:-]* | '') ;;
-        *) awk -F '[:-]' '{ for (i = NF; i > 0; i--) { s += $i * w[NF - i] } print s }
-            BEGIN { w[0] = 1; w[1] = 60; w[2] = 3600; w[3] = 86400 }' <<<"$1" ;;
-    esac
+    awk -F '[:-]' '{ for (i = NF; i > 0; i--) { s += $i * w[NF - i] } print s }
+        BEGIN { w[0] = 1; w[1] = 60; w[2] = 3600; w[3] = 86400 }' <<<"$1"
 }
 
 # QUESTION...: what the scheduler answers, asked three times; fails where there is no answer.
@@ -176,7 +176,7 @@ asked() {
 # Set how long the job has, and how long before its end the command is stopped.
 slurm_time() {
     local left=${WALLTIME:-}
-    [ -n "$left" ] || left=$(asked squeue --noheader --jobs "$SLURM_JOB_ID" --format %L) ||
+    [ -n "$left" ] || left=$(asked squeue --noheader --jobs "$own" --format %L) ||
         fail "squeue does not say how long this job has; say it with WALLTIME=seconds"
     keep_time "$left"
 }
@@ -193,12 +193,16 @@ pbs_time() {
 # TEXT: the time that is left; LEAD is 120 s, or a quarter of it where that is less.
 keep_time() {
     local left
+    case $1 in
+        UNLIMITED | '')
+            echo "the job has no wall time: the command runs to its end"
+            return
+            ;;
+        *[!0-9:-]*) fail "how long this job has is not understood: '$1'; say it with WALLTIME=seconds" ;;
+    esac
     left=$(seconds_of "$1")
-    if [ -z "$left" ]; then
-        echo "the job has no wall time: the command runs to its end"
-        return
-    fi
     lead=${LEAD:-$((left < 480 ? left / 4 : 120))}
+    [[ $lead =~ ^[0-9]+$ ]] || fail "LEAD = $lead: needed: a number of seconds"
     seconds=$((left - lead))
     [ "$seconds" -gt 0 ] || fail "LEAD = $lead: the job has $left s in all; give it more, or a smaller LEAD"
     echo "$left s left; the command is stopped after $seconds s"
@@ -324,9 +328,7 @@ kept() {
 
 # Under the same id, so that jobs which depend on this one wait; else as a new job with the options of this one.
 slurm_again() {
-    local own=$SLURM_JOB_ID options further limit pair name
-    # the id of an array's last job is the whole array's
-    [ -z "${SLURM_ARRAY_TASK_ID:-}" ] || own=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID
+    local options further limit pair name
     if scontrol requeue "$own"; then
         echo "job $own is queued again under its id"
         return
@@ -363,7 +365,7 @@ pbs_again() {
     done
     [ -z "${PBS_O_QUEUE:-}" ] || options+=(-q "$PBS_O_QUEUE")
     # PBS knows no dependency on one job of an array
-    [[ $job_id == *'['* ]] || options+=(-W depend="afterany:$job_id")
+    [[ $own == *'['* ]] || options+=(-W depend="afterany:$own")
     read -ra further <<<"${SUBMIT:-}"
     [ -z "$array_index" ] || export PGMP_INDEX=$array_index
     qsub "${options[@]}" "${further[@]}" "scripts/hpc/$script"

@@ -32,7 +32,11 @@ case $1 in --mpi=*) [ "$1" = "--mpi=${WORKING:-pmix}" ] && default=fine || defau
 [ "$3" = .venv/bin/python ] || echo "srun $2" >>"$CALLS"
 exec mpirun -n "${@:2}"
 """,
-    "squeue": '[ "${*: -2:2}" = "--format %L" ] && echo "${LEFT:-1:00:00}" || echo 2:00:00\n',
+    # of the number of a whole array it names all jobs
+    "squeue": """
+[ "$3" != "${SLURM_ARRAY_JOB_ID:-}" ] || echo 0:01
+[ "$5" = %L ] && echo "${LEFT:-1:00:00}" || echo 2:00:00
+""",
     "scontrol": 'echo "scontrol $*" >>"$CALLS"\n[ "${REQUEUE:-yes}" = yes ]\n',
     "sbatch": 'echo "sbatch $*" >>"$CALLS"\n[ "${QUEUE:-open}" = open ]\n',
     "qsub": 'echo "qsub $*" >>"$CALLS"\n[ "${QUEUE:-open}" = open ]\n',
@@ -188,7 +192,7 @@ def test_one_job_of_an_array_is_queued_again_alone(checkout: Path) -> None:
     given = worker(checkout) | {"OUTPUT": "m%any.h5"}
     job = start(checkout, "montecarlo.slurm", WORK="slow", **array, **given)
     stop(job, checkout / "m3ny.h5.partial" / "2.npz")
-    ended(job, STOPPED)
+    assert "3600 s left" in ended(job, STOPPED)[0]
     assert calls(checkout)[1:] == ["scontrol requeue 17_3"]
     job = start(checkout, "montecarlo.slurm", WORK="slow", REQUEUE="no", **array, **given | {"OUTPUT": "n%a.h5"})
     stop(job, checkout / "n3.h5.partial" / "2.npz")
@@ -336,11 +340,13 @@ def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "variables", "message"),
     [
-        ("build.slurm", {"SLURM_ARRAY_TASK_ID": 3}, "ROM = rom.h5: all jobs of the array would write this file"),
+        ("build.slurm", {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3}, "ROM = rom.h5: all jobs of the array would write this file"),
         ("montecarlo.pbs", {"PBS_ARRAY_INDEX": 3}, "OUTPUT = many.h5: all jobs of the array would write this file"),
         ("montecarlo.slurm", {"OUTPUT": "m%a.h5"}, "OUTPUT = m%a.h5: %a is the index in a job array, and this job is"),
         ("montecarlo.slurm", {"SEED": "-1"}, "SEED = -1: needed: a whole number, 0 or more"),
         ("build.slurm", {"LEAD": 60, "LEFT": "0:50"}, "LEAD = 60: the job has 50 s in all; give it more, or a smaller"),
+        ("build.slurm", {"LEAD": "2m"}, "LEAD = 2m: needed: a number of seconds"),
+        ("build.slurm", {"LEFT": "NOT_SET"}, "how long this job has is not understood: 'NOT_SET'; say it with WALLT"),
         ("build.pbs", {"LEAD": 3600}, "LEAD = 3600: the job has 3600 s in all"),
     ],
 )
