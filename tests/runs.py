@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -176,6 +177,11 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
     shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown
     return done
+
+
+def besides_progress(stderr: str) -> str:
+    """Return what a program said on stderr besides lines of progress, which a busy machine brings about."""
+    return re.sub(r"^[a-z -]+: \d+ of \d+, .*\n", "", stderr, flags=re.MULTILINE)
 
 
 def overridden(*entries: str) -> list[str]:

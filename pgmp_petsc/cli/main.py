@@ -1,8 +1,8 @@
 """Entry point of ``pgmp``: parses the command line, runs one command on all ranks and ends them all alike.
 
-Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted. Rank 0 alone
-prints results and messages; a traceback is printed where it happened. Arguments after a bare ``--`` go to
-PETSc.
+Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted, 143 or 138 ended by
+SIGTERM or SIGUSR1. Rank 0 alone prints results and messages; a traceback is printed where it happened. Arguments after
+a bare ``--`` go to PETSc.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from pgmp_petsc.runtime.compiled import cache_problem
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
 from pgmp_petsc.runtime.petsc import unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
+from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -71,7 +72,8 @@ def main(argv: list[str] | None = None) -> NoReturn:
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
     session = Session(comm, petsc_options)
-    status, message = _run(own, session)
+    with ending_on_signals(comm.rank):
+        status, message = _run(own, session)
     status = _close(closing, status, message)
     closing.Free()
     _warn(session, status)
@@ -108,6 +110,8 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
         return error.code if isinstance(error.code, int) else 1, None
     except (KeyboardInterrupt, click.Abort):
         status, message = INTERRUPTED, "pgmp: interrupted"
+        if comm.rank == 0:
+            message = f"{message}: {what_is_kept()}"
     except BaseException as error:
         plain = plain_reason(error)
         status, message = 1, traceback.format_exc() if plain is None else f"pgmp: error: {plain}"

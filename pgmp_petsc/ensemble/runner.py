@@ -63,8 +63,8 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
         watchers = _watchers(model)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm) as bar:
-        bar.update(plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing))
+    taken_up = plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing)
+    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
         for start in range(0, len(missing), comm.size):
             turn = missing[start : start + comm.size]
             batch = None

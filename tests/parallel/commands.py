@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import click
+import numpy as np
 
 from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.lazy import LazyCommand
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.petsc import petsc_solver
 
@@ -71,6 +74,23 @@ def interrupted(context: click.Context) -> None:
     if comm.rank == comm.size - 1:
         raise KeyboardInterrupt
     time.sleep(1e4)  # until mpirun ends it
+
+
+@click.command()
+@click.argument("output", required=False, type=click.Path(path_type=Path))
+@click.pass_context
+def waiting(context: click.Context, output: Path | None) -> None:
+    """Wait to be ended, rank 0 within MPI; with OUTPUT a piece of it is finished."""
+    comm = context.obj.comm
+    if output is not None and comm.rank == 0:
+        folder = CheckpointFolder(output, {"format": 1})
+        folder.open(resume=False)
+        folder.put("piece", {"a": np.zeros(3)})
+    comm.barrier()
+    print("waiting", flush=True)
+    if comm.rank == 0 and comm.size > 1:
+        comm.barrier()
+    time.sleep(600.0)
 
 
 @click.command()
@@ -145,7 +165,7 @@ def modules(context: click.Context) -> None:
 
 
 STARTED = (petsc, using, solving)
-OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, some_failed, options, modules, refused)
+OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, waiting, some_failed, options, modules, refused)
 for _command in (*STARTED, *OTHERS):
     _name = _command.callback.__name__
     frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_command in STARTED)

@@ -92,6 +92,14 @@ def test_an_unexpected_exception_shows_its_traceback_and_ends_all_ranks(run, n):
     assert "ZeroDivisionError: a mistake" in done.stderr
 
 
+def test_open_mpi_can_be_told_to_add_nothing_to_the_message(run, monkeypatch):
+    """What docs/hpc.md says of mpirun's own lines."""
+    loud = run(3, "agreeing", check_status=2).stderr
+    assert loud.index("pgmp: error: bodies.rod.mesh") < loud.index("mpirun detected that one or more processes exited")
+    monkeypatch.setenv("OMPI_MCA_orte_execute_quiet", "1")
+    assert run(3, "agreeing", check_status=2).stderr == "pgmp: error: bodies.rod.mesh: not found\n"
+
+
 def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
     done = run(3, "alone", check_status=2)
     assert messages(done) == ["pgmp: error: rank 2 failed alone: known to one rank"]
@@ -261,7 +269,7 @@ def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 130 != -signal.SIGINT
-    assert done.stderr.strip() == "pgmp: interrupted"
+    assert done.stderr.strip() == "pgmp: interrupted: no part of an unfinished result is kept; start it again"
 
 
 @pytest.mark.parametrize("n", RANKS)
