@@ -14,6 +14,8 @@ from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 MAX_LINES = 8
 MAX_RECEIVED = 60
+MAX_LINE = 200
+DEEPEST = 16  # tables and lists within each other; a scene needs six
 
 #: What is allowed, by the type of pydantic's error, with the fields of its context.
 ALLOWED = {
@@ -53,8 +55,13 @@ def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
 
 def toml_text(value: object) -> str:
     """Return `value` as it would stand in a scene, shortened if it is long."""
-    text = _toml_text(value)
-    return text if len(text) <= MAX_RECEIVED else text[: MAX_RECEIVED - 4] + " ..."
+    return shortened(_toml_text(value), MAX_RECEIVED)
+
+
+def shortened(text: str, most: int = MAX_LINE) -> str:
+    """Return a text for a message, cut if it is long, on one line."""
+    text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+    return text if len(text) <= most else text[: most - 4] + " ..."
 
 
 def dotted_name(keys: Sequence[str | int]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effects import Effect
@@ -16,7 +16,9 @@ from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import Ensemble, InitialState, Reduction, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
-from pgmp_petsc.scene.references import numbers_of, reference_problems
+from pgmp_petsc.scene.references import reference_problems
+from pgmp_petsc.scene.units import unit_problems
+from pgmp_petsc.scene.uses import uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 
@@ -100,7 +102,7 @@ class Scene(Table):
     @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
-        return frozenset(used for _, used, positive in numbers_of(self) if positive and isinstance(used, str))
+        return frozenset(use.parameter for use in uses_of(self) if use.sign == "positive" and use.parameter is not None)
 
     def path_of(self, mesh: str) -> Path:
         """Return the path of a body's mesh file, which a scene gives relative to its own directory."""
@@ -145,8 +147,9 @@ class Scene(Table):
             self._directory = Path(context["directory"])
 
     @model_validator(mode="after")
-    def _references_hold(self) -> Self:
-        problems = reference_problems(self)
+    def _references_hold(self, info: ValidationInfo) -> Self:
+        given = (info.context or {}).get("units", {})
+        problems = [*reference_problems(self), *unit_problems(self, given)]
         if problems:
             raise input_error(problems)
         return self
