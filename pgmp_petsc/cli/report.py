@@ -13,6 +13,7 @@ from pgmp_petsc.runtime.agreement import on_root
 if TYPE_CHECKING:
     import h5py
 
+    from pgmp_petsc.scene import Scene
 
 #: Adds what it holds to an open file.
 Part = Callable[["h5py.File"], None]
@@ -29,6 +30,12 @@ def say(context: click.Context, text: str) -> None:
     """Print ``text`` on rank 0, at once; not collective."""
     if context.obj.comm.rank == 0:
         click.echo(text)
+
+
+def say_remarks(context: click.Context, scene: Scene) -> None:
+    """Print what is doubtful about a scene on rank 0; not collective."""
+    for remark in scene.remarks:
+        say(context, f"  {remark}")
 
 
 def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:

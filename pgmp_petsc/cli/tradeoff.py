@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.reduction.limits import check_single
 from pgmp_petsc.results.tradeoff import Tradeoff
@@ -51,6 +51,7 @@ def tradeoff(
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
+    say_remarks(context, loaded)
     check_single(loaded, "pgmp tradeoff")
     study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)
     save(context, study, output)

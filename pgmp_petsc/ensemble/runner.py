@@ -141,7 +141,7 @@ def describe_ensemble(
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
     return Ensemble(
         model=model.name,
-        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict()),
+        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), scene.remarks),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -134,7 +134,9 @@ def build_rom(
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
-        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
+        record=RunRecord(
+            scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), scene.remarks
+        ),
         curvature=basis.curvature,
         points=points,
         indefinite=indefinite,

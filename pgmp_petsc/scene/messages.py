@@ -10,11 +10,10 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 MAX_LINES = 8
 MAX_RECEIVED = 60
-MAX_LINE = 200
 DEEPEST = 16  # tables and lists within each other; a scene needs six
 
 #: What is allowed, by the type of pydantic's error, with the fields of its context.
@@ -56,12 +55,6 @@ def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
 def toml_text(value: object) -> str:
     """Return `value` as it would stand in a scene, shortened if it is long."""
     return shortened(_toml_text(value), MAX_RECEIVED)
-
-
-def shortened(text: str, most: int = MAX_LINE) -> str:
-    """Return a text for a message, cut if it is long, on one line."""
-    text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
-    return text if len(text) <= most else text[: most - 4] + " ..."
 
 
 def dotted_name(keys: Sequence[str | int]) -> str:

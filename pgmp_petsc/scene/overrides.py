@@ -7,8 +7,8 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from pgmp_petsc.runtime.errors import InputError, nearest_name
-from pgmp_petsc.scene.messages import DEEPEST, dotted_name, shortened
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.scene.messages import DEEPEST, dotted_name
 
 
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> None:

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pgmp_petsc.runtime.errors import InputError, nearest_name
-from pgmp_petsc.scene.messages import DEEPEST, dotted_name, problem, shortened, toml_text
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.scene.messages import DEEPEST, dotted_name, problem, toml_text
 
 MOST_BYTES = 16_000_000  # of a scene's file
 LONGEST_TEXT = 10_000  # characters

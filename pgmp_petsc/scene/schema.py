@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Table
@@ -51,6 +52,7 @@ class Scene(Table):
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
     _directory: Path = PrivateAttr(default=Path("."))
+    _remarks: tuple[Remark, ...] = PrivateAttr(default=())
 
     @property
     def name(self) -> str:
@@ -61,6 +63,17 @@ class Scene(Table):
     def directory(self) -> Path:
         """Directory that the paths of meshes are relative to; no part of the TOML."""
         return self._directory
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What is doubtful about the scene, as its reader found out; results keep it. No part of the TOML."""
+        return self._remarks
+
+    def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
+        """Return the scene with what is doubtful about it."""
+        remarked = self.model_copy()
+        remarked._remarks = remarks
+        return remarked
 
     @property
     def dimension(self) -> int:
