@@ -168,6 +168,7 @@ def _tag(model: type[BaseModel]) -> str:
 
 
 def _toml_key(key: str) -> str:
+    key = shortened(key, MAX_RECEIVED)
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
 
 

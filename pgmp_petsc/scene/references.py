@@ -40,7 +40,10 @@ def reference_problems(scene: Scene) -> list[str]:
 
 
 def _bodies(scene: Scene) -> Iterator[str]:
+    connected = {split_point(point)[0] for joint in scene.joints.values() for point in joint.connect}
     for name, body in scene.bodies.items():
+        if name not in connected:
+            yield problem(f"bodies.{name}", "no joint connects it with the mechanism; add one, or leave the body out")
         if name == GROUND:
             yield problem(
                 "bodies.ground", "this name means the points fixed in space; give the body another one"

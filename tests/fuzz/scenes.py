@@ -106,8 +106,14 @@ def case_of(seed: int, number: int, scenes: list[dict[str, Any]]) -> Case:
     return Case(_toml(data).encode("utf-8", "surrogatepass"))
 
 
-def failure_of(case: Case, path: Path) -> str:
-    """Check a case as ``pgmp check`` does, and return what is wrong with the answer; empty if nothing is."""
+def failure_of(case: Case, path: Path) -> tuple[str, str]:
+    """Check a case as ``pgmp check`` does.
+
+    Returns
+    -------
+    tuple
+        How it ended (accepted, warned of, refused or wrong), and what is wrong.
+    """
     path.write_bytes(case.content)
 
     def hang(*_: object) -> None:
@@ -121,15 +127,16 @@ def failure_of(case: Case, path: Path) -> str:
             scene, meshes = read_scene(path, case.overrides, case.settings, MPI.COMM_SELF)
             describe_scene(scene, meshes)
     except InputError as error:
-        return _message(str(error))
+        strange = _message(str(error))
+        return "wrong" if strange else "refused", strange
     except Hang:
-        return f"hangs for {LIMIT} s"
+        return "wrong", f"hangs for {LIMIT} s"
     except BaseException as error:  # whatever it is, a user should not see it
-        return "".join(traceback.format_exception(error.__cause__ or error)[-4:])
+        return "wrong", "".join(traceback.format_exception(error.__cause__ or error)[-4:])
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
-    return ""
+    return "warned of" if getattr(scene, "remarks", ()) else "accepted", ""
 
 
 def _message(text: str) -> str:
@@ -282,8 +289,8 @@ def run(n_cases: int, seed: int, first: int = 0, say: Callable[[str], None] = pr
         path = prepare(Path(folder))
         for number in range(first, first + n_cases):
             case = case_of(seed, number, scenes)
-            failure = failure_of(case, path)
-            counts["wrong" if failure else "fine"] += 1
+            ending, failure = failure_of(case, path)
+            counts[ending] += 1
             if failure:
                 say(f"case {number} of seed {seed}: {failure}")
     return counts
