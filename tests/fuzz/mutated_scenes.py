@@ -1,6 +1,6 @@
 """Scenes with something wrong in them, and what `pgmp check` may answer: a report, or a message that names an entry.
 
-    .venv/bin/python tests/fuzz/scenes.py 10000 --seed 1      prints what went wrong, and counts
+    .venv/bin/python tests/fuzz/mutated_scenes.py 10000 --seed 1      prints what went wrong, and counts
 
 The cases of a seed are always the same: ``--first N`` with a count of 1 does one of them again.
 """
