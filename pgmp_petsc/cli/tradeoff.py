@@ -51,12 +51,12 @@ def tradeoff(
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     loaded, meshes = read_scene(scene, overrides, settings, comm)
-    say_remarks(context, loaded)
     check_single(loaded, "pgmp tradeoff")
     study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)
     save(context, study, output)
     if study is not None:
         say(context, report(study, output))
+        say_remarks(context, loaded)
 
 
 def report(study: Tradeoff, path: Path) -> str:

@@ -33,7 +33,8 @@ from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT = 30  # s of a case, against hangs
+LIMIT = 60  # s of processor time of a case, against loops
+WAITING = 600  # s of a case, against waiting for ever on a busy machine
 LONGEST_LINE = 1500  # characters
 NUMBERS = (
     0, -1, 1, 2, 3, 7, 10**18, -(10**18), 10**400, 0.0, -0.0, 1e-320, 5e-324, 1e-30, 1e-9, 1e-3, 0.5, 1.5, -2.5, 1e3,
@@ -58,7 +59,7 @@ class Case:
 
 
 class Hang(BaseException):
-    """A case took longer than `LIMIT`."""
+    """A case took longer than `LIMIT` or `WAITING`."""
 
 
 def prepare(folder: Path) -> Path:
@@ -119,8 +120,9 @@ def failure_of(case: Case, path: Path) -> tuple[str, str]:
     def hang(*_: object) -> None:
         raise Hang
 
-    before = signal.signal(signal.SIGALRM, hang)
-    signal.alarm(LIMIT)
+    before = {number: signal.signal(number, hang) for number in (signal.SIGALRM, signal.SIGPROF)}
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    signal.setitimer(signal.ITIMER_REAL, WAITING)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
@@ -130,12 +132,14 @@ def failure_of(case: Case, path: Path) -> tuple[str, str]:
         strange = _message(str(error))
         return "wrong" if strange else "refused", strange
     except Hang:
-        return "wrong", f"hangs for {LIMIT} s"
+        return "wrong", f"takes more than {LIMIT} s of processor time, or waits for {WAITING} s"
     except BaseException as error:  # whatever it is, a user should not see it
         return "wrong", "".join(traceback.format_exception(error.__cause__ or error)[-4:])
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for timer in (signal.ITIMER_PROF, signal.ITIMER_REAL):
+            signal.setitimer(timer, 0.0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     return "warned of" if getattr(scene, "remarks", ()) else "accepted", ""
 
 
@@ -171,7 +175,8 @@ def _delete(data: dict[str, Any], rng: random.Random) -> None:
 def _number(data: dict[str, Any], rng: random.Random) -> None:
     numeric = [p for p in _places(data) if isinstance(p[0][p[1]], (int, float))] or [({0: 0}, 0)]
     holder, key = rng.choice(numeric)
-    holder[key] = rng.choice((*NUMBERS, holder[key] * 10.0 ** rng.randint(-12, 12), -holder[key]))
+    value = holder[key] if abs(holder[key]) < 1e290 else 1e290  # an integer that no float holds
+    holder[key] = rng.choice((*NUMBERS, value * 10.0 ** rng.randint(-12, 12), -value))
 
 
 def _type(data: dict[str, Any], rng: random.Random) -> None:
