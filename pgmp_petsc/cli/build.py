@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.limits import check_features, check_flexible
@@ -51,6 +51,7 @@ def build(
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "rom", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
+    say_remarks(context, loaded)
     check_flexible(loaded)
     check_features(loaded)
     sizes = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -56,11 +56,13 @@ def montecarlo(
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm)
         _refuse_drawn(loaded, settings)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
         _refuse_drawn(loaded, settings)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the reduced model"):
             model = ReducedModel(loaded, rom)
     model, remark = settle_step(model, comm, ensemble=True)

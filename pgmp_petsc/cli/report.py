@@ -18,6 +18,7 @@ from pgmp_petsc.runtime.streams import first_line
 if TYPE_CHECKING:
     import h5py
 
+    from pgmp_petsc.scene import Scene
 
 #: Adds what it holds to an open file.
 Part = Callable[["h5py.File"], None]
@@ -58,6 +59,12 @@ def _write_off_output() -> None:
 
 def _fail(message: str) -> None:
     raise RunError(message)
+
+
+def say_remarks(context: click.Context, scene: Scene) -> None:
+    """Print what is doubtful about a scene on rank 0; not collective."""
+    for remark in scene.remarks:
+        say(context, f"  {remark}")
 
 
 def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:

@@ -8,7 +8,7 @@ import click
 
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -37,12 +37,14 @@ def simulate(
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
         model, remark = settle_step(model, comm)
         trajectory = simulate_full(model, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the reduced model"):
             reduced = ReducedModel(loaded, rom)
         reduced, remark = settle_step(reduced, comm)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.reduction.limits import check_single
 from pgmp_petsc.results.tradeoff import Tradeoff
@@ -55,6 +55,7 @@ def tradeoff(
     save(context, study, output)
     if study is not None:
         say(context, report(study, output))
+        say_remarks(context, loaded)
 
 
 def report(study: Tradeoff, path: Path) -> str:

@@ -191,7 +191,7 @@ def describe_ensemble(
     )
     return Ensemble(
         model=model.name,
-        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), remarks),
+        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), (*scene.remarks, *remarks)),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -147,7 +147,9 @@ def _built(
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
-        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
+        record=RunRecord(
+            scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), (*scene.remarks, *remarks)
+        ),
         curvature=basis.curvature,
         points=points,
         indefinite=indefinite,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+LONGEST_QUOTE = 300  # characters of what was received, in a message
+
 
 class PgmpError(Exception):
     """Base of every error that a user is meant to read; never shown with a traceback."""
@@ -49,3 +51,9 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     if close:
         return f"; did you mean '{close[0]}'?"
     return f"; known: {', '.join(known)}" if known else "; none is defined"
+
+
+def shortened(text: str, most: int = LONGEST_QUOTE) -> str:
+    """Return a text for a message, cut if it is long, on one line."""
+    text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+    return text if len(text) <= most else text[: most - 4] + " ..."

@@ -16,6 +16,7 @@ from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.studies.plausibility import plausibility
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
@@ -34,11 +35,18 @@ OF_EFFECTS = {
 def read_scene(
     path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
 ) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
-    """Read a scene and its meshes. Collective on `comm`."""
+    """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the scene or a mesh cannot be read, or says what cannot be meant.
+    """
 
     def read() -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
         scene = load_scene(path, overrides, settings)
-        return scene, {name: _mesh_of(scene, name) for name in scene.bodies}
+        meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
+        return scene.with_remarks(plausibility(scene, meshes)), meshes
 
     return on_root(comm, read)
 
@@ -73,7 +81,7 @@ def read_rom(
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
         check_features(scene)
-        return _step_left_open(built, scene), rom
+        return _step_left_open(built, scene).with_remarks(plausibility(scene)), rom
 
     return on_root(comm, read)
 

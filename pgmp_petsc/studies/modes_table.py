@@ -98,7 +98,7 @@ def _tabulated(
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
     return ModesTable(
-        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict()),
+        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), scene.remarks),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=np.concatenate(arcs),
         reduced_hz=reduced,

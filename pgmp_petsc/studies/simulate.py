@@ -173,7 +173,9 @@ def _trajectory(
     stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
     return Trajectory(
         model=model.name,
-        record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict()),
+        record=RunRecord(
+            scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict(), model.scene.remarks
+        ),
         time=time,
         outputs=outputs,
         units=model.outputs.units,

@@ -97,7 +97,7 @@ def measure_tradeoff(
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
-    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict())
+    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), scene.remarks)
     result = study.result(record, outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
     return replace(result, advice=advise(result))
