@@ -12,6 +12,7 @@ class Status(IntEnum):
     OUT_OF_BOUNDS = 1
     NOT_CONVERGED = 2
     LEFT_RANGE = 3
+    NO_EQUILIBRIUM = 4
 
     @property
     def meaning(self) -> str:
@@ -24,4 +25,5 @@ _MEANINGS = {
     Status.OUT_OF_BOUNDS: "a parameter lies outside its bounds; not integrated",
     Status.NOT_CONVERGED: "Newton's iteration did not converge within a time step",
     Status.LEFT_RANGE: "a coordinate left the range that the reduced model was sampled over",
+    Status.NO_EQUILIBRIUM: "no static equilibrium was found to start from",
 }

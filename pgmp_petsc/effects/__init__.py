@@ -15,7 +15,7 @@ from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.joint_damping import joint_damping
 from pgmp_petsc.effects.joint_friction import joint_friction
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.motion import Motion, driven
+from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
 from pgmp_petsc.effects.spring_damper import spring_damper
 from pgmp_petsc.effects.structural_damping import StructuralDamping
@@ -76,6 +76,7 @@ def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns
 __all__ = [
     "Action",
     "Effect",
+    "Held",
     "Load",
     "Motion",
     "Patterns",
