@@ -59,5 +59,6 @@ def report(trajectory: Trajectory, path: Path) -> str:
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
     if trajectory.errors is not None:
         lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+    lines += [f"  {remark}" for remark in trajectory.record.remarks]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)

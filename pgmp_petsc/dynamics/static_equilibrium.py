@@ -76,12 +76,18 @@ class Settled:
         Why a sample has no equilibrium, by its number.
     unstable
         Mask of the samples whose equilibrium is unstable.
+    names
+        Of the coordinates.
+    free
+        Whether any coordinate was free.
     """
 
     theta: np.ndarray
     unknowns: np.ndarray
     reasons: dict[int, str]
     unstable: np.ndarray
+    names: tuple[str, ...]
+    free: bool
 
     @property
     def lost(self) -> np.ndarray:
@@ -132,7 +138,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     _note(reasons, lost, _no_deformation(search, theta))
     unstable = np.zeros(statics.n_samples, dtype=bool)
     if not free:
-        return Settled(theta, statics.unknowns(), reasons, unstable)
+        return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
     inertia, origin = statics.inertia()[:, free], theta.copy()
     active, limit = everyone & ~lost, np.full(statics.n_samples, LONGEST)
     last, before = np.full(statics.n_samples, np.inf), np.zeros((statics.n_samples, len(free)))
@@ -163,7 +169,7 @@ def settle(statics: Statics, theta: np.ndarray, search: Search) -> Settled:
     _note(reasons, active, _nowhere(search, theta, origin, torques))
     _, lost = statics.hold(theta, everyone & ~np.isin(np.arange(statics.n_samples), list(reasons)))
     _note(reasons, lost, _no_deformation(search, theta))
-    return Settled(theta, statics.unknowns(), reasons, unstable)
+    return Settled(theta, statics.unknowns(), reasons, unstable, search.names, bool(free))
 
 
 def _slopes(

@@ -13,6 +13,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.runtime.errors import InputError
@@ -64,6 +65,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
+    start_of(scene, mechanism)
+    if scene.initial.equilibrium:
+        lines.append(f"  start         static equilibrium under the loads at time zero, coordinates {scene.initial.coordinates}")
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
