@@ -91,7 +91,8 @@ class FullBatch:
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         if self.settled is not None:
-            return self.consistent(self.settled.unknowns, np.zeros(self.n_dofs))
+            state = self.consistent(self.settled.unknowns, np.zeros(self.n_dofs))
+            return self.settled.at_rest(state, len(self._motions))
         return self.consistent(*self._kinematics.undeformed(*self._initial))
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:

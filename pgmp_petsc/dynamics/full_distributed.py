@@ -94,9 +94,10 @@ class FullDistributed:
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         q, v = self._equations.start()
-        if self.settled is not None:
-            q, v = self.settled.unknowns[:, 0], np.zeros_like(v)
-        return self.consistent(q, v)
+        if self.settled is None:
+            return self.consistent(q, v)
+        state = self.consistent(self.settled.unknowns[:, 0], np.zeros_like(v))
+        return self.settled.at_rest(state, len(self._motions))
 
     def at_rest(self, q: np.ndarray) -> State:
         """Return a state at rest without multipliers, for unknowns of shape (n_dofs,)."""

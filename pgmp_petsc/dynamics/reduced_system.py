@@ -121,7 +121,7 @@ class ReducedSystem:
         self.correct(0.0, trial, only_mass, everyone, fresh=True)
         state.a = trial.a
         self._prescribe(0.0, state, everyone)
-        return state
+        return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""

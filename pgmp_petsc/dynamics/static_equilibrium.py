@@ -19,6 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.runtime.errors import InputError
 
 SHARES = (1, 4, 16, 64)  # steps in which loads are put on, one after the other where fewer do not converge
@@ -93,6 +94,15 @@ class Settled:
     def lost(self) -> np.ndarray:
         """Mask of the samples without equilibrium."""
         return np.isin(np.arange(len(self.theta)), list(self.reasons))
+
+    def at_rest(self, state: State, n_driven: int) -> State:
+        """Return a start without the accelerations that round-off of the forces gives light nodes, in place.
+
+        Only where all coordinates are free there are none: held ones are let go, driven ones (`n_driven`) move.
+        """
+        if self.free and n_driven == 0:
+            state.a[:] = 0.0
+        return state
 
     def require(self) -> None:
         """Refuse a single run without equilibrium.

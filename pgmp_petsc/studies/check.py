@@ -67,7 +67,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
     start_of(scene, mechanism)
     if scene.initial.equilibrium:
-        lines.append(f"  start         static equilibrium under the loads at time zero, coordinates {scene.initial.coordinates}")
+        how = scene.initial.coordinates
+        lines.append(f"  start         static equilibrium under the loads at time zero, coordinates {how}")
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
@@ -80,9 +81,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    if continuum:
+    if any(body.meshed is not None for body in mechanism.bodies):
         lines += _condensing(mechanism)
-    elif not left_open and reducible:
+    elif not continuum and not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 
