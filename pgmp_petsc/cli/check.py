@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.components.trial import try_largest
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.studies.check import describe_scene, describe_trial
 from pgmp_petsc.studies.effect_sizes import estimate_effects
@@ -40,7 +41,7 @@ def check(
     --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
     """
     comm = context.obj.comm
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.SIZES if sizes else Purpose.CHECK)
     say(context, on_root(comm, describe_scene, loaded, meshes))
     if trial:
         found = try_largest(loaded, meshes, comm)

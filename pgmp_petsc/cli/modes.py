@@ -9,6 +9,7 @@ import numpy as np
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.files import check_writable
@@ -45,7 +46,7 @@ def modes(
     """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
     comm = context.obj.comm
     on_root(comm, check_writable, output)
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.MODES)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
     group = RankGroup.split(comm, ranks_per_angle)
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)

@@ -13,6 +13,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -50,7 +51,7 @@ def montecarlo(
     on_root(comm, check_writable, output)
     model: Model
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
     else:

@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -36,7 +37,7 @@ def simulate(
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
         model, remark = settle_step(model, comm)

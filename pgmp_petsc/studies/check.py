@@ -8,6 +8,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -15,7 +16,6 @@ from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -39,9 +39,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     InputError
         If the mechanism cannot be closed or controlled, or points are missing.
     """
+    check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
-    check_features(scene)
-    check_count(scene, mechanism)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
     continuum = any(body.is_continuum for body in mechanism.bodies)
