@@ -8,9 +8,9 @@ import click
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say, say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
-from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
@@ -50,10 +50,8 @@ def build(
     """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "rom", (scene,)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
     say_remarks(context, loaded)
-    check_flexible(loaded)
-    check_features(loaded)
     sizes = None
     if loaded.reduction.effects == "auto":
         loaded, sizes = on_root(comm, choose_effects, loaded, meshes)

@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.report import say, say_remarks
 from pgmp_petsc.components.trial import try_largest
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.check import describe_scene, describe_trial
@@ -46,7 +47,7 @@ def check(
     --strict these end the check with status 2 too.
     """
     comm = context.obj.comm
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.SIZES if sizes else Purpose.CHECK)
     say(context, on_root(comm, describe_scene, loaded, meshes))
     say_remarks(context, loaded)
     if trial:

@@ -13,6 +13,7 @@ from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed
@@ -54,7 +55,7 @@ def montecarlo(
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         _refuse_drawn(loaded, settings)
         say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):

@@ -9,6 +9,7 @@ import click
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say, say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
@@ -36,7 +37,7 @@ def simulate(
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
@@ -61,5 +62,6 @@ def report(trajectory: Trajectory, path: Path) -> str:
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
     if trajectory.errors is not None:
         lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+    lines += [f"  {remark}" for remark in trajectory.record.remarks]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)

@@ -59,6 +59,8 @@ class GeneralisedAlpha:
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
+        if system.settled is not None:
+            self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
         self._step = step
         self._auxiliary = self.state.a.copy()

@@ -7,6 +7,8 @@ followed over the whole range once (`continuation`), and every later call starts
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,6 +79,13 @@ class RigidKinematics:
     def n_coordinates(self) -> int:
         """Number of independent rigid coordinates n_theta."""
         return len(self.mechanism.coordinates)
+
+    def held(self) -> RigidKinematics:
+        """Return the kinematics of the same mechanism with every coordinate prescribed."""
+        other = copy(self)
+        coordinates = tuple(replace(coordinate, prescribed=True) for coordinate in self.coordinates)
+        other.mechanism = replace(self.mechanism, coordinates=coordinates)
+        return other
 
     def configurations(self, theta: np.ndarray | Sequence[float]) -> np.ndarray:
         """Return configurations as an array (n, n_theta)."""

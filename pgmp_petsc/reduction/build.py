@@ -17,13 +17,13 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
-from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
@@ -82,7 +82,7 @@ def build_rom(
     """
     timings = Timings()
     with timings.phase("components"):
-        check_features(scene)
+        check_capabilities(scene, Purpose.BUILD, meshes)
         meshes = condensed(scene, meshes, group, checkpoint)
     with angle_group(meshes, group) as angles:
         return _built(scene, meshes, angles, scramble, checkpoint, timings)
@@ -99,7 +99,6 @@ def _built(
     """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
-        check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)

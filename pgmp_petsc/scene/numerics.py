@@ -80,6 +80,27 @@ class InitialState(Table):
     velocity: Number = Field(0.0, description="angular velocity at the start (rad/s)")
 
 
+class Initial(Table):
+    """Whether runs start at rest in a static equilibrium, with the loads at time zero."""
+
+    equilibrium: bool = Field(
+        False,
+        strict=True,
+        description="start at rest in static equilibrium under the loads at time zero, instead of undeformed",
+    )
+    coordinates: Literal["held", "free"] = Field(
+        "held",
+        description='"held": coordinates start at simulation.initial, and are let go there; "free": they too go to '
+        "the equilibrium that the loads pull them to from there",
+    )
+
+    @model_validator(mode="after")
+    def _free_in_equilibrium(self) -> Self:
+        if self.coordinates == "free" and not self.equilibrium:
+            raise refusal("needs initial.equilibrium = true", "coordinates")
+        return self
+
+
 class Simulation(Table):
     """One run over time."""
 

@@ -112,6 +112,13 @@ def _outputs(scene: Scene) -> Iterator[str]:
 
 
 def _initial_states(scene: Scene) -> Iterator[str]:
+    for name, state in scene.simulation.initial.items():
+        if scene.initial.equilibrium and state.velocity != 0.0:
+            yield problem(
+                f"simulation.initial.{name}.velocity",
+                "with initial.equilibrium = true a run starts at rest; leave the velocity out, or the equilibrium",
+                state.velocity,
+            )
     for name in scene.simulation.initial:
         if name not in scene.coordinates:
             yield problem(

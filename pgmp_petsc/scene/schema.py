@@ -14,7 +14,7 @@ from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import Ensemble, InitialState, Reduction, Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Initial, InitialState, Reduction, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import reference_problems
@@ -47,6 +47,7 @@ class Scene(Table):
     )
     effects: dict[Name, Effect] = Field({}, description="what acts on the mechanism")
     reduction: Reduction = Field(Reduction(), description="the reduced model")
+    initial: Initial = Field(Initial(), description="start from static equilibrium")
     simulation: Simulation = Field(Simulation(), description="a run over time")
     ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")

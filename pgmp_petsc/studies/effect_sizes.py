@@ -25,12 +25,12 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.limits import check_beams
 from pgmp_petsc.reduction.sampler import turned_loads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.scene import Scene
@@ -53,7 +53,7 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     InputError, RunError
         If the mechanism is not sound, or its rigid run fails.
     """
-    check_beams(scene, "pgmp check --effects")
+    check_capabilities(scene, Purpose.SIZES)
     run = run_rigid(scene, meshes)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged

@@ -14,7 +14,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.limits import check_count, check_flexible
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -71,8 +70,6 @@ def _tabulated(
     ) as bar:
         _check_same_mechanism(scene, rom)
         mechanism = Mechanism.from_scene(scene, meshes)
-        check_flexible(scene)
-        check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         coordinates = kinematics.coordinates
         samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))

@@ -22,6 +22,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.studies.balance import balance_of, with_weights
+from pgmp_petsc.studies.settled_start import require_settled, start_remarks
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
@@ -68,6 +69,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     times, histories, measured, frames, energies = [], [], [], [], []
     with timings.phase("assembly"):
         system = model.distributed(values, comm)
+        require_settled(system)
     with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
@@ -90,6 +92,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     return _trajectory(
         model, np.array(times), np.concatenate(histories, axis=-1), np.array(measured), None,
         stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
+        remarks=start_remarks(system),
     )
 
 
@@ -99,6 +102,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     times, etas, energies = [], [], []
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
+    require_settled(system)
     watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
     with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
 
@@ -122,7 +126,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         with timings.phase("errors"):
             estimate = watched.estimate(run.status)
     n_theta = model.kinematics.n_coordinates
-    balance = with_weights(balance_of(time, energies), model)
+    balance = with_weights(balance_of(time, energies), model, eta[0])
     return _trajectory(
         model,
         time,
@@ -135,6 +139,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         timings,
         balance,
         estimate,
+        remarks=start_remarks(system),
     )
 
 
@@ -167,14 +172,15 @@ def _check(run: Run, model: FullModel | ReducedModel) -> None:
 
 
 def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
+    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None,
+    remarks=(),
 ) -> Trajectory:
     outputs = model.outputs.evaluate(output_frames)
     stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
     return Trajectory(
         model=model.name,
         record=RunRecord(
-            scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict(), model.scene.remarks
+            scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict(), (*model.scene.remarks, *remarks)
         ),
         time=time,
         outputs=outputs,
