@@ -87,5 +87,6 @@ def report(ensemble: Ensemble, path: Path) -> str:
         lines.append(f"  {count} of {n} samples failed (status {code}): {ensemble.meanings[int(code)]}")
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
+    lines += [f"  {remark}" for remark in ensemble.record.remarks]
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)

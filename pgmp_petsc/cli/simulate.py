@@ -12,6 +12,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
@@ -32,7 +33,10 @@ def simulate(
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
-    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE."""
+    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE.
+
+    Exit status 1 if the run stops before its end; FILE then holds what was computed.
+    """
     comm = context.obj.comm
     on_root(comm, check_writable, output)
     if full:
@@ -50,14 +54,27 @@ def simulate(
     save(context, trajectory, output)
     if trajectory is not None:
         say(context, "\n".join(filter(None, (remark, report(trajectory, output)))))
+    stopped = comm.bcast("" if trajectory is None else why_stopped(trajectory))
+    if stopped:
+        raise RunError(f"{stopped}; {output} holds the run up to there")
 
 
 def report(trajectory: Trajectory, path: Path) -> str:
-    """Return the outputs at the end, and the estimated errors of a reduced run."""
+    """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
     for name, values in trajectory.outputs.items():
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
     if trajectory.errors is not None:
         lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+    if trajectory.validity:
+        lines.append(estimates.of_validity(trajectory.validity))
+    # why it stopped is the error that ends the command
+    stopped = why_stopped(trajectory)
+    lines += [f"  {remark}" for remark in trajectory.record.remarks if remark.text != stopped]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)
+
+
+def why_stopped(trajectory: Trajectory) -> str:
+    """Return why a run stopped before its end, empty where it did not: the first of its remarks."""
+    return trajectory.record.remarks[0].text if trajectory.status else ""

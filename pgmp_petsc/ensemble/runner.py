@@ -13,20 +13,22 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, physical
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.indicator.coverage import is_indicated
+from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
+from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 
@@ -89,7 +91,14 @@ def run_batch(
     system = model.batch(safe, n)
     chosen = np.flatnonzero(alive & checked(scene.ensemble.checked_share, first, last))
     watched = indicator.watch(safe, chosen) if indicator is not None and chosen.size else None
-    run = integrate(system, scene.simulation, alive=alive, observer=None if watched is None else watched.observe)
+    validity = Validity(model, system, safe) if isinstance(model, ReducedModel) else None
+    observers = [watcher.observe for watcher in (watched, validity) if watcher is not None]
+
+    def observe(number: int, time: float, state: State) -> None:
+        for observer in observers:
+            observer(number, time, state)
+
+    run = integrate(system, scene.simulation, alive=alive, observer=observe if observers else None)
     fine = run.status == Status.FINE
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
     if fine.any():
@@ -98,6 +107,8 @@ def run_batch(
             outputs[name][fine] = result
     system.close()
     batch = Batch(first, values, outputs, run.status.astype(int), run.failure_time)
+    if validity is not None:
+        batch = replace(batch, validity=validity.of(run.status))
     return batch if indicator is None else _with_estimates(batch, watched, run.status, chosen)
 
 
@@ -112,13 +123,33 @@ def _with_estimates(batch: Batch, watched: WatchedRun | None, status: np.ndarray
     named = {
         kind: {name: np.full(status.size, np.nan) for name in batch.outputs} for kind in ("errors", "errors_at_end")
     }
-    named["validity"] = {name: np.full(status.size, np.nan) for name in VALIDITY}
     if watched is not None:
         estimate = watched.estimate(status)
-        for kind, found in zip(named, (estimate.largest, estimate.at_end, estimate.validity)):
+        for kind, found in zip(named, (estimate.largest, estimate.at_end)):
             for name, values in found.items():
                 named[kind][name][chosen] = values
     return replace(batch, **named)
+
+
+def _remarks(
+    model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray
+) -> tuple[Remark, ...]:
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
+    if not isinstance(model, ReducedModel):
+        return ()
+    scene = model.scene
+    remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
+    chosen = checked(scene.ensemble.checked_share, 0, status.size) & (status == Status.FINE)
+    if estimates["errors"]:
+        unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
+        if unknown:
+            remarks.append(
+                note(
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
+                    f"full-order equations could not be solved about their motion; {CURE}"
+                )
+            )
+    return tuple(remarks)
 
 
 def describe_ensemble(
@@ -141,7 +172,10 @@ def describe_ensemble(
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
     return Ensemble(
         model=model.name,
-        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict()),
+        record=RunRecord(
+            scene_toml, scene.values, plan.seed, ranks, timings.as_dict(),
+            remarks=_remarks(model, estimates, status),
+        ),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -16,7 +16,7 @@ import numpy as np
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Action, Load, Patterns, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -27,6 +27,7 @@ from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
@@ -37,6 +38,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe, StiffnessChanges
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError
@@ -95,7 +97,9 @@ def build_rom(
     with timings.phase("points"):
         points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, patterns, points, group, scramble, checkpoint)
+    setting = _Setting(
+        scene, kinematics, loads, actions_of(effects), patterns, points, group, scramble, checkpoint
+    )
     n_redundant, joined, basis = 0, None, None
     compression: Compression | None = None
     while True:
@@ -138,6 +142,7 @@ def build_rom(
         curvature=basis.curvature,
         points=points,
         indefinite=indefinite,
+        stiffness_changes=_stiffness_changes(store.samples, joined, basis),
     )
 
 
@@ -148,6 +153,7 @@ class _Setting:
     scene: Scene
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
+    actions: tuple[Action, ...]
     patterns: Patterns
     points: ParameterPoints
     group: RankGroup
@@ -164,7 +170,9 @@ class _Setting:
             self._problem() as problem,
             ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
-            sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots)
+            sampler = Sampler(
+                problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem)
+            )
             try:
                 for number, theta in missing.items():
                     store.put(number, self._sample(sampler, theta))
@@ -209,8 +217,25 @@ class _Setting:
     def _problem(self) -> ModalProblem:
         return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)
 
+    def _probe(self, problem: ModalProblem) -> InfluenceProbe | None:
+        """Return what probes the stiffness of modes; None with continuum bodies, whose K3 is not known."""
+        beams = all(body.is_beam or not body.flexible for body in problem.mechanism.bodies)
+        return InfluenceProbe(problem, self.actions) if beams else None
+
     def _static_loads(self, problem: ModalProblem) -> StaticLoads:
         return StaticLoads.of(problem, self.patterns, self.scene.reduction)
+
+
+def _stiffness_changes(
+    samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis
+) -> StiffnessChanges | None:
+    influence = joined.tables["influence"]
+    if not influence.size:
+        return None
+    n_modes = influence.shape[1]
+    stiffness = np.diagonal(joined.tables["stiffness"], axis1=2, axis2=3)[..., :n_modes]
+    axes = np.flatnonzero(basis.flipped.any(axis=1))
+    return StiffnessChanges(influence, np.array(stiffness)).over_two_turns(samples, axes)
 
 
 def _wanted(

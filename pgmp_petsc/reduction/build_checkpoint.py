@@ -26,7 +26,7 @@ from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 1
+FORMAT = 2
 INTERVAL = 10.0  # s
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
