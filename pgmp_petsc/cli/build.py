@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.reduction.build import build_rom
@@ -16,8 +19,11 @@ from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.effect_choice import choose_effects
+from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
 
 POOR_COSINE = 0.5
@@ -43,7 +49,8 @@ def build(
 
     With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
     error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
-    out, and terms of the reduced model that do are added; the estimate is printed and kept too.
+    out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what SCENE
+    leaves out although it matters is said, as in pgmp check --effects.
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
     with any number of ranks.
@@ -71,6 +78,10 @@ def build(
         except InputError:
             checkpoint.forget()
             raise
+    if rom is not None and sizes is None:
+        # with a tolerance for the step it is the chosen scene that runs
+        rom = with_remarks(rom, loaded if choice is None else choice.scene, meshes)
+        choice = None if choice is None else replace(choice, rom=rom)
     save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
     if checkpoint is not None:
         checkpoint.remove()
@@ -78,6 +89,16 @@ def build(
         say(context, report(rom, output))
     if choice is not None:
         say(context, "\n".join(choice.selection.lines(attempts=False)))
+
+
+def with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
+    """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
+    timings = Timings()
+    with timings.phase("effect sizes"):
+        found = remarks_on_sizes(scene, meshes)
+    record = rom.record
+    remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
+    return replace(rom, record=replace(record, remarks=remarks, timings=seconds))
 
 
 def report(rom: ReducedOrderModel, path: Path) -> str:
@@ -103,6 +124,7 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
         )
     if rom.indefinite:
         lines.append(f"  warning: {rom.indefinite}")
+    lines += [f"  {remark}" for remark in rom.record.remarks]
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
 

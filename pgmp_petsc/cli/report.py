@@ -31,6 +31,18 @@ def say(context: click.Context, text: str) -> None:
         click.echo(text)
 
 
+def stopped_runs(*paths: Path) -> list[str]:
+    """Return a line for every file that holds only a part of a run, saying why; by one process."""
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+
+    lines = []
+    for path in paths:
+        with open_file(path, KINDS) as file:
+            if file.attrs.get("status", 0):
+                lines += [f"{path}: {remark}" for remark in RunRecord.read(file).remarks[:1]]
+    return lines
+
+
 def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:
     """Write a result that rank 0 holds, with further parts where its file takes them. Collective on all ranks."""
 
