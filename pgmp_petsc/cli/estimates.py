@@ -44,8 +44,8 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
 
 def of_validity(validity: Mapping[str, float]) -> str:
     """Return one line of how far a run, or the worst of several, left small deformations."""
-    known = [text.format(f"{validity[name]:.2g}") for name, text in WRITTEN.items() if np.isfinite(validity.get(name, np.nan))]
-    return "  " + ", ".join(known)
+    known = {name: value for name, value in validity.items() if np.isfinite(value)}
+    return "  " + ", ".join(text.format(f"{known[name]:.2g}") for name, text in WRITTEN.items() if name in known)
 
 
 def _error(maximum: float, share: float, unit: str) -> str:
