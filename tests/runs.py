@@ -10,7 +10,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from conftest import MPI_ENVIRONMENT, ROOT
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 from scenes import HEADER, meshes_of
 
@@ -176,7 +176,7 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
         text=True,
         env=os.environ | MPI_ENVIRONMENT,
         cwd=cwd,
-        timeout=120,
+        timeout=TIMEOUT_SECONDS,
     )
     shown = f"{arguments} ended with {done.returncode}\n{done.stdout}\n{done.stderr}"
     assert status is None or done.returncode == status, shown

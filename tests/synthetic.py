@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.results import (
     Ensemble,
     EstimatedErrors,
@@ -119,7 +120,8 @@ def ensemble(model: str = "full", n_samples: int = 2000, n_failed: int = 3, seed
         status=status,
         meanings={0: "fine", 2: "Newton's method did not converge"},
         failure_time=failure_time,
-        statistics={name: statistics(values) for name, values in outputs.items()},
+        steps_divided=np.ones(n_samples, dtype=np.int32),
+        statistics={name: statistics(values) for name, values in (outputs | {"r1": r1}).items()},
         **(estimates(outputs) if model == "reduced" else {}),
     )
 
@@ -137,16 +139,9 @@ def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, 
 
 
 def statistics(values: np.ndarray) -> Statistics:
-    """Return the statistics of the finite values."""
+    """Return the statistics of the finite values; the others are missing."""
     fine = values[np.isfinite(values)]
-    pdf, edges = np.histogram(fine, 50, density=True)
-    probabilities = np.array([0.05, 0.5, 0.95])
-    std = float(np.std(fine, ddof=1)) if len(fine) > 1 else float("nan")
-    error = std / len(fine) ** 0.5
-    quantiles = np.quantile(fine, probabilities)
-    return Statistics(
-        float(np.mean(fine)), std, error, error / 2**0.5, pdf, edges, quantiles, probabilities
-    )
+    return describe(fine, 50, (0.05, 0.5, 0.95), values.size - fine.size)
 
 
 def modes_table(r1: float = 5.6e-3, n_theta: int = 200, n_modes: int = 6, reduced: bool = True) -> ModesTable:

@@ -16,8 +16,8 @@ from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
@@ -56,7 +56,7 @@ def build(
     with any number of ranks.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "rom", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     check_flexible(loaded)
     check_features(loaded)

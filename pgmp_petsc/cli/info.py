@@ -25,10 +25,10 @@ def info(context: click.Context, file: Path, scene: bool) -> None:
 def describe(path: Path) -> str:
     """Return the description of a result file of any kind."""
     from pgmp_petsc.results import EffectSizes, Selection
-    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file, shapes_of
     from pgmp_petsc.runtime.timings import Timings
 
-    with open_file(path, KINDS) as file:
+    with open_file(path, KINDS) as file, shapes_of(file):
         record = RunRecord.read(file)
         parameters = ", ".join(f"{name} = {value:g}" for name, value in record.parameters.items())
         model = file.attrs.get("model")

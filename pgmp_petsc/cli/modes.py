@@ -10,8 +10,7 @@ import numpy as np
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.modes_table import tabulate_modes
@@ -44,7 +43,7 @@ def modes(
 ) -> None:
     """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "modes", (scene, rom)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
     group = RankGroup.split(comm, ranks_per_angle)

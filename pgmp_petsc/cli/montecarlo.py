@@ -11,22 +11,26 @@ from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.files import check_writable
-from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
+
+MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
+LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
 
 
 @click.command()
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
-@click.option("-n", "n_samples", required=True, metavar="N", type=click.IntRange(min=1), help="Number of samples.")
-@click.option("--seed", default=0, show_default=True, metavar="S", type=click.IntRange(min=0), help="Random seed.")
+@click.option("-n", "n_samples", required=True, metavar="N", type=click.IntRange(1, MOST_SAMPLES), help="Number of samples.")
+@click.option("--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed.")
 @click.option("--full", is_flag=True, help="Take the full-order model of a SCENE instead of a ROM.h5.")
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
@@ -47,14 +51,16 @@ def montecarlo(
     Exit status 1 if some samples failed; they are recorded with their reason and the others go on.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm)
+        _refuse_drawn(loaded, settings)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
+        _refuse_drawn(loaded, settings)
         with agreed(comm, "preparing the reduced model"):
             model = ReducedModel(loaded, rom)
     model, remark = settle_step(model, comm, ensemble=True)
@@ -65,28 +71,58 @@ def montecarlo(
     save(context, ensemble, output)
     failed = 0
     if ensemble is not None:
-        Checkpoint(plan, scene_to_toml(model.scene), model.name).remove()
+        remove_checkpoint(plan)
         failed = int(np.sum(ensemble.status != 0))
         say(context, report(ensemble, output))
     if comm.bcast(failed):
         context.exit(1)
 
 
+def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
+    """Refuse a value for a parameter that every sample draws anew; the same on all ranks."""
+    for setting in settings:
+        name = setting.partition("=")[0].strip()
+        parameter = scene.parameters[name]
+        if parameter.distribution is not None:
+            held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
+            raise InputError(
+                f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no part in "
+                f"an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to hold the "
+                f"parameter, replace it: --override 'parameters.{name}={held}'"
+            )
+
+
 def report(ensemble: Ensemble, path: Path) -> str:
-    """Return mean and standard deviation with their standard errors, failures by reason, and estimated errors."""
+    """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     n = len(ensemble.status)
-    heading = f"  {'':24s}{'mean':>14s}  +- {'error':9s}{'std':>13s}  +- error"
+    heading = f"  {'':24s}{'mean':>14s}{'std. error':>12s}{'deviation':>14s}{'std. error':>12s}{'samples':>9s}"
     lines = [f"{path}: {ensemble.model} model, {n} samples", heading]
     for name, s in ensemble.statistics.items():
-        lines.append(
-            f"  {name:24s}{s.mean:14.7g}  +- {s.mean_standard_error:<9.2g}{s.std:13.6g}  +- {s.std_standard_error:.2g} "
-            f"{ensemble.units[name]}"
-        )
-    for code in np.unique(ensemble.status[ensemble.status != 0]):
-        count = int(np.sum(ensemble.status == code))
-        lines.append(f"  {count} of {n} samples failed (status {code}): {ensemble.meanings[int(code)]}")
+        unit = ensemble.units[name]
+        moments = "".join(
+            f"{'unknown':>{width}s}" if np.isnan(value) else f"{value:{width}.{digits}g}"
+            for value, width, digits in (
+                (s.mean, 14, 7), (s.mean_standard_error, 12, 2), (s.std, 14, 6), (s.std_standard_error, 12, 2),
+            )
+        )  # fmt: skip
+        lines.append(f"  {name:24s}{moments}{s.count:9d} {'' if unit == '1' else unit}".rstrip())
+    lines += [f"  {remark}" for remark in ensemble.record.remarks]
+    if np.any(ensemble.status != 0):
+        lines += _bounds_of_quantiles(ensemble)
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
     lines += [f"  {remark}" for remark in ensemble.record.remarks]
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)
+
+
+def _bounds_of_quantiles(ensemble: Ensemble) -> list[str]:
+    """Return between what the outputs' quantiles lie, whatever the failed samples would have been."""
+    lines = [f"  quantiles of all {len(ensemble.status)} samples, whatever the failed ones would have been"]
+    for name in ensemble.outputs:
+        s, unit = ensemble.statistics[name], ensemble.units[name]
+        for probability, (low, high) in zip(s.probabilities, s.quantile_bounds):
+            lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
+            upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
+            lines.append(f"  {name:24s}{f'{100 * probability:g} %':>9s}  {lower}, {upper} {'' if unit == '1' else unit}".rstrip())
+    return lines

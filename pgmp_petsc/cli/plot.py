@@ -32,9 +32,13 @@ from pgmp_petsc.runtime.agreement import on_root
 def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float) -> None:
     """Draw result FILEs: what belongs together goes into one picture.
 
+    Results of different scenes never share a picture: with several, the names of pictures end with those of the
+    scenes. Within one, keys tell results apart by what differs: parameters, other entries of the scene, the model,
+    the seed, or else the file. What follows +- is a standard error.
+
     Tables of modes become frequencies.png or, with two coordinates, frequency_maps.png. Trajectories become
-    trajectories.png (full-order and reduced ones are compared where their parameters are equal); the first that
-    has them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
+    trajectories.png (full-order and reduced ones are compared where they are of one case); the first that has
+    them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
     densities.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw

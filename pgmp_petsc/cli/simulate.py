@@ -11,9 +11,9 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
@@ -38,7 +38,7 @@ def simulate(
     Exit status 1 if the run stops before its end; FILE then holds what was computed.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm)
         with agreed(comm, "preparing the full-order model"):

@@ -11,8 +11,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.reduction.limits import check_single
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
@@ -49,7 +48,7 @@ def tradeoff(
     parameters; refined meshes tell the discretisation error. A setting that fails is listed with its reason.
     """
     comm = context.obj.comm
-    on_root(comm, check_writable, output)
+    context.with_resource(claimed(comm, output, "tradeoff", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm)
     check_single(loaded, "pgmp tradeoff")
     study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)

@@ -20,6 +20,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.lumped_masses import lumped_masses
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -138,6 +139,11 @@ class FullBatch:
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""
         return np.zeros(self.n_samples, dtype=bool)
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples fail; see `SecondOrderSystem.reasons`."""
+        finite = np.isfinite(self.unpack(state.v)[:, samples]).all(axis=0)
+        return np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return a state's array as (n, n_samples)."""

@@ -27,8 +27,8 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_equations import FullEquations
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Motion, driven
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
 
 PREFIX = "pgmp_full_"
@@ -68,6 +68,7 @@ class FullDistributed:
         self._typical_mass = comm.allreduce(float(diagonal)) / self.n_dofs
         self._numbering()
         self._units = equations.units[self.rows.start : self.rows.stop]
+        self._solver_failed = False
         self._solver()
 
     def close(self) -> None:
@@ -96,7 +97,8 @@ class FullDistributed:
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
-        step, multipliers = self._solve(time, state, (scheme.gain_v, scheme.gain_a, 1.0), None, fresh)
+        with np.errstate(all="ignore"):  # a sample that fails may overflow before it is given up
+            step, multipliers = self._solve(time, state, (scheme.gain_v, scheme.gain_a, 1.0), None, fresh)
         state.q -= step
         state.v -= scheme.gain_v * step
         state.a -= scheme.gain_a * step
@@ -128,6 +130,13 @@ class FullDistributed:
     def outside(self, state: State) -> np.ndarray:
         """Return False: the full-order model is valid everywhere."""
         return np.zeros(1, dtype=bool)
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why the sample fails; see `SecondOrderSystem.reasons`. Collective on `comm`."""
+        finite = self.comm.allreduce(bool(np.isfinite(state.v).all()), op=MPI.LAND)
+        if self._solver_failed:
+            return np.array([Status.SOLVER_FAILED])
+        return np.array([Status.NOT_CONVERGED if finite else Status.NOT_FINITE])
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Gather a state's array from all ranks as (n, 1), on every rank."""
@@ -193,7 +202,10 @@ class FullDistributed:
     def _solve(
         self, time: float, state: State, gains: tuple[float, float, float], constraint: np.ndarray | None, fresh: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Evaluate the residual and solve for the correction; `constraint` replaces c(q) where given."""
+        """Evaluate the residual and solve for the correction; `constraint` replaces c(q) where given.
+
+        Where the linear solver fails, the correction is no number: the sample is lost, and the others go on.
+        """
         gain_v, gain_a, gain_k = gains
         scale = gain_a * self._typical_mass
         q, multipliers = self._gather(state)
@@ -236,15 +248,21 @@ class FullDistributed:
             found = [now.tangents for now in (elements, *solids)]
             self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents, *stiffening]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
-        self._ksp.solve(self._rhs, self._x)
-        if self._ksp.getConvergedReason() < 0:
-            raise RunError(
-                f"full-order step that ends at {time:.6g} s: the linear solver failed "
-                f"(reason {self._ksp.getConvergedReason()}); see -{PREFIX}ksp_converged_reason"
-            )
-        solution = self._x.getArray(readonly=True)
         n_own = len(self.rows)
+        self._solver_failed = not self._solved()
+        if self._solver_failed:
+            return np.full(n_own, np.nan), np.full(self._n_multipliers, np.nan)
+        solution = self._x.getArray(readonly=True)
         return solution[:n_own].copy(), scale * solution[n_own:]
+
+    def _solved(self) -> bool:
+        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks."""
+        try:
+            self._ksp.solve(self._rhs, self._x)
+            solved = self._ksp.getConvergedReason() > 0
+        except PETSc.Error:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
+            solved = False
+        return bool(self.comm.allreduce(solved, op=MPI.LAND))
 
     def _numbering(self) -> None:
         """Find which unknowns are needed here, and where element and constraint entries go in this rank's rows."""

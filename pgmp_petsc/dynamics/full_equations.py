@@ -160,7 +160,6 @@ class SpatialEquations:
         unknowns = self._unknowns = NaturalUnknowns(mechanism)
         self._kinematics, self._initial = kinematics, initial
         self._coordinates = [JointAngle(unknowns, c.connection) for c in mechanism.coordinates]
-        self._counted = np.array(initial[0], dtype=float)
         self.n_dofs = unknowns.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
         self.constraints = natural_constraints(unknowns).independent(self.start()[0])
@@ -183,8 +182,9 @@ class SpatialEquations:
         unknowns.frames(self.units)[:, 3:] = 1.0
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the start."""
+        """Return the start, from where turns are counted."""
         theta, rates = self._initial
+        self._counted = np.array(theta, dtype=float)
         poses = self._kinematics.poses(theta)
         turning = self._kinematics.rates(poses)[..., 0] @ rates
         return self._unknowns.place(poses[..., 0]), self._unknowns.place(turning)

@@ -14,7 +14,8 @@ can change another.
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
 
-Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one.
+Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `ts_options` for what
+is allowed.
 """
 
 from __future__ import annotations
@@ -29,14 +30,12 @@ from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
     from pgmp_petsc.scene.numerics import Simulation
-
-PREFIX = "pgmp_ts_"
 
 Observer = Callable[[int, float, State], None]
 
@@ -57,7 +56,7 @@ class GeneralisedAlpha:
     def __init__(self, system: SecondOrderSystem, spectral_radius: float, step: float, alive: np.ndarray) -> None:
         self.system = system
         self.state = system.start()
-        self.status = np.where(alive, Status.FINE, Status.OUT_OF_BOUNDS)
+        self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
         self._step = step
@@ -79,12 +78,13 @@ class GeneralisedAlpha:
                 lost |= self._events.repeat_steps(
                     (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
                 )
-            self._retire(lost, Status.NOT_CONVERGED, end)
+            if lost.any():
+                self._retire(lost, self.system.reasons(end, previous, lost), end)
             self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
             self.system.restore(self.state, previous, self.status != Status.FINE)
         u.setArray(self.state.q.ravel())
 
-    def _retire(self, samples: np.ndarray, reason: Status, time: float) -> None:
+    def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
         self.status[samples] = reason
         self.failure_time[samples] = time
@@ -111,21 +111,14 @@ class Run:
     n_iterations: int
 
 
-def _check_options(ts: PETSc.TS, prefix: str, step: float, n_steps: int) -> None:
-    """Refuse PETSc options that would change what the scene asks for."""
-    wanted = {
-        "ts_type": (ts.getType(), ts.Type.PYTHON, "the integrator is the program's own"),
-        "ts_dt": (ts.getTimeStep(), step, "set simulation.step in the scene"),
-        "ts_max_steps": (ts.getMaxSteps(), n_steps, "set simulation.duration in the scene"),
-    }
-    for option, (found, own, cure) in wanted.items():
-        if found != own:
-            raise InputError(f"option -{prefix}{option} = {found}: it cannot be changed here ({own}); {cure}")
-
-
 def count_steps(duration: float, step: float) -> int:
     """Return the number of equal steps, none longer than `step`, that end at `duration`."""
     return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
+
+
+def instant(number: int, duration: float, n_steps: int) -> float:
+    """Return the time after so many of equal steps, without the round-off of their sum; the last is the duration."""
+    return duration if number == n_steps else duration * number / n_steps
 
 
 def integrate(
@@ -149,9 +142,17 @@ def integrate(
         Called with step number, time and state at the start and after every step.
     prefix
         Of the options that reach this integration.
+
+    Raises
+    ------
+    InputError
+        If an option of PETSc would change what the scene asks for.
+    RunError
+        If the run ends early, with PETSc's reason. A sample that fails ends nothing: it is a status.
     """
     from petsc4py import PETSc
 
+    check_ts_options()
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
@@ -170,10 +171,13 @@ def integrate(
         ts.setMaxSteps(n_steps)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         if observer is not None:
-            ts.setMonitor(lambda _, number, time, __: observer(number, time, stepper.state))
+            # not the TS's own time, a sum of steps: its round-off grows over the run
+            ts.setMonitor(
+                lambda _, number, *__: observer(number, instant(number, simulation.duration, n_steps), stepper.state)
+            )
         ts.setFromOptions()
-        _check_options(ts, prefix, step, n_steps)
         ts.solve(solution)
+        check_end(ts, n_steps, simulation.duration)
     finally:
         ts.destroy()
         solution.destroy()

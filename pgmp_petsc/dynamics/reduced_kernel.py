@@ -244,3 +244,25 @@ def evaluate_residual(equations, amplitudes, acting, state, cache, result):
         for lane in range(count):
             for i in range(equations.layout.n_eta):
                 result[first + lane, i] = work.balance[i, lane]
+
+
+@njit(cache=True, error_model="numpy")
+def fill_tangents(equations, amplitudes, acting, state, gain_a, matrices, cache, n_samples):
+    """Fill the iteration matrix of every sample, not factorised and without gain of the velocities.
+
+    `matrices` are ``(packed S, border)`` with the shapes of the factors in `correct`, before their elimination: see
+    `eliminate_border`.
+    """
+    layout = equations.layout
+    work = allocate(layout)
+    gain_of_lane = np.full(LANES, gain_a)
+    for block in range(cache.cells.shape[0]):
+        first = block * LANES
+        count = min(LANES, n_samples - first)
+        evaluate_balance(equations, block, first, count, amplitudes, acting, state, cache, work)
+        factor, border = matrices[0][block], matrices[1][block]
+        iteration_matrix(layout, work, 0.0, gain_of_lane, factor, border)
+        if layout.cubic < layout.damping:
+            add_second_order_tangent(layout, work, 0.0, gain_of_lane, factor, border)
+        if acting.tangent.size > 0:
+            add_tangents(acting.tangent[block], len(layout.rigid), factor, border)

@@ -16,8 +16,9 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual
+from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual, fill_tangents
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
 
@@ -196,6 +197,43 @@ class ReducedSystem:
     def outside(self, state: State) -> np.ndarray:
         """Return the samples whose rigid coordinates left the sampled range."""
         return ~self.tables.samples.contains(state.q[:, : self.tables.n_coordinates])
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples fail; see `SecondOrderSystem.reasons`.
+
+        The model itself has broken down where the energy of its terms of first and second order in the deformation is
+        no longer positive: where the inertia about the rigid motion, or with terms of second order the stiffness, is
+        not positive definite.
+        """
+        finite = np.isfinite(state.q).all(axis=1) & np.isfinite(state.v).all(axis=1) & np.isfinite(state.a).all(axis=1)
+        reasons = np.where(finite, Status.NOT_CONVERGED, Status.NOT_FINITE)
+        self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), True)
+        stiff, heavy = (self._tangents(time, state, gain_a) for gain_a in (0.0, 1.0))
+        r = self.tables.n_coordinates
+        for sample in np.flatnonzero(finite & samples):
+            inertia = heavy[sample] - stiff[sample]
+            stiffness = stiff[sample, r:, r:]
+            if not (np.linalg.eigvalsh(inertia)[0] > 0.0 and np.linalg.eigvalsh(stiffness)[0] > 0.0):
+                reasons[sample] = Status.BROKE_DOWN
+        return reasons[samples]
+
+    def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
+        """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
+        packed, border = (np.empty_like(part) for part in self._factors)
+        fill_tangents(
+            self._equations, self._amplitudes(time), self._acting, (state.q, state.v, state.a), gain_a,
+            (packed, border), self._cache, self.n_samples,
+        )  # fmt: skip
+        r, n = self.tables.n_coordinates, self.n_eta
+        m = n - r
+        packed, border = (np.moveaxis(part, 2, 1).reshape(-1, part.shape[1])[: self.n_samples] for part in (packed, border))
+        matrices = np.empty((self.n_samples, n, n))
+        rows, columns = np.tril_indices(m)
+        matrices[:, r + rows, r + columns] = matrices[:, r + columns, r + rows] = packed
+        matrices[:, :r, :r] = border[:, : r * r].reshape(-1, r, r)
+        matrices[:, r:, :r] = np.swapaxes(border[:, r * r : r * r + r * m].reshape(-1, r, m), 1, 2)
+        matrices[:, :r, r:] = border[:, r * r + r * m :].reshape(-1, r, m)
+        return matrices
 
     def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
         """Put the prescribed coordinates of some samples (a mask) where they are at a time."""

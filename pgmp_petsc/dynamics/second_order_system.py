@@ -105,5 +105,21 @@ class SecondOrderSystem(Protocol):
     def outside(self, state: State) -> np.ndarray:
         """Return a mask of the samples that left the model's range of validity."""
 
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples failed in a step.
+
+        Parameters
+        ----------
+        time, state
+            End of the step, and the state at its beginning.
+        samples
+            Mask of the n samples that failed, shape (n_samples,).
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of a `Status`.
+        """
+
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed (negative: not), shape (n_events, n_samples); asked only if any exist."""

@@ -9,19 +9,41 @@ class Status(IntEnum):
     """Status of a sample; everything but FINE is a failure with the reason in its name."""
 
     FINE = 0
-    OUT_OF_BOUNDS = 1
+    UNPHYSICAL = 1
     NOT_CONVERGED = 2
     LEFT_RANGE = 3
+    NOT_FINITE = 4
+    SOLVER_FAILED = 5
+    BROKE_DOWN = 6
 
     @property
     def meaning(self) -> str:
         """Return the reason in words."""
         return _MEANINGS[self]
 
+    @property
+    def cure(self) -> str:
+        """Return what helps against it, empty where it is fine."""
+        return _CURES[self]
+
 
 _MEANINGS = {
     Status.FINE: "fine",
-    Status.OUT_OF_BOUNDS: "a parameter lies outside its bounds; not integrated",
+    Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, or not positive where "
+    "a section or material needs it); not integrated",
     Status.NOT_CONVERGED: "Newton's iteration did not converge within a time step",
     Status.LEFT_RANGE: "a coordinate left the range that the reduced model was sampled over",
+    Status.NOT_FINITE: "its motion or an output is no finite number",
+    Status.SOLVER_FAILED: "the linear solver failed within a time step",
+    Status.BROKE_DOWN: "its deformation left what the reduced model holds for: stiffness or inertia are no longer "
+    "positive there, and the motion ran away",
+}
+_CURES = {
+    Status.FINE: "",
+    Status.UNPHYSICAL: "give the parameter bounds, which truncate its distribution",
+    Status.NOT_CONVERGED: "take a smaller simulation.step",
+    Status.LEFT_RANGE: "widen the coordinate's range and build again",
+    Status.NOT_FINITE: "look at the loads and the start of these samples",
+    Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
+    Status.BROKE_DOWN: "no step helps; the full-order model (--full) holds there, or loads and parameters that bend less",
 }

@@ -22,8 +22,9 @@ class Plan:
 class Batch:
     """Samples ``first`` to ``first + n - 1``: parameters, outputs at the end, status and time of failure, each (n,).
 
-    The reduced model adds the largest estimated errors of the outputs, those at the end, and the validity of small
-    deformations, each (n,) and NaN where they were not estimated.
+    ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided. The reduced
+    model adds the largest estimated errors of the outputs, those at the end, and the validity of small deformations,
+    each (n,) and NaN where they were not estimated.
     """
 
     first: int
@@ -31,6 +32,7 @@ class Batch:
     outputs: dict[str, np.ndarray]
     status: np.ndarray
     failure_time: np.ndarray
+    numerics: dict[str, np.ndarray] = field(default_factory=dict)
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
     validity: dict[str, np.ndarray] = field(default_factory=dict)

@@ -7,22 +7,28 @@ checkpoint, with another number of ranks too, because a sample's numbers depend 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
+from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.sampling import draw, physical
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
+from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.watchers import ErrorWatcher, Found, ValidityWatcher, Watcher, together
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
-from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
-from pgmp_petsc.indicator.validity import Validity, remarks_of
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator
+from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -45,16 +51,20 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     ------
     InputError
         If the checkpoint to resume belongs to another scene, model, seed or number of samples.
+    RunError
+        If the finished batches are not all samples, each once.
     """
     timings = Timings()
     scene_toml = scene_to_toml(model.scene)
     size = model.largest_batch
-    draw(model.scene, plan.seed, 0, 1)  # a scene with nothing to draw is refused before anything is touched
-    checkpoint = Checkpoint(plan, scene_toml, model.name)
+    # a scene with nothing to draw, and options that would change it, are refused before anything is touched
+    draw(model.scene, plan.seed, 0, 1)
+    check_ts_options()
+    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, size)
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
-        indicator = _indicator(model)
+        watchers = _watchers(model)
     with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm) as bar:
         bar.update(plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing))
         for start in range(0, len(missing), comm.size):
@@ -63,7 +73,7 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
             with agreed(comm, "integration of the samples"):
                 if comm.rank < len(turn):
                     first = turn[comm.rank]
-                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), indicator)
+                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), watchers)
             batches = comm.gather(batch)
             with agreed(comm, "writing the checkpoint"):
                 if comm.rank == 0:
@@ -72,63 +82,90 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
                         checkpoint.add(item)
                     bar.update(sum(len(item.status) for item in done))
     timings = timings.maximum(comm)
-    if comm.rank > 0:
-        return None
+    with agreed(comm, "statistics"):
+        return _described(model, plan, checkpoint, scene_toml, comm.size, timings) if comm.rank == 0 else None
+
+
+def _described(
+    model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
+) -> Ensemble:
+    """Describe what the checkpoint holds, with what was found in it."""
     with timings.phase("statistics"):
-        return describe_ensemble(model, plan, checkpoint.batches(), scene_toml, comm.size, timings)
+        ensemble = describe_ensemble(model, plan, checkpoint.batches(), scene_toml, ranks, timings)
+    remarks = (*checkpoint.remarks, *ensemble.record.remarks)
+    return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
 
 
-def run_batch(
-    model: Model, seed: int, first: int, last: int, indicator: ErrorIndicator | None = None
-) -> Batch:
-    """Integrate samples first to last - 1 as one system, and estimate errors where there is an indicator."""
+def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence[Watcher] = ()) -> Batch:
+    """Integrate samples first to last - 1 as one system, those that fail again with smaller steps.
+
+    What the watchers find is added where they look, and is NaN elsewhere.
+    """
     scene = model.scene
     values = draw(scene, seed, first, last)
     alive = physical(scene, values)
     n = last - first
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
-    system = model.batch(safe, n)
-    chosen = np.flatnonzero(alive & checked(scene.ensemble.checked_share, first, last))
-    watched = indicator.watch(safe, chosen) if indicator is not None and chosen.size else None
-    validity = Validity(model, system, safe) if isinstance(model, ReducedModel) else None
-    observers = [watcher.observe for watcher in (watched, validity) if watcher is not None]
-
-    def observe(number: int, time: float, state: State) -> None:
-        for observer in observers:
-            observer(number, time, state)
-
-    run = integrate(system, scene.simulation, alive=alive, observer=observe if observers else None)
-    fine = run.status == Status.FINE
+    wanted = [alive & watcher.chosen(first, last) for watcher in watchers]
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
-    if fine.any():
-        frames = model.output_frames(system, run.state)[..., fine]
-        for name, result in model.outputs.evaluate(frames).items():
-            outputs[name][fine] = result
-    system.close()
-    batch = Batch(first, values, outputs, run.status.astype(int), run.failure_time)
-    if validity is not None:
-        batch = replace(batch, validity=validity.of(run.status))
-    return batch if indicator is None else _with_estimates(batch, watched, run.status, chosen)
+    found: Found = {}
+
+    def run(attempt: Attempt) -> Run:
+        samples = attempt.samples
+        some = {name: value[samples] for name, value in safe.items()}
+        chosen = [np.flatnonzero(mask[samples]) for mask in wanted]
+        with closing(model.batch(some, samples.size)) as system:
+            watched = [
+                (places, watcher.watch(system, some, places, attempt.simulation))
+                for watcher, places in zip(watchers, chosen)
+                if places.size
+            ]
+            observer = together([watch for _, watch in watched])
+            done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer)
+            done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
+        for places, watch in watched:
+            for kind, arrays in watch.found(done.status).items():
+                for name, estimates in arrays.items():
+                    kept = found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
+                    kept[samples[places]] = estimates
+        return done
+
+    outcome = integrate_with_smaller_steps(run, scene.simulation, alive)
+    for watcher in watchers:
+        for kind, names in watcher.names.items():
+            for name in names:
+                found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
+    numerics = {"steps_divided": outcome.divisors}
+    return Batch(first, values, outputs, outcome.status, outcome.failure_time, numerics, **found)
 
 
-def _indicator(model: Model) -> ErrorIndicator | None:
-    """Return the indicator of a reduced model whose scene wants one."""
-    wanted = is_indicated(model.scene) and model.scene.ensemble.checked_share > 0.0
-    return ErrorIndicator(model) if wanted and isinstance(model, ReducedModel) else None
+def _with_outputs(
+    model: Model, system: SecondOrderSystem, done: Run, samples: np.ndarray, outputs: dict[str, np.ndarray], end: float
+) -> Run:
+    """Evaluate the outputs of the samples that are fine into `outputs`; one that is no finite number is a failure."""
+    fine = np.flatnonzero(done.status == Status.FINE)
+    if not fine.size:
+        return done
+    with np.errstate(all="ignore"):
+        found = model.outputs.evaluate(model.output_frames(system, done.state)[..., fine])
+    lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
+    status, failure_time = done.status.copy(), done.failure_time.copy()
+    status[lost], failure_time[lost] = Status.NOT_FINITE, end
+    for name, values in found.items():
+        outputs[name][samples[fine]] = np.where(status[fine] == Status.FINE, values, np.nan)
+    return replace(done, status=status, failure_time=failure_time)
 
 
-def _with_estimates(batch: Batch, watched: WatchedRun | None, status: np.ndarray, chosen: np.ndarray) -> Batch:
-    """Add the estimated errors of the chosen samples, NaN for the others."""
-    named = {
-        kind: {name: np.full(status.size, np.nan) for name in batch.outputs} for kind in ("errors", "errors_at_end")
-    }
-    if watched is not None:
-        estimate = watched.estimate(status)
-        for kind, found in zip(named, (estimate.largest, estimate.at_end)):
-            for name, values in found.items():
-                named[kind][name][chosen] = values
-    return replace(batch, **named)
+def _watchers(model: Model) -> list[Watcher]:
+    """Return what looks at the runs of a model."""
+    if not isinstance(model, ReducedModel):
+        return []
+    share = model.scene.ensemble.checked_share
+    validity = ValidityWatcher(model)
+    if is_indicated(model.scene) and share > 0.0:
+        return [ErrorWatcher(ErrorIndicator(model), share), validity]
+    return [validity]
 
 
 def _remarks(
@@ -162,20 +199,26 @@ def describe_ensemble(
     status = np.concatenate([b.status for b in batches])
     fine = status == Status.FINE
     bins, probabilities = scene.ensemble.bins, scene.ensemble.quantiles
-    statistics = {name: describe(v[fine & np.isfinite(v)], bins, probabilities) for name, v in outputs.items()}
+    n_failed = int(np.sum(~fine))
+    statistics = {name: describe(v[fine], bins, probabilities, n_failed) for name, v in outputs.items()}
     drawn = {name: v for name, v in parameters.items() if scene.parameters[name].distribution is not None}
     statistics |= {name: describe(v[np.isfinite(v)], bins, probabilities) for name, v in drawn.items()}
     estimates = {
         kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
-        for kind in ("errors", "errors_at_end", "validity")
+        for kind in ("numerics", "errors", "errors_at_end", "validity")
     }
+    divisors = estimates.pop("numerics")["steps_divided"]
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
+    remarks = (
+        *failure_remarks(status, drawn, units),
+        *step_remarks(status, divisors, scene.simulation.step),
+        *draw_remarks(scene),
+        *_single(int(fine.sum())),
+        *_remarks(model, estimates, status),
+    )
     return Ensemble(
         model=model.name,
-        record=RunRecord(
-            scene_toml, scene.values, plan.seed, ranks, timings.as_dict(),
-            remarks=_remarks(model, estimates, status),
-        ),
+        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), remarks),
         parameters=parameters,
         outputs=outputs,
         units=units,
@@ -183,5 +226,13 @@ def describe_ensemble(
         meanings={int(item): item.meaning for item in Status},
         failure_time=np.concatenate([b.failure_time for b in batches]),
         statistics=statistics,
+        steps_divided=divisors,
         **estimates,
     )
+
+
+def _single(n_fine: int) -> tuple[Remark, ...]:
+    """Return what is to be said of statistics of one sample."""
+    if n_fine != 1:
+        return ()
+    return (note("one sample has no deviation and no standard errors; draw more"),)

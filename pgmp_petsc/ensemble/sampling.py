@@ -2,7 +2,7 @@
 
 Sample k has a random stream of its own, spawned from the seed with key k; the rank that integrates it, the batch it is
 in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution
-function.
+function, of the distribution truncated to the parameter's bounds where it has any.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+
+MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
 
 
 def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:
@@ -39,12 +42,40 @@ def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray
     uniform = uniform.reshape(last - first, len(uncertain))
     values = {name: np.full(last - first, value) for name, value in scene.values.items()}
     for column, name in zip(uniform.T, uncertain):
-        values[name] = scene.parameters[name].frozen().ppf(column)
+        values[name] = scene.parameters[name].quantiles(column)
     return values
 
 
+def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
+    """Return what is to be said of the distributions that samples come from."""
+    remarks = []
+    for name, parameter in scene.parameters.items():
+        if parameter.distribution is None:
+            continue
+        if parameter.value is not None:
+            remarks.append(
+                note(
+                    f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an ensemble, "
+                    "which draws from the distribution"
+                )
+            )
+        below, above = parameter.cut_off
+        if below + above > 0.0:
+            low, high = parameter.bounds
+            text = (
+                f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "
+                f"they cut off {100 * below:.2g} % below and {100 * above:.2g} % above"
+            )
+            if below + above > MUCH_CUT_OFF:
+                text += "; so much is missing that bounds and distribution may not mean the same quantity: check both"
+                remarks.append(warning(text))
+            else:
+                remarks.append(note(text))
+    return tuple(remarks)
+
+
 def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return which samples lie inside all bounds, positive where sections and materials need it."""
+    """Return which samples lie inside all bounds, finite, and positive where sections and materials need it."""
     fine = np.ones(len(next(iter(values.values()))), dtype=bool)
     for name, parameter in scene.parameters.items():
         fine &= np.isfinite(values[name])

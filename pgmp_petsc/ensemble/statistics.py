@@ -10,8 +10,8 @@ from scipy import stats
 from pgmp_petsc.results.ensemble import Statistics
 
 
-def describe(values: np.ndarray, bins: int, probabilities: Sequence[float]) -> Statistics:
-    """Describe a sample.
+def describe(values: np.ndarray, bins: int, probabilities: Sequence[float], n_missing: int = 0) -> Statistics:
+    """Describe a sample, of which some values may be missing.
 
     The standard error of the standard deviation s takes the sample's own fourth moment,
     ``var(s) = (mu4 - s^4) / (4 s^2 N)``.
@@ -24,30 +24,56 @@ def describe(values: np.ndarray, bins: int, probabilities: Sequence[float]) -> S
         Number of equal bins of the density over the sample's range.
     probabilities
         Of the quantiles.
+    n_missing
+        How many more values there would be if no sample had failed; they have no part but in the bounds of the
+        quantiles.
     """
     probabilities = np.asarray(probabilities, dtype=float)
     n = values.size
     if n == 0:
         nan = float("nan")
         return Statistics(
-            nan, nan, nan, nan, np.empty(0), np.empty(0), np.full(probabilities.size, nan), probabilities
-        )
+            0, nan, nan, nan, nan, np.empty(0), np.empty(0), np.full(probabilities.size, nan),
+            quantile_bounds(values, probabilities, n_missing), probabilities,
+        )  # fmt: skip
     pdf, edges = _density(values, bins)
-    std = float(np.std(values, ddof=1)) if n > 1 else 0.0
-    spread = 0.0
+    std = float(np.std(values, ddof=1)) if n > 1 else float("nan")
+    spread = 0.0 if n > 1 else std
     if std > 1e-12 * float(np.max(np.abs(values))):
         fourth = float(stats.moment(values, moment=4))
         spread = np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std)
     return Statistics(
+        count=n,
         mean=float(np.mean(values)),
         std=std,
-        mean_standard_error=std / np.sqrt(n),
+        mean_standard_error=float(std / np.sqrt(n)),
         std_standard_error=float(spread),
         pdf=pdf,
         edges=edges,
         quantiles=np.quantile(values, probabilities),
+        quantile_bounds=quantile_bounds(values, probabilities, n_missing),
         probabilities=probabilities,
     )
+
+
+def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: int) -> np.ndarray:
+    """Return bounds of the quantiles of a sample of which some values are not known, shape (n_quantiles, 2).
+
+    The smallest that a quantile can be is that of the sample with all missing values below the known ones, the largest
+    that with all above; infinite where such a value has a part in it. A quantile is interpolated between neighbours,
+    as `numpy.quantile` does.
+    """
+    ordered, n = np.sort(values), values.size + n_missing
+    bounds = np.full((len(probabilities), 2), [-np.inf, np.inf])
+    for row, probability in zip(bounds, probabilities if n else ()):
+        at = probability * (n - 1)
+        below, above = int(np.floor(at)), int(np.ceil(at))
+        share = at - below
+        if below >= n_missing:
+            row[0] = (1 - share) * ordered[below - n_missing] + share * ordered[above - n_missing]
+        if above < values.size:
+            row[1] = (1 - share) * ordered[below] + share * ordered[above]
+    return bounds
 
 
 def _density(values: np.ndarray, bins: int) -> tuple[np.ndarray, np.ndarray]:

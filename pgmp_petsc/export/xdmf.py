@@ -16,10 +16,11 @@ from xml.etree import ElementTree
 import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import shapes_of
+from pgmp_petsc import __version__
 from pgmp_petsc.results.trajectory import frame_name
-from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import check_writable, open_file, take
+from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take
 
 
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
@@ -36,33 +37,40 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
     RunError
         If the system fails to write.
     """
-    xdmf_path = check_writable(xdmf_path)
-    if xdmf_path.exists() and os.path.samefile(xdmf_path, trajectory_path):
-        raise InputError(f"output file '{xdmf_path}' is the trajectory itself; name another file, F.xdmf say")
+    xdmf_path = check_output(xdmf_path, "xdmf", [trajectory_path])
     with open_file(trajectory_path, "trajectory") as file:
         if "frames" not in file:
             raise InputError(
                 f"file '{trajectory_path}' has no frames to export; run the simulation again with "
                 "--override simulation.frames=100"
             )
-        heavy = os.path.relpath(Path(trajectory_path).resolve(), xdmf_path.resolve().parent)
+        heavy = _reference(Path(trajectory_path), xdmf_path)
         with shapes_of(file):
             tree, n_frames = _tree(file, heavy)
     ElementTree.indent(tree)
-    partial = xdmf_path.with_name(f".{xdmf_path.name}.{os.getpid()}.partial")
-    try:
+    with replacing(xdmf_path) as partial:
         tree.write(partial, encoding="utf-8", xml_declaration=True)
-        os.replace(partial, xdmf_path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise RunError(f"output file '{xdmf_path}' could not be written: {error}") from error
     return n_frames
+
+
+def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
+    """Return the trajectory's path from the XDMF file, which XML and XDMF can hold."""
+    heavy = os.path.relpath(trajectory_path.resolve(), xdmf_path.resolve().parent)
+    # readers split references at these, and cut spaces off their ends
+    if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
+        raise InputError(
+            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends or "
+            "a character that cannot be printed); rename it"
+        )
+    return heavy
 
 
 def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
     """Build the XML: a temporal collection with one uniform grid a frame."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     domain = ElementTree.SubElement(root, "Domain")
+    # tells `check_output` that the file is ours to replace
+    root.append(ElementTree.Comment(f" written by pgmp_petsc {__version__} "))
     series = ElementTree.SubElement(
         domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal"
     )

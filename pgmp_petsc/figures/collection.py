@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -12,73 +14,167 @@ from matplotlib.figure import Figure
 
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
+from pgmp_petsc.figures.densities import labels_of as densities_labels
+from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
+from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
-from pgmp_petsc.figures.style import save
+from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
-from pgmp_petsc.figures.trajectories import paired, trajectories
+from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
 READERS = {"modes": ModesTable, "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff}
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix
-Result = TypeVar("Result")
+Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff)
+Sourced = list[tuple[Path, Result]]  # results and the files that they come from
 
 
 def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> list[str]:
     """Draw result files into ``directory`` and return the paths written, one line each; by one process only.
 
+    Results of different mechanisms are never in one picture: the pictures' names then end with those of the scenes.
+    What tells results in one picture apart is in its keys. What is left out is said in a line.
+
     Raises
     ------
     InputError
-        If a file is not a result with a picture, or the directory cannot be made or written to.
+        If a file is not a result with a picture, the directory cannot be made or written to, or nothing can be drawn.
+    RunError
+        If the system fails to write.
     """
     # All files are read before any picture is drawn: a bad one is reported at once.
-    results: dict[str, list] = {kind: [] for kind in READERS}
-    for path in files:
+    scenes: dict[tuple, list] = {}
+    lines = []
+    for path, again in _once(files):
+        if again:
+            lines.append(f"{path} is given twice and drawn once")
+            continue
         with open_file(path, READERS) as file:
-            kind = str(file.attrs["kind"])
-        results[kind].append(READERS[kind].read(path))
+            reader = READERS[str(file.attrs["kind"])]
+        result = reader.read(path)
+        scenes.setdefault(mechanism_key(result.record), []).append((path, result))
     _make(directory)
+    pictures: dict[Path, Callable[[], Figure]] = {}
+    for results, ending in zip(scenes.values(), _endings([found[0][1] for found in scenes.values()])):
+        of_scene, notes = _of_scene(results, exaggeration)
+        pictures |= {directory / f"{name}{ending}.png": picture for name, picture in of_scene.items()}
+        lines += [note.replace(".png", f"{ending}.png") for note in notes]
+    for target in pictures:
+        check_output(target, "picture", files)
+    drawn, failures = [], []
+    for target, picture in pictures.items():
+        try:
+            drawn.append(str(save(picture(), target)))
+        except InputError as error:
+            failures.append(f"no {target.name}: {error}")
+    if not drawn:
+        raise InputError("; ".join(failures))
+    return [*drawn, *failures, *lines]
 
-    runs, ensembles = results["trajectory"], results["ensemble"]
-    pictures = {**_of_modes(results["modes"]), **_of_runs(runs, exaggeration)}
+
+def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
+    """Return the pictures of one scene's results, and lines on what is left out."""
+    tables, runs, ensembles, studies = (
+        [(path, result) for path, result in results if isinstance(result, kind)] for kind in READERS.values()
+    )
+    of_runs, notes = _of_runs(runs, exaggeration)
+    pictures = {**_of_modes(tables), **of_runs}
     if ensembles:
-        in_order = sorted(ensembles, key=lambda ensemble: ensemble.model != "full")
-        pictures["densities"] = partial(densities, in_order)
-    for study, name in _numbered(results["tradeoff"], "tradeoff"):
+        in_order = sorted(ensembles, key=lambda found: found[1].model != "full")
+        files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
+        pictures["densities"] = partial(densities, found, densities_labels(found, files))
+        notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
+    for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
             pictures[f"{name}{suffix}"] = partial(picture, study)
-    lines = [str(save(picture(), directory / f"{name}.png")) for name, picture in pictures.items()]
-    if runs and "mechanism" not in pictures:
-        lines.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
-    return lines
+    return pictures, notes
 
 
-def _of_modes(tables: Sequence[ModesTable]) -> Pictures:
+def _of_modes(tables: Sourced) -> Pictures:
     """Return the pictures of tables of modes: maps of those with two coordinates, the others over each other."""
-    mapped = [table for table in tables if len(table.coordinate_units) == 2]
-    others = [table for table in tables if len(table.coordinate_units) != 2]
-    pictures = {name: partial(frequency_maps, table) for table, name in _numbered(mapped, "frequency_maps")}
-    return {"frequencies": partial(frequencies, others), **pictures} if others else pictures
+    if not tables:
+        return {}
+    files, found = [path for path, _ in tables], [table for _, table in tables]
+    labels = tables_labels(found, files)
+    # all have the coordinates of their scene
+    if len(found[0].coordinate_units) != 2:
+        return {"frequencies": partial(frequencies, found, labels=labels)}
+    numbered = zip(_numbered(found, "frequency_maps"), labels)
+    return {name: partial(frequency_maps, table, label=label) for (table, name), label in numbered}
 
 
-def _of_runs(runs: Sequence[Trajectory], exaggeration: float) -> Pictures:
-    """Return the pictures of runs: all outputs together; shapes, energies and path of the first run that has them."""
-    pictures: Pictures = {"trajectories": partial(trajectories, paired(runs))} if runs else {}
+def _of_runs(runs: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
+    """Return the pictures of runs: all outputs together; shapes, energies and path of the first run that has them.
+
+    Lines say which run that is where there are several, and what is left out.
+    """
+    if not runs:
+        return {}, []
+    files, found = {id(run): path for path, run in runs}, [run for _, run in runs]
+    comparisons = paired(found)
+    labels = labels_of(comparisons, files)
+    pictures: Pictures = {"trajectories": partial(trajectories, comparisons, labels=labels)}
+    label_of = {id(run): label for model in MODELS for run, label in _told_apart(found, files, model)}
     of_one = {
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
         "energies": (energies, lambda run: run.balance is not None),
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }
+    notes = _left_out("trajectories", [set(run.outputs) for run in found])
+    first_of: dict[int, list[str]] = {}
     for name, (picture, has) in of_one.items():
-        first = next(filter(has, runs), None)
-        if first is not None:
-            pictures[name] = partial(picture, first)
-    return pictures
+        having = list(filter(has, found))
+        if having:
+            pictures[name] = partial(picture, having[0], label=label_of[id(having[0])])
+        if len(having) > 1:
+            first_of.setdefault(id(having[0]), []).append(f"{name}.png")
+    for run, names in first_of.items():
+        notes.append(f"{' and '.join(names)}: of {files[run]} alone, the first run that has what they show")
+    if "mechanism" not in pictures:
+        notes.append("no mechanism.png: no trajectory has frames; use --override simulation.frames=100")
+    return pictures, notes
+
+
+def _told_apart(runs: Sequence[Trajectory], files: Mapping[int, Path], model: str) -> Iterator[tuple[Trajectory, str]]:
+    """Return the runs of a model with what tells them from each other; the files are given by the runs' `id`."""
+    chosen = [run for run in runs if run.model == model]
+    labels = tell_apart([run.record for run in chosen], files=[files[id(run)] for run in chosen])
+    return zip(chosen, labels)
+
+
+def _left_out(name: str, quantities: Sequence[set[str]]) -> list[str]:
+    """Return a line on the quantities that some results lack and that are therefore not drawn."""
+    lacking = sorted(set.union(*quantities) - set.intersection(*quantities))
+    return [f"{name}.png is without {', '.join(lacking)}: not every file has it"] if lacking else []
+
+
+def _once(files: Sequence[Path]) -> Iterator[tuple[Path, bool]]:
+    """Yield every path, and whether its file came before."""
+    seen: set[str] = set()
+    for path in files:
+        real = os.path.realpath(path)
+        yield path, real in seen
+        seen.add(real)
+
+
+def _endings(results: Sequence[Result]) -> list[str]:
+    """Return what the pictures' names end with: nothing for one scene, else its name, numbered where it comes again."""
+    if len(results) == 1:
+        return [""]
+    names = [re.sub(r"[^\w-]+", "_", scene_name(result.record)).strip("_") or "unnamed" for result in results]
+    counts = Counter(names)
+    order: Counter[str] = Counter()
+    order_of = []
+    for name in names:
+        order[name] += 1
+        order_of.append(f"_{name}" if counts[name] == 1 else f"_{name}_{order[name]}")
+    return order_of
 
 
 def _numbered(results: Sequence[Result], name: str) -> list[tuple[Result, str]]:

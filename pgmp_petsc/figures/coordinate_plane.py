@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -12,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.shapes import TimeColours
-from pgmp_petsc.figures.style import QUIET, axis_label, new_figure, scene_name, styled, top_legend
+from pgmp_petsc.figures.style import MODELS, QUIET, axis_label, heading, new_figure, scene_of, styled, top_legend
 from pgmp_petsc.results import ModesTable, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
@@ -23,10 +22,11 @@ N_SEGMENTS = 200
 
 
 @styled
-def frequency_maps(table: ModesTable, n_modes: int = 4) -> Figure:
+def frequency_maps(table: ModesTable, n_modes: int = 4, label: str = "") -> Figure:
     """Draw the first ``n_modes`` flexible eigenfrequencies over the grid of two coordinates, one map each.
 
-    With a reduced model beside the full order, each title says by how much its frequencies differ at most.
+    With a reduced model beside the full order, each title says by how much its frequencies differ at most. The label
+    tells the table from others.
 
     Raises
     ------
@@ -57,13 +57,13 @@ def frequency_maps(table: ModesTable, n_modes: int = 4) -> Figure:
             axes.tick_params(labelbottom=True)
         if mode % n_columns == 0:
             axes.set_ylabel(axis_label(y_name, y_unit))
-    name = scene_name(table.record)
-    top_legend(figure, [], f"Eigenfrequencies{f' of the {name}' if name else ''}")
+    what = "Eigenfrequencies, full order" + (" and reduced" if table.reduced_hz is not None else "")
+    top_legend(figure, [], heading(what, table.record, label), cautions.of_records([table.record]))
     return figure
 
 
 @styled
-def coordinate_path(trajectory: Trajectory) -> Figure:
+def coordinate_path(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the path of a run through the plane of its two coordinates, coloured by time, and their ranges in the scene.
 
     Raises
@@ -76,8 +76,9 @@ def coordinate_path(trajectory: Trajectory) -> Figure:
     figure = new_figure(6.4, 5.2)
     axes = figure.subplots()
     keys = _draw_ranges(axes, trajectory)
-    step = max(1, len(trajectory.time) // N_SEGMENTS)
-    time, points = trajectory.time[::step], trajectory.coordinates[::step]
+    n_times = len(trajectory.time)
+    chosen = np.unique(np.linspace(0, n_times - 1, min(n_times, N_SEGMENTS + 1)).round().astype(int))
+    time, points = trajectory.time[chosen], trajectory.coordinates[chosen]
     colours = TimeColours.over(trajectory.time)
     segments = np.stack([points[:-1], points[1:]], axis=1)
     scaled = {"array": time[1:], "cmap": colours.colours, "norm": colours.scale}
@@ -92,14 +93,14 @@ def coordinate_path(trajectory: Trajectory) -> Figure:
     bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
     bar.outline.set_visible(False)
     bar.set_label("time (s)")
-    model = "full-order" if trajectory.model == "full" else "reduced"
-    top_legend(figure, keys, f"Coordinates of the {scene_name(trajectory.record) or 'mechanism'}, {model} model")
+    what = heading(f"Path of the coordinates, {MODELS[trajectory.model]}", trajectory.record, label)
+    top_legend(figure, keys, what, cautions.of_runs([trajectory]))
     return figure
 
 
 def _draw_ranges(axes: Axes, trajectory: Trajectory) -> list[Line2D]:
     """Draw the ends of the ranges that the scene gives, and return their key; a periodic coordinate has none."""
-    coordinates = tomllib.loads(trajectory.record.scene_toml).get("coordinates", {})
+    coordinates = scene_of(trajectory.record).get("coordinates", {})
     style, keys = {"color": QUIET, "linewidth": 0.9, "linestyle": (0, (4, 3))}, []
     for name, draw in zip(trajectory.coordinate_units, (axes.axvline, axes.axhline)):
         entry = coordinates.get(name, {"periodic": True})

@@ -3,48 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.differences import tell_apart
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
-    PALETTE,
+    MODELS,
+    PLAIN,
     QUIET,
     REDUCED_COLOUR,
     axis_label,
     axis_unit,
+    distinct_colours,
+    heading,
     new_figure,
-    scene_name,
     styled,
     top_legend,
 )
 from pgmp_petsc.results import Ensemble
+from pgmp_petsc.results.ensemble import Statistics
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
-N_BINS = 50
 COLUMNS = 3
+LINES, LINE_POINTS = 2, 11.5  # above each panel, for an ensemble
+DASHES = (0, (4, 3))
+BAND = "#F3F3F3"
 
 
 @styled
 def densities(
     ensembles: Sequence[Ensemble], labels: Sequence[str] | None = None, names: Sequence[str] | None = None
 ) -> Figure:
-    """Draw the density of every parameter and output that the ensembles have in common, one panel each.
+    """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
 
-    The densities are histograms of the samples that are fine, with the same bins for all ensembles. Dashed
-    lines mark the means; the band is the first ensemble's mean plus and minus a standard deviation. With two
-    ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
+    The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in
+    as many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples,
+    as in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
+    first ensemble's mean. Above each panel stand mean and standard deviation; what follows ± is always a standard error.
+    With two ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
 
     Parameters
     ----------
     ensembles : sequence of Ensemble
         The first is drawn as an area, the others as steps over it.
     labels : sequence of str, optional
-        By default the model and the number of samples.
+        By default the model, how many of its samples are fine, and what else tells the ensembles apart.
     names : sequence of str, optional
         Only these quantities, in this order.
 
@@ -53,14 +64,14 @@ def densities(
     InputError
         If the ensembles do not share one of `names`, or have no quantity in common or one has no sample that is fine.
     """
-    labels = [_label(ensemble) for ensemble in ensembles] if labels is None else labels
+    labels = labels_of(ensembles) if labels is None else labels
     names = _common(ensembles, names)
     compared = len(ensembles) == 2
     n_columns = min(len(names), COLUMNS)
     n_blocks = -(-len(names) // n_columns)
     ratios = ([2.8, 1.0] if compared else [1.0]) * n_blocks
     rows_a_block = len(ratios) // n_blocks
-    figure = new_figure(max(3.6 * n_columns, 5.0), (4.3 if compared else 3.3) * n_blocks + 0.65)
+    figure = new_figure(max(3.6 * n_columns, 5.0), (4.1 if compared else 3.1 + 0.3 * len(ensembles)) * n_blocks + 0.65)
     panels = figure.subplots(len(ratios), n_columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
     colours = _colours(ensembles)
     for place in range(n_blocks * n_columns):
@@ -75,34 +86,58 @@ def densities(
         Patch(facecolor="none" if number else _tint(colour), edgecolor=colour, linewidth=1.5, label=label)
         for number, (label, colour) in enumerate(zip(labels, colours))
     ]
-    name = scene_name(ensembles[0].record)
-    top_legend(figure, keys, f"Uncertainty of the {name or 'mechanism'}")
+    keys.append(Line2D([], [], color=QUIET, linestyle=DASHES, linewidth=1.0, label="mean"))
+    if any(np.isfinite(ensembles[0].statistics[name].std) for name in names):
+        beside = "" if len(ensembles) == 1 else " of the first"
+        keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
+    keys.append(Line2D([], [], linestyle="none", label="±: standard error"))
+    what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
+    top_legend(figure, keys, what, _notes(ensembles, labels))
     return figure
+
+
+def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list[str]:
+    """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
+    kinds = [_label(ensemble) for ensemble in ensembles]
+    apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
+    return [text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)]
+
+
+def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
+    """Return what has to be known besides: samples that failed, and warnings."""
+    several = len(ensembles) > 1
+    failed = [
+        f"{label + ': ' if several else ''}the failed samples are in no density and no mean, which may bias them"
+        for ensemble, label in zip(ensembles, labels)
+        if ensemble.status.any()
+    ]
+    return [*failed, *cautions.of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
 
 
 def _draw_quantity(
     block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]
 ) -> None:
     """Draw the densities of one quantity and, with two of them, their difference."""
-    samples = [_samples(ensemble, name) for ensemble in ensembles]
-    factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *samples)
-    samples = [values * factor for values in samples]
-    edges = _edges(samples)
-    heights = [np.histogram(values, edges, density=True)[0] for values in samples]
+    known = [ensemble.statistics[name] for ensemble in ensembles]
+    factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
+    edges, heights = _densities(ensembles, name)
+    edges, heights = edges * factor, [height / factor for height in heights]
     axes = block[0]
-    mean, std = np.mean(samples[0]), np.std(samples[0], ddof=1) if len(samples[0]) > 1 else 0.0
-    axes.axvspan(mean - std, mean + std, color="#F3F3F3", zorder=0.5, linewidth=0)
-    for number, (values, height, colour) in enumerate(zip(samples, heights, colours)):
+    if np.isfinite(known[0].std):
+        mean, std = factor * known[0].mean, factor * known[0].std
+        axes.axvspan(mean - std, mean + std, color=BAND, zorder=0.5, linewidth=0)
+    for number, (one, height, colour) in enumerate(zip(known, heights, colours)):
         if number == 0:
             axes.stairs(height, edges, fill=True, color=_tint(colour))
         axes.stairs(height, edges, color=colour, linewidth=1.4 if number else 1.1)
-        axes.axvline(np.mean(values), color=colour, linestyle=(0, (4, 3)), linewidth=1.0)
+        axes.axvline(factor * one.mean, color=colour, linestyle=DASHES, linewidth=1.0)
     axes.set_xlim(edges[0], edges[-1])
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axes.set_ylim(0.0, max(height.max() for height in heights) * 1.08)
-    axes.set_title(name.replace("_", " "), pad=8.0 + 12.0 * len(samples))
+    axes.set_title(name.replace("_", " "), pad=8.0 + LINES * LINE_POINTS * len(known))
+    axes.yaxis.set_major_formatter(PLAIN)
     axes.set_ylabel("density" if unit in ("", "1") else f"density (1/{unit})")
-    _write_moments(axes, samples, colours, unit)
+    _write_moments(axes, known, colours, factor, unit)
     if len(block) > 1:
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
@@ -115,54 +150,59 @@ def _draw_quantity(
     block[-1].set_xlabel(axis_label(name, unit))
 
 
-def _write_moments(axes: Axes, samples: Sequence[np.ndarray], colours: Sequence[str], unit: str) -> None:
-    """Write mean, standard deviation and number of samples above the axes, a line for each ensemble."""
+def _write_moments(
+    axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str
+) -> None:
+    """Write mean and standard deviation with their standard errors above the axes, two lines for each ensemble."""
     shown = "" if unit in ("", "1") else f" {unit}"
-    for number, (values, colour) in enumerate(zip(samples, colours)):
-        std = np.std(values, ddof=1) if len(values) > 1 else np.nan
-        text = f"{_rounded(np.mean(values), std)} ± {std:.3g}{shown},  N = {len(values)}"
-        axes.annotate(
+    for number, (one, colour) in enumerate(zip(known, colours)):
+        mean = _with_error(factor * one.mean, factor * one.mean_standard_error)
+        std = _with_error(factor * one.std, factor * one.std_standard_error)
+        spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
+        text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
+        note = axes.annotate(
             text.replace("-", "\N{MINUS SIGN}"),
             xy=(0.0, 1.0),
             xycoords="axes fraction",
-            xytext=(0.0, 5.0 + 12.0 * (len(samples) - 1 - number)),
+            xytext=(0.0, 5.0 + LINES * LINE_POINTS * (len(known) - 1 - number)),
             textcoords="offset points",
             fontsize=8.5,
             color=colour,
         )
+        # a long line must not narrow the panels
+        note.set_in_layout(False)
 
 
-def _rounded(mean: float, std: float) -> str:
-    """Return the mean with as many decimals as the three digits of the standard deviation have."""
-    if not np.isfinite(std) or std <= 0.0:
-        return f"{mean:.5g}"
-    decimals = max(0, 2 - int(np.floor(np.log10(std))))
-    return f"{mean:.{decimals}f}" if decimals < 8 else f"{mean:.5g}"
+def _with_error(value: float, error: float) -> str:
+    """Return a value with as many decimals as the two digits of its standard error have: ``5.601 ± 0.018``."""
+    if not np.isfinite(error) or error <= 0.0:
+        return f"{value:.5g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}" if decimals < 13 else f"{value:.5g} ± {error:.1e}"
 
 
-def _edges(samples: Sequence[np.ndarray]) -> np.ndarray:
-    """Return bins over all samples; a quantity that does not vary gets a narrow range around its value."""
-    low, high = min(values.min() for values in samples), max(values.max() for values in samples)
-    if high - low <= 1e-12 * max(abs(low), abs(high)):
-        half = 0.5 * max(abs(low), 1e-12) * 1e-3
-        low, high = low - half, high + half
-    # Few samples in many bins are a comb: about the square root of their number is readable.
-    n_bins = int(np.clip(2.0 * np.sqrt(min(len(values) for values in samples)), 5, N_BINS))
-    return np.linspace(low, high, n_bins + 1)
+def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return edges of bins and the densities of all ensembles there, in the quantity's unit."""
+    known = [ensemble.statistics[name] for ensemble in ensembles]
+    if len(known) == 1:
+        return known[0].edges, [known[0].pdf]
+    low, high = min(s.edges[0] for s in known), max(s.edges[-1] for s in known)
+    edges = np.linspace(low, high, max(s.pdf.size for s in known) + 1)
+    return edges, [np.histogram(_values(ensemble, name), edges, density=True)[0] for ensemble in ensembles]
 
 
-def _samples(ensemble: Ensemble, name: str) -> np.ndarray:
-    """Return the finite values of a quantity over the samples that are fine."""
-    values = (ensemble.parameters | ensemble.outputs)[name][ensemble.status == 0]
-    return values[np.isfinite(values)]
+def _values(ensemble: Ensemble, name: str) -> np.ndarray:
+    """Return the values of a quantity that the statistics are of: outputs that are fine, parameters of all samples."""
+    values = (ensemble.parameters | ensemble.outputs)[name]
+    return values[np.isfinite(values) if name in ensemble.parameters else ensemble.status == 0]
 
 
 def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list[str]:
-    """Return the wanted quantities, or all that the ensembles have in common, parameters first."""
+    """Return the wanted quantities, or all whose statistics the ensembles have in common, parameters first."""
     shared = [
         name
         for name in (*ensembles[0].parameters, *ensembles[0].outputs)
-        if all(name in ensemble.parameters or name in ensemble.outputs for ensemble in ensembles)
+        if all(name in ensemble.statistics for ensemble in ensembles)
     ]
     if not shared:
         raise InputError("the ensembles have nothing in common; plot those of one scene together")
@@ -172,24 +212,23 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
             raise InputError(f"not every ensemble has '{name}'{nearest_name(name, shared)}")
     for ensemble in ensembles:
         for name in names:
-            if not len(_samples(ensemble, name)):
+            if not ensemble.statistics[name].count:
                 raise InputError(f"no sample of the {ensemble.model} ensemble has a value of '{name}'")
     return names
 
 
 def _label(ensemble: Ensemble) -> str:
-    """Return the model and how many samples it has, and how many of them failed."""
-    n_failed = int(np.count_nonzero(ensemble.status))
-    failed = f", {n_failed} failed" if n_failed else ""
-    model = "full order" if ensemble.model == "full" else "reduced"
-    return f"{model}, {len(ensemble.status)} samples{failed}"
+    """Return the model and how many of its samples are fine."""
+    n_samples, n_fine = len(ensemble.status), int(np.count_nonzero(ensemble.status == 0))
+    count = f"{n_samples} samples" if n_fine == n_samples else f"{n_fine} fine of {n_samples} samples"
+    return f"{MODELS[ensemble.model]}, {count}"
 
 
 def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
     """Return the models' colours, or the palette's where there are several ensembles of one model."""
     models = [ensemble.model for ensemble in ensembles]
     if len(set(models)) < len(models):
-        return list((PALETTE * 10)[: len(models)])
+        return distinct_colours(len(models))
     return [FULL_COLOUR if model == "full" else REDUCED_COLOUR for model in models]
 
 

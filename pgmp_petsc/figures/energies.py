@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pgmp_petsc.figures.style import PALETTE, QUIET, axis_unit, new_figure, scene_name, styled, top_legend
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.style import MODELS, PALETTE, QUIET, axis_unit, heading, new_figure, span, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
@@ -18,11 +19,12 @@ DECADES = 6
 
 
 @styled
-def energies(trajectory: Trajectory) -> Figure:
+def energies(trajectory: Trajectory, label: str = "") -> Figure:
     """Draw the energies of a run over time, the work of each effect, and the residual of their balance.
 
     The strain energy has a panel of its own, because it is often far smaller than the others. What is zero
-    throughout is left out. The residual is a share of the energy that was exchanged, on a logarithmic axis.
+    throughout is left out. The residual is a share of the energy that was exchanged, on a logarithmic axis. The label
+    tells the run from others.
 
     Raises
     ------
@@ -43,11 +45,11 @@ def energies(trajectory: Trajectory) -> Figure:
     for axes, (title, curves) in zip(panels, groups.items()):
         _draw_curves(axes, trajectory.time, curves, title)
     _draw_residual(panels[-1], trajectory.time, balance.residual, balance.exchanged)
-    panels[-1].set_xlim(trajectory.time[0], trajectory.time[-1])
+    span(panels[-1], trajectory.time[0], cautions.planned_end(trajectory))
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
-    model = "full-order" if trajectory.model == "full" else "reduced"
-    top_legend(figure, [], f"Balance of energy of the {scene_name(trajectory.record) or 'mechanism'}, {model} model")
+    what = heading(f"Balance of energy, {MODELS[trajectory.model]}", trajectory.record, label)
+    top_legend(figure, [], what, cautions.of_runs([trajectory]))
     return figure
 
 

@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
+from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.shapes import Shapes, TimeColours
-from pgmp_petsc.figures.style import axis_label, axis_unit, new_figure, scene_name, styled, top_legend
+from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading, new_figure, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
@@ -16,7 +17,9 @@ WIDTH = 8.6
 
 
 @styled
-def mechanism(trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration: float = 1.0) -> Figure:
+def mechanism(
+    trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration: float = 1.0, label: str = ""
+) -> Figure:
     """Draw the mechanism's shape at instants that divide the run equally.
 
     Parameters
@@ -28,6 +31,8 @@ def mechanism(trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration
     exaggeration : float
         Factor on each body's deformation: its nodes' distances from the undeformed body laid through the
         body's two ends, so that the bodies stay joined. Stated in the picture if it is not 1.
+    label : str
+        What tells the run from others.
 
     Raises
     ------
@@ -56,14 +61,20 @@ def mechanism(trajectory: Trajectory, n_instants: int = N_INSTANTS, exaggeration
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    axes.set_xlabel(axis_label("x", unit))
-    axes.set_ylabel(axis_label("y", unit))
+    axes.set_xlabel(axis_label(shapes.axis_names[0], unit))
+    axes.set_ylabel(axis_label(shapes.axis_names[1], unit))
     bar = figure.colorbar(ScalarMappable(colours.scale, colours.colours), ax=axes, pad=0.01, aspect=32)
     bar.outline.set_visible(False)
     bar.set_label("time (s)")
-    model = "full-order" if trajectory.model == "full" else "reduced"
-    enlarged = f", deformation enlarged {exaggeration:g} times" if exaggeration != 1.0 else ""
-    name = scene_name(trajectory.record) or "mechanism"
-    title = f"{name[0].upper()}{name[1:]}: {model} model at {len(chosen)} instants{enlarged}"
-    top_legend(figure, keys, title)
+    notes, plain, enlarged = cautions.of_runs([trajectory]), shapes.not_enlarged, ""
+    if exaggeration != 1.0:
+        deformable = len(frames.nodes) - len(frames.rigid)
+        if plain:
+            why = "only bodies in a plane, with two ends, can be"
+            notes.append(f"deformation of {', '.join(plain)} as it is, not enlarged: {why}")
+        if len(plain) < deformable:
+            enlarged = f", deformation enlarged {exaggeration:g} times"
+    instants = f"at {len(chosen)} instants" if len(chosen) > 1 else "at one instant"
+    what = f"Shape {instants}, {MODELS[trajectory.model]}{enlarged}"
+    top_legend(figure, keys, heading(what, trajectory.record, label), notes)
     return figure

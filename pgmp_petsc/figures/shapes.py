@@ -71,17 +71,35 @@ class Shapes:
         Where they come from.
     positions
         Of each body's nodes, shape (n_f, n_nodes, 2), in the unit of the picture.
+    oblique
+        Whether they are seen obliquely, because the motion leaves the plane.
     """
 
     frames: Frames
     positions: dict[str, np.ndarray]
+    oblique: bool = False
 
     @classmethod
     def of(cls, frames: Frames, exaggeration: float = 1.0, factor: float = 1.0) -> Shapes:
         """Return the shapes with their deformation enlarged, in the unit of which a metre has `factor`."""
         shown = {body: shown_positions(frames, body, exaggeration) for body in frames.nodes}
         view = _view(shown.values())
-        return cls(frames, {body: factor * positions @ view for body, positions in shown.items()})
+        projected = {body: factor * positions @ view for body, positions in shown.items()}
+        return cls(frames, projected, view is OBLIQUE)
+
+    @property
+    def axis_names(self) -> tuple[str, str]:
+        """What the axes of the picture show."""
+        if not self.oblique:
+            return "x", "y"
+        x, y = (f"{name} \N{MINUS SIGN} {abs(share):g} z" for name, share in zip("xy", OBLIQUE[2]))
+        return x, y
+
+    @property
+    def not_enlarged(self) -> list[str]:
+        """The deformable bodies whose deformation cannot be enlarged."""
+        bodies = (body for body in self.frames.nodes if body not in self.frames.rigid and len(self.frames.cells[body]))
+        return [body for body in bodies if not _can_be_enlarged(self.frames, body)]
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -151,17 +169,22 @@ def shown_positions(frames: Frames, body: str, exaggeration: float) -> np.ndarra
     meet the deformed ones; what is then left is the deformation. A body that has not exactly two ends is left
     as it is.
     """
-    positions, tips = frames.positions[body], ends(frames.cells[body])
-    if exaggeration == 1.0 or len(tips) != 2 or positions.shape[-1] != 2:
+    positions = frames.positions[body]
+    if exaggeration == 1.0 or not _can_be_enlarged(frames, body):
         return positions
     # In the plane as complex numbers, turning and scaling is one multiplication.
     deformed = positions[..., 0] + 1j * positions[..., 1]
     plain = frames.nodes[body][:, 0] + 1j * frames.nodes[body][:, 1]
-    first, second = tips
+    first, second = ends(frames.cells[body])
     turn = (deformed[:, second] - deformed[:, first]) / (plain[second] - plain[first])
     rigid = deformed[:, [first]] + turn[:, None] * (plain - plain[first])[None, :]
     shown = rigid + exaggeration * (deformed - rigid)
     return np.stack([shown.real, shown.imag], axis=-1)
+
+
+def _can_be_enlarged(frames: Frames, body: str) -> bool:
+    """Tell whether a body lies in the plane and has two ends, through which its undeformed shape can be laid."""
+    return frames.positions[body].shape[-1] == 2 and len(ends(frames.cells[body])) == 2
 
 
 def _view(positions: Iterable[np.ndarray]) -> np.ndarray:

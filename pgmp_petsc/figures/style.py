@@ -1,22 +1,26 @@
-"""The look that all pictures share: colours, type, grid, units on axes, and what tells several runs apart."""
+"""The look that all pictures share: colours, type, grid, units on axes, titles."""
 
 from __future__ import annotations
 
 import functools
 import os
+import textwrap
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 
-from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc import __version__
+from pgmp_petsc.runtime.files import RunRecord, replacing
 
 Arguments = ParamSpec("Arguments")
 
@@ -25,7 +29,11 @@ PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4
 FULL_COLOUR = "#4D4D4D"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
+# numbers on an axis without a common factor, which would stand in the way of what is written above
+PLAIN = FuncFormatter(lambda value, _: f"{value:.6g}")
+MODELS = {"full": "full order", "reduced": "reduced"}
 RESOLUTION = 150
+PROGRAM = f"pgmp_petsc {__version__}"
 
 _SETTINGS = {
     "font.family": "sans-serif",
@@ -54,6 +62,9 @@ _SETTINGS = {
     "legend.fontsize": 9.0,
     "figure.facecolor": "white",
 }
+# Texts above all axes: height of a line, and characters an inch, which tell where lines break.
+_TITLE = {"font": {"fontsize": 12.5, "weight": "bold"}, "inches": 0.23, "characters_per_inch": 9.6}
+_NOTE = {"font": {"fontsize": 8.5, "color": "#A32A00"}, "inches": 0.16, "characters_per_inch": 15.0}
 # Powers of 1000 that are written as prefixes, for the units that are used with them.
 _PREFIXES = {0: "", -1: "m", -2: "µ", -3: "n", 1: "k", 2: "M", 3: "G"}
 _PREFIXED_UNITS = {"m", "s", "N", "Pa", "J", "W", "rad", "Hz"}
@@ -79,24 +90,43 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> Path:
-    """Write a figure as PNG (or what the suffix says) and return the path."""
+    """Write a figure as PNG (or what the suffix says), whole or not at all, and return the path.
+
+    Raises
+    ------
+    RunError
+        If the system fails to write (a full disk, say); an older picture is left as it was.
+    """
+    path = Path(path)
     with matplotlib.rc_context(_SETTINGS):
-        figure.savefig(path, dpi=RESOLUTION)
-    return Path(path)
+        # tells `check_output` that the picture is ours to replace
+        software = {"Software": PROGRAM} if path.suffix == ".png" else None
+        with replacing(path, "picture") as partial:
+            figure.savefig(partial, dpi=RESOLUTION, format=path.suffix[1:] or "png", metadata=software)
+    return path
 
 
-def top_legend(figure: Figure, handles: Sequence[Line2D], title: str | None = None) -> None:
-    """Put a title and rows of keys above all axes, and keep that strip free of them."""
-    inches = figure.get_figheight()
+def top_legend(figure: Figure, handles: Sequence[Artist], title: str | None = None, notes: Sequence[str] = ()) -> None:
+    """Put a title, what has to be known besides, and rows of keys above all axes; keep that strip free of them.
+
+    The figure grows by what lies beyond one line of title and one row of keys.
+    """
+    width = figure.get_figwidth()
+    lines = [(line, _TITLE) for line in _wrapped(title or "", width, _TITLE)]
+    lines += [(line, _NOTE) for note in notes for line in _wrapped(note, width, _NOTE)]
+    needed = [0.6 + 0.065 * len(handle.get_label()) for handle in handles]
+    n_columns = len(handles) if sum(needed) <= width else min(len(handles), max(1, int(width / max(1.6, *needed))))
+    n_rows = -(-len(handles) // n_columns) if handles else 0
+    more = sum(look["inches"] for _, look in lines[1:]) + 0.2 * max(n_rows - 1, 0)
+    inches = figure.get_figheight() + more
+    figure.set_figheight(inches)
+
     used = 0.1
-    if title:
-        left = 0.12 / figure.get_figwidth()
-        figure.text(left, 1 - used / inches, title, va="top", fontsize=12.5, weight="bold")
-        used += 0.27
+    for line, look in lines:
+        figure.text(0.12 / width, 1 - used / inches, line, va="top", **look["font"])
+        used += look["inches"]
+    used += 0.04
     if handles:
-        n_columns = len(handles)
-        if sum(0.6 + 0.065 * len(handle.get_label()) for handle in handles) > figure.get_figwidth():
-            n_columns = min(len(handles), max(1, int(figure.get_figwidth() / 1.6)))
         figure.legend(
             handles=handles,
             loc="upper left",
@@ -105,8 +135,13 @@ def top_legend(figure: Figure, handles: Sequence[Line2D], title: str | None = No
             handlelength=1.9,
             columnspacing=1.8,
         )
-        used += 0.24 + 0.2 * (-(-len(handles) // n_columns) - 1)
+        used += 0.24 + 0.2 * (n_rows - 1)
     figure.get_layout_engine().set(rect=(0, 0, 1, 1 - used / inches))
+
+
+def _wrapped(text: str, width: float, look: Mapping[str, Any]) -> list[str]:
+    """Return the lines of a text over a picture of the given width (inches)."""
+    return textwrap.wrap(text, int((width - 0.24) * look["characters_per_inch"]))
 
 
 def axis_unit(unit: str, *arrays: np.ndarray) -> tuple[float, str]:
@@ -132,39 +167,45 @@ def quantity(name: str, value: float, unit: str) -> str:
     return f"{name} = {value * factor:.4g}{'' if shown in ('', '1') else ' ' + shown}"
 
 
-def labels_by_parameters(records: Sequence[RunRecord]) -> list[str]:
-    """Return for each run the parameters in which the runs differ; an empty text where they do not."""
-    names = sorted({name for record in records for name in record.parameters})
-    varied = [name for name in names if len({record.parameters.get(name) for record in records}) > 1]
-    return [
-        ", ".join(
-            quantity(name, record.parameters[name], _parameter_unit(record, name))
-            for name in varied
-            if name in record.parameters
-        )
-        for record in records
-    ]
+def scene_of(record: RunRecord) -> dict[str, Any]:
+    """Return the resolved scene of a result; empty where it is no TOML."""
+    try:
+        return tomllib.loads(record.scene_toml)
+    except tomllib.TOMLDecodeError:
+        return {}
 
 
 def scene_name(record: RunRecord) -> str:
     """Return the scene's name in words; an empty text if it has none."""
     try:
-        return str(tomllib.loads(record.scene_toml)["scene"]["name"]).replace("_", " ")
-    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        return str(scene_of(record)["scene"]["name"]).replace("_", " ")
+    except (KeyError, TypeError):
         return ""
+
+
+def heading(what: str, record: RunRecord, label: str = "") -> str:
+    """Return what a picture shows, and of which scene and result: ``Balance of energy: four bar, r1 = 5 mm``."""
+    of = ", ".join(filter(None, (scene_name(record), label)))
+    return f"{what}: {of}" if of else what
+
+
+def distinct_colours(n: int) -> list[str]:
+    """Return n colours, each only once: those of the palette, or as many as are needed from dark violet to yellow."""
+    if n <= len(PALETTE):
+        return list(PALETTE[:n])
+    return [to_hex(colour) for colour in matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, n))]
+
+
+def span(axes: Axes, low: float, high: float) -> None:
+    """Let a horizontal axis reach from one value to another; a single value leaves it as it is."""
+    if high > low:
+        axes.set_xlim(low, high)
 
 
 def angle_ticks(axes: Axes, values: np.ndarray, unit: str) -> None:
     """Tick an axis of angles that spans about a revolution at quarters of it."""
-    axes.set_xlim(values[0], values[-1])
+    span(axes, values[0], values[-1])
     if unit == "rad" and abs(values[0]) < 0.05 and abs(values[-1] - 2 * np.pi) < 0.2:
         axes.set_xlim(0.0, 2 * np.pi)
         axes.set_xticks(np.arange(5) * np.pi / 2, ["0", "π/2", "π", "3π/2", "2π"])
 
-
-def _parameter_unit(record: RunRecord, name: str) -> str:
-    """Return the unit that the scene gives for a parameter."""
-    try:
-        return str(tomllib.loads(record.scene_toml)["parameters"][name]["unit"])
-    except (tomllib.TOMLDecodeError, KeyError, TypeError):
-        return "1"

@@ -7,15 +7,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
 
+from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.style import (
     FULL_COLOUR,
     PALETTE,
+    PLAIN,
     QUIET,
     REDUCED_COLOUR,
+    distinct_colours,
+    heading,
     new_figure,
-    scene_name,
     styled,
     top_legend,
 )
@@ -27,9 +29,15 @@ SECOND_ORDER_COLOUR = PALETTE[2]
 COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
 RIGHT = 0.6  # share of an axis beyond which labels stand to the left of their points
+# Names of the keys, in their order, and of those whose points are connected the line.
+KINDS = (
+    "the scene as it is", "reduced", "static modes", "second order", "second order, static modes", "full order",
+    "full order, more cells", "response surface (runs)",
+)  # fmt: skip
+CONNECTED = {"full order": "-", "full order, more cells": ":", "response surface (runs)": "-"}
 CLOSE = 1.3  # ratio of errors whose points share a label
 _DASHED = {"linestyle": (0, (4, 2)), "markerfacecolor": "white"}
-_PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
+_MESH = {"color": QUIET, "linestyle": (0, (5, 3)), "linewidth": 1.0, "zorder": 1}
 
 
 @styled
@@ -53,7 +61,7 @@ def mesh_costs(study: Tradeoff) -> Figure:
     figure = new_figure(9.4, 4.4)
     errors, costs = figure.subplots(1, 2)
     cells, reduced = study.mesh.cells, _over_meshes(study, "reduced")
-    for column, colour in zip(range(len(study.outputs)), PALETTE * 10):
+    for column, colour in enumerate(distinct_colours(len(study.outputs))):
         _draw_known(errors, cells, 100 * study.mesh.errors[:, column], color=colour, marker="o")
         own = cells[0] * study.columns["refinement"][reduced]
         _draw_known(errors, own, 100 * study.errors[reduced, column], color=colour, marker="o", **_DASHED)
@@ -69,21 +77,42 @@ def mesh_costs(study: Tradeoff) -> Figure:
         axes.set_xticks(cells, [str(number) for number in cells])
         axes.minorticks_off()
         axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
-        axes.yaxis.set_major_formatter(_PLAIN)
+        axes.yaxis.set_major_formatter(PLAIN)
         axes.set_xlabel("cells of all bodies")
-    names = [Line2D([], [], color=c, label=n.replace("_", " ")) for n, c in zip(study.outputs, PALETTE * 10)]
-    names.append(Line2D([], [], color=QUIET, label="mesh"))
-    names.append(Line2D([], [], color=QUIET, label="reduction on it", **_DASHED))
-    times = [
-        _key(_on_meshes(study, "full"), FULL_COLOUR, "s", linestyle="-"),
-        _key(_on_meshes(study, "reduced"), REDUCED_COLOUR, "o", linestyle="-"),
-        Line2D([], [], color=QUIET, label=f"{study.batch} together"),
-        Line2D([], [], color=QUIET, linestyle=":", label="one alone"),
-    ]
-    for axes, keys in ((errors, names), (costs, times)):
-        axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
-    top_legend(figure, [], f"What meshes cost{_of(study)}")
+    for axes, keys in ((errors, _keys_of_errors(study)), (costs, _keys_of_times(study))):
+        if keys:
+            axes.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3 if len(keys) > 4 else 2)
+        else:
+            axes.text(0.5, 0.5, "nothing known", transform=axes.transAxes, ha="center", color=QUIET)
+    top_legend(figure, [], heading("What meshes cost in error and time", study.record), _notes(study))
     return figure
+
+
+def _keys_of_errors(study: Tradeoff) -> list[Line2D]:
+    """Return the keys of errors over meshes, of what is drawn alone."""
+    of_meshes, of_reduced = study.mesh.errors > 0.0, study.errors[_over_meshes(study, "reduced")] > 0.0
+    seen = of_meshes.any(axis=0) | of_reduced.any(axis=0)
+    outputs = zip(study.outputs, distinct_colours(len(study.outputs)), seen)
+    keys = [Line2D([], [], color=colour, label=name.replace("_", " ")) for name, colour, drawn in outputs if drawn]
+    if of_meshes.any():
+        keys.append(Line2D([], [], color=QUIET, marker="o", label="mesh"))
+    if of_reduced.any():
+        keys.append(Line2D([], [], color=QUIET, marker="o", label="reduction on it", **_DASHED))
+    return keys
+
+
+def _keys_of_times(study: Tradeoff) -> list[Line2D]:
+    """Return the keys of times over meshes, of what is drawn alone."""
+    looks = (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o"))
+    keys = [
+        _key(_on_meshes(study, family), colour, marker, linestyle="-")
+        for family, colour, marker in looks
+        if _over_meshes(study, family).size
+    ]
+    if keys:
+        keys.append(Line2D([], [], color=QUIET, label=f"{study.batch} together"))
+        keys.append(Line2D([], [], color=QUIET, linestyle=":", label="one alone"))
+    return keys
 
 
 def _draw_known(axes: Axes, x: np.ndarray, y: np.ndarray, **look: object) -> None:
@@ -110,20 +139,19 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction",
         fontsize=8.5, color=QUIET, arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
     )
-    top_legend(figure, _keys(study), f"{title}{_of(study)}")
+    known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
+    top_legend(figure, _keys(study, known), heading(title, study.record), _notes(study))
     return figure
 
 
 def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> None:
     """Draw one output's errors over the costs."""
     error = np.maximum(100 * study.errors[:, column], FLOOR)
-    # what a mesh costs the reduced model has a picture of its own
-    shown = study.own_mesh | np.array([family == "full" for family in study.families])
-    known = np.isfinite(error) & np.isfinite(cost) & shown
+    known = _known(study, cost, column)
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(_PLAIN)
+        axis.set_major_formatter(PLAIN)
     _draw_front(axes, cost, error, known & study.simulated & study.own_mesh)
     step = study.columns["step"]
     for rows, colour, order in (
@@ -141,6 +169,13 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     axes.set_title(f"{study.outputs[column].replace('_', ' ')}: largest error (%)")
 
 
+def _known(study: Tradeoff, cost: np.ndarray, column: int) -> np.ndarray:
+    """Return which settings are drawn in an output's panel, shape (n,)."""
+    # what a mesh costs the reduced model has a picture of its own
+    shown = study.own_mesh | np.array([family == "full" for family in study.families])
+    return np.isfinite(study.errors[:, column]) & np.isfinite(cost) & (cost > 0.0) & shown
+
+
 def _draw_front(axes: Axes, cost: np.ndarray, error: np.ndarray, among: np.ndarray) -> None:
     """Draw the front of the simulations as a staircase: the least error that a cost buys."""
     rows = np.flatnonzero(among)
@@ -151,17 +186,18 @@ def _draw_front(axes: Axes, cost: np.ndarray, error: np.ndarray, among: np.ndarr
 
 def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
     """Draw what the mesh is worth, and below what the reference is not known."""
-    mesh, moved = 100 * study.mesh.errors[0, column], 100 * _unsettled(study, column)
-    if np.isfinite(mesh) and mesh > 0.0:
-        axes.axhline(mesh, color=QUIET, linestyle=(0, (5, 3)), linewidth=1.0, zorder=1)
-        axes.annotate(
-            "error of the mesh itself", (0.35, mesh), xycoords=("axes fraction", "data"), xytext=(0, 2.5),
-            textcoords="offset points", ha="center", fontsize=8.0, color=QUIET,
-        )
+    moved = 100 * _unsettled(study, column)
+    if _has_mesh_error(study, column):
+        axes.axhline(100 * study.mesh.errors[0, column], **_MESH)
     if moved:
         low = axes.get_ylim()[0]
         axes.axhspan(low, moved, color="#EEEEEE", zorder=0.5, linewidth=0)
         axes.set_ylim(bottom=low)
+
+
+def _has_mesh_error(study: Tradeoff, column: int) -> bool:
+    """Tell whether the error of the scene's mesh is known and can be shown on a logarithmic axis."""
+    return bool(np.isfinite(study.mesh.errors[0, column]) and study.mesh.errors[0, column] > 0.0)
 
 
 def _unsettled(study: Tradeoff, column: int) -> float:
@@ -217,34 +253,47 @@ def _hollow(yes: bool) -> dict:
     return {"markerfacecolor": "white"} if yes else {}
 
 
-def _keys(study: Tradeoff) -> list[Line2D | Patch]:
-    """Return the keys of what is in the study."""
-    reduced = [row for row, family in enumerate(study.families) if family == "reduced"]
-    static, second = study.columns["static_modes"][reduced], study.columns["second_order"][reduced]
-    own = {key: value for key, value in _marker(study, 0).items() if key != "zorder"}
-    keys = [Line2D([], [], label="the scene as it is", **own)]
-    if not np.all(static):
-        keys.append(_key("reduced", REDUCED_COLOUR, "o", markerfacecolor="white"))
-    if np.any(static):
-        keys.append(_key("static modes", REDUCED_COLOUR, "o"))
-    if np.any(second):
-        keys.append(_key("second order", SECOND_ORDER_COLOUR, "o"))
-    keys.append(_key("full order", FULL_COLOUR, "s", linestyle="-"))
-    if np.any(study.columns["refinement"] > 1):
-        keys.append(_key("more cells", FULL_COLOUR, "s", linestyle=":", markerfacecolor="white"))
-    if "surface" in study.families:
-        keys.append(_key("response surface (runs)", SURFACE_COLOUR, "^", linestyle="-"))
-    keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for the time"))
-    if any(_unsettled(study, column) for column in range(len(study.outputs))):
+def _keys(study: Tradeoff, drawn: np.ndarray) -> list[Line2D | Patch]:
+    """Return the keys of what is drawn, shape (n,) of bool: of every mark one, and of nothing else."""
+    rows: dict[str, list[int]] = {}
+    for row in np.flatnonzero(drawn):
+        rows.setdefault(_kind(study, row), []).append(row)
+    keys: list[Line2D | Patch] = []
+    connected = {label: len(each) for label, each in rows.items()}
+    # from the scene's own mesh on
+    connected["full order, more cells"] = np.count_nonzero(drawn[_over_meshes(study, "full")])
+    for label in sorted(rows, key=KINDS.index):
+        look = {name: value for name, value in _marker(study, rows[label][0]).items() if name != "zorder"}
+        if label in CONNECTED and connected[label] > 1:
+            look["linestyle"] = CONNECTED[label]
+        keys.append(Line2D([], [], label=label, **look))
+    columns = range(len(study.outputs))
+    if np.any(drawn & study.simulated & study.own_mesh):
+        keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for the time"))
+    if any(_has_mesh_error(study, column) for column in columns):
+        keys.append(Line2D([], [], label="error of the mesh itself", **_MESH))
+    if any(_unsettled(study, column) for column in columns):
         keys.append(Patch(facecolor="#EEEEEE", label="reference not settled"))
     return keys
+
+
+def _kind(study: Tradeoff, row: int) -> str:
+    """Return what a setting is called in the keys; settings of one name look alike."""
+    at = study.columns
+    if row == 0:
+        return "the scene as it is"
+    if study.families[row] == "surface":
+        return "response surface (runs)"
+    if study.families[row] == "full":
+        return "full order, more cells" if at["refinement"][row] > 1 else "full order"
+    if at["second_order"][row]:
+        return "second order, static modes" if at["static_modes"][row] else "second order"
+    return "static modes" if at["static_modes"][row] else "reduced"
 
 
 def _on_meshes(study: Tradeoff, family: str) -> str:
     """Return what was run on all meshes, shortly."""
     rows = _over_meshes(study, family)
-    if not rows.size:
-        return family
     step = f"{1e3 * study.columns['step'][rows[0]]:.4g} ms"
     return f"full order, {step}" if family == "full" else f"reduced, {study.modes(rows[0])} modes, {step}"
 
@@ -268,12 +317,14 @@ def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
     rows = _rows(known, study, family, own_mesh=False)
     refined = rows[study.columns["refinement"][rows] > 1]
     if not refined.size:
-        return refined
+        return np.empty(0, dtype=int)
     same = [name for name in study.columns if name not in ("refinement", "coordinates", "cosine")]
     alike = [row for row in rows if all(study.columns[name][row] == study.columns[name][refined[0]] for name in same)]
     return np.array(sorted(alike, key=lambda row: study.columns["refinement"][row]))
 
 
-def _of(study: Tradeoff) -> str:
-    name = scene_name(study.record)
-    return f": {name}" if name else ""
+def _notes(study: Tradeoff) -> list[str]:
+    """Return what has to be known besides: settings that failed and are not drawn, and warnings."""
+    n_failed = int(np.count_nonzero(np.isnan(study.errors).all(axis=1)))
+    failed = [f"{n_failed} of {len(study.families)} settings failed and are not drawn: see pgmp info"] if n_failed else []
+    return [*failed, *cautions.of_records([study.record])]

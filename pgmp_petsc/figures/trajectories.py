@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -12,14 +14,19 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.differences import same_case, tell_apart
 from pgmp_petsc.figures.style import (
-    PALETTE,
+    FULL_COLOUR,
+    MODELS,
+    PLAIN,
     QUIET,
     axis_label,
     axis_unit,
-    labels_by_parameters,
+    distinct_colours,
+    heading,
     new_figure,
-    scene_name,
+    span,
     styled,
     top_legend,
 )
@@ -32,7 +39,7 @@ COLUMNS = 3
 
 @dataclass(frozen=True)
 class Comparison:
-    """The full-order and the reduced run with the same parameters; one of them may be absent."""
+    """The full-order and the reduced run of the same case; one of them may be absent."""
 
     full: Trajectory | None
     reduced: Trajectory | None
@@ -41,6 +48,11 @@ class Comparison:
     def runs(self) -> tuple[Trajectory, ...]:
         """The runs that are there."""
         return tuple(run for run in (self.full, self.reduced) if run is not None)
+
+    @property
+    def kind(self) -> str:
+        """The models that are there, in words."""
+        return " and ".join(MODELS[run.model] for run in self.runs)
 
     def error_percent(self, output: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Return time (s) and error of the reduced output in % of the full-order output's maximum.
@@ -60,16 +72,19 @@ class Comparison:
 
 
 def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
-    """Pair full-order and reduced runs whose parameters are equal, in the order in which they come."""
+    """Pair the reduced runs with full-order ones of the same case, in the order in which they come.
+
+    Several reduced runs share a full-order one where there are not as many.
+    """
     full = [run for run in runs if run.model == "full"]
-    comparisons = []
+    left, comparisons = list(full), []
     for run in runs:
         if run.model == "reduced":
-            partner = next((other for other in full if _same_parameters(run, other)), None)
-            if partner is not None:
-                full = [other for other in full if other is not partner]
+            free, taken = ((other for other in others if same_case(run.record, other.record)) for others in (left, full))
+            partner = next(free, None) or next(taken, None)
+            left = [other for other in left if other is not partner]
             comparisons.append(Comparison(partner, run))
-    return comparisons + [Comparison(run, None) for run in full]
+    return comparisons + [Comparison(run, None) for run in left]
 
 
 @styled
@@ -81,7 +96,7 @@ def trajectories(
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
     A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel
-    of errors.
+    of errors. A full-order run that several reduced ones share is grey. A square ends a run that ended before its scene.
 
     Parameters
     ----------
@@ -90,7 +105,7 @@ def trajectories(
     outputs : sequence of str, optional
         By default all that every run has.
     labels : sequence of str, optional
-        By default the parameters in which the runs differ.
+        By default that in which the runs differ.
 
     Raises
     ------
@@ -103,7 +118,7 @@ def trajectories(
     if not outputs:
         raise InputError("the trajectories have no output in common; plot those of one scene together")
     if labels is None:
-        labels = labels_by_parameters([comparison.runs[0].record for comparison in comparisons])
+        labels = labels_of(comparisons)
     with_errors = any(comparison.error_percent(name) for comparison in comparisons for name in outputs)
 
     n_columns = min(len(outputs), COLUMNS)
@@ -122,18 +137,46 @@ def trajectories(
             for axes in block:
                 axes.set_visible(False)
 
-    top_legend(figure, _keys(comparisons, labels), _title(runs))
+    notes = cautions.of_runs(*_labelled_runs(comparisons, labels))
+    kinds = {comparison.kind for comparison in comparisons}
+    what = f"Outputs over time, {kinds.pop() if len(kinds) == 1 else 'full order and reduced'}"
+    alone = labels[0] if len(comparisons) == 1 else ""
+    top_legend(figure, _keys(comparisons, labels), heading(what, runs[0].record, alone), notes)
     return figure
+
+
+def _labelled_runs(comparisons: Sequence[Comparison], labels: Sequence[str]) -> tuple[list[Trajectory], list[str]]:
+    """Return every run once, and what it is called in notes: with its model where another one stands beside it."""
+    shared, names = _shared(comparisons), {}
+    for comparison, label in zip(comparisons, labels):
+        for run in comparison.runs:
+            model = MODELS[run.model] if len(comparison.runs) == 2 else ""
+            names[id(run)] = run, ", ".join(filter(None, (model, "" if id(run) in shared else label)))
+    return [run for run, _ in names.values()], [name for _, name in names.values()]
+
+
+def labels_of(comparisons: Sequence[Comparison], files: Mapping[int, Path] | None = None) -> list[str]:
+    """Return what tells comparisons apart; the files of runs are given by their `id`."""
+    last = [comparison.runs[-1] for comparison in comparisons]
+    kinds = [comparison.kind if len(comparison.runs) == 1 else "" for comparison in comparisons]
+    names = [(files or {}).get(id(run)) for run in last]
+    return tell_apart([run.record for run in last], kinds, names)
 
 
 def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: str) -> None:
     """Draw one output, and below it its error where there is one."""
     runs = [run for comparison in comparisons for run in comparison.runs]
     factor, unit = axis_unit(runs[0].units.get(output, "1"), *(run.outputs[output] for run in runs))
-    axes = block[0]
-    for comparison, colour in zip(comparisons, PALETTE * 10):
+    axes, drawn = block[0], set()
+    shared = _shared(comparisons)
+    for comparison, colour in zip(comparisons, distinct_colours(len(comparisons))):
         line, crosses = comparison.runs[0], comparison.reduced if comparison.full is not None else None
-        axes.plot(line.time, line.outputs[output] * factor, color=colour)
+        if id(line) not in drawn:
+            look = {"color": FULL_COLOUR if id(line) in shared else colour}
+            axes.plot(line.time, line.outputs[output] * factor, **look)
+            drawn.add(id(line))
+        for run in filter(cautions.ended_early, comparison.runs):
+            axes.plot(run.time[-1], run.outputs[output][-1] * factor, "s", color=colour, markersize=6.0, clip_on=False)
         if line.errors is not None:
             # against a full-order run, the errors have a panel of their own
             error = np.interp(line.time, line.errors.time, np.abs(line.errors.outputs[output]))
@@ -156,49 +199,47 @@ def _draw_output(block: np.ndarray, comparisons: Sequence[Comparison], output: s
         axes.tick_params(labelbottom=False)
         block[1].sharex(axes)
         _draw_errors(block[1], comparisons, output)
-    axes.set_xlim(min(run.time[0] for run in runs), max(run.time[-1] for run in runs))
+    span(axes, min(run.time[0] for run in runs), max(cautions.planned_end(run) for run in runs))
     block[-1].set_xlabel("time (s)")
 
 
 def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> None:
     """Draw the errors of one output and write their largest value above them."""
     largest = []
-    for comparison, colour in zip(comparisons, PALETTE * 10):
+    for comparison, colour in zip(comparisons, distinct_colours(len(comparisons))):
         error = comparison.error_percent(output)
         if error is not None:
             axes.plot(*error, color=colour, linewidth=1.1)
             largest.append(float(np.max(error[1])))
     axes.set_ylim(bottom=0.0)
+    axes.yaxis.set_major_formatter(PLAIN)
     axes.set_ylabel("error (%)")
     if largest:
         axes.set_title(
             f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0
         )
+    else:
+        axes.set_title("not known: no full-order values, or all are zero", fontsize=8.5, color=QUIET, pad=4.0)
 
 
 def _keys(comparisons: Sequence[Comparison], labels: Sequence[str]) -> list[Artist]:
     """Return the keys: a colour for each label, then what lines, crosses and bands are."""
-    keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, PALETTE * 10) if label]
+    colours = distinct_colours(len(comparisons))
+    keys: list[Artist] = []
+    if len(comparisons) > 1:
+        keys = [Line2D([], [], color=colour, label=label) for label, colour in zip(labels, colours) if label]
+    plain = QUIET if keys else colours[0]
     if any(len(comparison.runs) == 2 for comparison in comparisons):
-        colour = QUIET if keys else PALETTE[0]
-        keys.append(Line2D([], [], color=colour, label="full order"))
-        keys.append(Line2D([], [], color=colour, linestyle="none", marker="x", label="reduced"))
+        keys.append(Line2D([], [], color=FULL_COLOUR if _shared(comparisons) else plain, label="full order"))
+        keys.append(Line2D([], [], color=plain, linestyle="none", marker="x", label="reduced"))
     if any(comparison.runs[0].errors is not None for comparison in comparisons):
-        keys.append(Patch(color=QUIET if keys else PALETTE[0], alpha=0.25, linewidth=0.0, label="estimated error"))
+        keys.append(Patch(color=plain, alpha=0.25, linewidth=0.0, label="estimated error"))
+    if any(cautions.ended_early(run) for comparison in comparisons for run in comparison.runs):
+        keys.append(Line2D([], [], color=plain, linestyle="none", marker="s", markersize=6.0, label="ended early"))
     return keys
 
 
-def _title(runs: Sequence[Trajectory]) -> str:
-    """Return the scene's name and, where all runs are of one model, which."""
-    models = {run.model for run in runs}
-    words = {"full": "full-order model", "reduced": "reduced model"}
-    model = f", {words[models.pop()]}" if len(models) == 1 else ""
-    return f"Motion of the {scene_name(runs[0].record) or 'mechanism'}{model}"
-
-
-def _same_parameters(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether two runs have the same parameters, but for the last digits."""
-    mine, theirs = one.record.parameters, other.record.parameters
-    return mine.keys() == theirs.keys() and all(
-        np.isclose(mine[name], theirs[name], rtol=1e-9, atol=0.0) for name in mine
-    )
+def _shared(comparisons: Sequence[Comparison]) -> set[int]:
+    """Return the full-order runs, by `id`, that belong to several comparisons."""
+    counts = Counter(id(comparison.full) for comparison in comparisons if comparison.full is not None)
+    return {run for run, count in counts.items() if count > 1}

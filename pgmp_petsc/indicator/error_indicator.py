@@ -14,7 +14,9 @@ full-order motion itself, and outputs are evaluated there.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
@@ -33,11 +36,13 @@ from pgmp_petsc.indicator.step_error import SOFTEST, StepError
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
 
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.numerics import Simulation
+
 # rad that a sample may turn with the same modes. Vibrations from two instants add up or cancel, by their phase: over
 # 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
 HOLD = 0.03
 LOOK = 10  # steps that are taken in together
-PREFIX = "pgmp_error_ts_"
 
 
 @dataclass(frozen=True)
@@ -64,12 +69,23 @@ class ErrorIndicator:
 
     def __init__(self, model: ReducedModel) -> None:
         self.model = model
-        self.simulation = model.scene.simulation
-        self.n_steps = count_steps(self.simulation.duration, self.simulation.step)
-        self.step = self.simulation.duration / self.n_steps
-        self.schedules = schedules(self.n_steps, self.simulation.duration)
         self.modes = FlexibleModes(model.terms.tables, model.scene.reduction.interpolation)
         self.effects = effects_of(model.scene, model.kinematics.mechanism)
+        self._take_steps_of(model.scene.simulation)
+
+    def _take_steps_of(self, simulation: Simulation) -> None:
+        self.simulation = simulation
+        self.n_steps = count_steps(simulation.duration, simulation.step)
+        self.step = simulation.duration / self.n_steps
+        self.schedules = schedules(self.n_steps, simulation.duration)
+
+    def stepped(self, simulation: Simulation) -> ErrorIndicator:
+        """Return the indicator of runs of the same model with other steps."""
+        if simulation == self.simulation:
+            return self
+        other = copy(self)
+        other._take_steps_of(simulation)
+        return other
 
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
@@ -208,7 +224,7 @@ class WatchedRun:
                 "spectral_radius": 0.0,
             }
         )
-        run = integrate(system, simulation, alive=fine, observer=record, prefix=PREFIX)
+        run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
         known = run.status == Status.FINE
         errors = self._errors(plain, np.array(corrected))
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}

@@ -71,6 +71,10 @@ class ErrorSystem:
         """Return no sample."""
         return self._full.outside(state)
 
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        """Return why samples fail; see `SecondOrderSystem.reasons`."""
+        return self._full.reasons(time, state, samples)
+
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return a state's array as (n, n_samples)."""
         return self._full.unpack(array)

@@ -26,7 +26,6 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -34,6 +33,7 @@ from pgmp_petsc.reduction.stiffness_changes import loading_of
 from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation
 
 # A look costs about as much as a step of a single run, less in a batch: at most a tenth of the run.
 N_INSTANTS = 100
@@ -47,6 +47,8 @@ class Validity:
     ----------
     model, system, values
         The model, its batch, and the batch's parameter values, each of shape (n_samples,).
+    simulation
+        Of the run.
 
     Attributes
     ----------
@@ -54,8 +56,9 @@ class Validity:
         By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
 
-    def __init__(self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray]) -> None:
-        simulation = model.scene.simulation
+    def __init__(
+        self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray], simulation: Simulation
+    ) -> None:
         self._model, self._system = model, system
         self._n_steps = count_steps(simulation.duration, simulation.step)
         self._stride = max(SHORTEST, -(-self._n_steps // N_INSTANTS))
@@ -83,10 +86,6 @@ class Validity:
                 shares = self._shares(time, state)
                 self._keep("stiffness_gained", np.maximum(shares.max(axis=1), 0.0), np.fmax)
                 self._keep("stiffness_lost", np.minimum(shares.min(axis=1), 0.0), np.fmin)
-
-    def of(self, status: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the extremes, NaN for samples that were never integrated, from the status (n_samples,)."""
-        return {name: np.where(status == Status.OUT_OF_BOUNDS, np.nan, found) for name, found in self.extremes.items()}
 
     def _keep(self, name: str, found: np.ndarray, larger: np.ufunc) -> None:
         self.extremes[name] = larger(self.extremes[name], np.where(np.isfinite(found), found, np.nan))

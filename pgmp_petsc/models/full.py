@@ -19,6 +19,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.scene import Scene
 
 
@@ -46,6 +47,11 @@ class FullModel:
     def largest_batch(self) -> int:
         """Most samples that a batch may have: continuum bodies are integrated one by one."""
         return 1 if any(body.continuum for body in self.scene.bodies.values()) else self.scene.ensemble.batch
+
+    @property
+    def identity(self) -> str:
+        """Checksum of the meshes."""
+        return identity(self.meshes)
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:
         """Return a batch of samples on this rank, at most `largest_batch`."""

@@ -26,6 +26,8 @@ class Model(Protocol):
         The scene, its rigid kinematics and its outputs.
     largest_batch
         Most samples that a batch has.
+    identity
+        Checksum of what the model is made of besides the scene's text: meshes, or a reduced model's tables.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Model(Protocol):
     kinematics: RigidKinematics
     outputs: OutputSet
     largest_batch: int
+    identity: str
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""

@@ -54,6 +54,7 @@ class ReducedModel:
 
     def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
+        self.identity = rom.identity
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
         mechanism = self.kinematics.mechanism

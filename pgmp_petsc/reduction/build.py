@@ -130,6 +130,7 @@ def build_rom(
     if scene.second_order:
         changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
+    remarks = () if checkpoint is None else checkpoint.remarks
     indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
     return ReducedOrderModel(
         tables=tables,
@@ -138,7 +139,7 @@ def build_rom(
         cosines=joined.cosines,
         meshes=dict(meshes),
         n_redundant=n_redundant,
-        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict()),
+        record=RunRecord(scene_to_toml(scene), scene.nominal, None, group.world.size, timings.as_dict(), remarks),
         curvature=basis.curvature,
         points=points,
         indefinite=indefinite,

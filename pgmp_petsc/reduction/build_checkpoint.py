@@ -7,27 +7,32 @@ one every `INTERVAL`, so that quick builds do not spend their time with files.
 
 from __future__ import annotations
 
-import hashlib
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import Sample
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 2
+FORMAT = 3
 INTERVAL = 10.0  # s
+Key, Content = TypeVar("Key"), TypeVar("Content")
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
 
@@ -45,22 +50,32 @@ class BuildCheckpoint:
     resume
         Whether to take up what is there.
 
+    Attributes
+    ----------
+    remarks
+        What was found and not taken up.
+
     Raises
     ------
     InputError
         If what is there belongs to another build.
+    RunError
+        If a rank cannot read what the first one can.
     """
 
     def __init__(
         self, output: Path, scene: Scene, meshes: Mapping[str, BodyShape], group: RankGroup, resume: bool
     ) -> None:
         self._group = group
-        run = {"format": FORMAT, "scene": _digest(scene_to_toml(scene).encode()), "meshes": _digest_of(meshes)}
-        self._folder = CheckpointFolder(output, run)
-        taken_up = on_root(group.world, self._folder.open, resume)
-        self._taken_up = taken_up
-        self._known = self._read_samples() if taken_up else {}
-        self._components = self._read_components() if taken_up else {}
+        run = {"format": FORMAT, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
+        # ranks may work in different directories
+        self._folder = CheckpointFolder(on_root(group.world, _full_path, output), run)
+        # One rank says what is sound: another that reads for itself might see other files.
+        samples, components, self.remarks = on_root(group.world, self._open, resume)
+        self._taken_up = bool(samples or components)
+        with agreed(group.world, "reading the checkpoint"):
+            self._known = self._all(samples, _samples)
+            self._components = self._all(components, _component)
         self._waiting: dict[str, np.ndarray] = {}
         self._written, self._n_files = time.monotonic(), 0
 
@@ -75,7 +90,7 @@ class BuildCheckpoint:
             return
         arrays = {key: getattr(component, key) for key in ("centres", "fields", "probes")}
         arrays |= {"frames": np.array(list(component.frames)), "numbers": np.array(list(component.frames.values()))}
-        arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
+        arrays |= {"body": np.array(name), "n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
         if component.rigid:
             arrays["centre_of_mass"] = component.centre_of_mass
         for kind in ("mass", "stiffness"):
@@ -118,49 +133,55 @@ class BuildCheckpoint:
         """Remove the folder once the result is written. Collective on all ranks."""
         on_root(self._group.world, self._folder.remove)
 
-    def _read_samples(self) -> dict[bytes, dict[str, np.ndarray]]:
-        found: dict[bytes, dict[str, np.ndarray]] = {}
-        for path in self._folder.pieces("samples-*"):
-            with np.load(path, allow_pickle=False) as data:
-                parts: dict[str, dict[str, np.ndarray]] = {}
-                for key in data.files:
-                    number, _, name = key.partition(".")
-                    parts.setdefault(number, {})[name] = data[key]
-            for part in parts.values():
-                found[part.pop("theta").tobytes()] = part
-        return found
+    def _open(self, resume: bool) -> tuple[list[Path], list[Path], tuple[Remark, ...]]:
+        """Open the folder; return the sound pieces of both kinds, and what was not taken up."""
+        started = self._folder.open(resume)
+        samples, broken = self._folder.sound(lambda path: self._folder.take(path, _samples), "samples-*")
+        components, broken_too = self._folder.sound(lambda path: self._folder.take(path, _component), "component-*")
+        return samples, components, started + broken + broken_too
 
-    def _read_components(self) -> dict[str, Component]:
-        found = {}
-        for path in self._folder.pieces("component-*"):
-            with np.load(path, allow_pickle=False) as data:
-                terms = {
-                    kind: {Monomial.parse(str(w)): matrix for w, matrix in zip(data[f"{kind}_weights"], data[kind])}
-                    for kind in ("mass", "stiffness")
-                }
-                found[path.stem.partition("-")[2]] = Component(
-                    frames={str(name): int(number) for name, number in zip(data["frames"], data["numbers"])},
-                    centres=data["centres"],
-                    fields=data["fields"],
-                    probes=data["probes"],
-                    n_mesh_dofs=int(data["n_mesh_dofs"]),
-                    error=float(data["error"]),
-                    centre_of_mass=data["centre_of_mass"] if "centre_of_mass" in data else None,
-                    **terms,
-                )
+    def _all(self, paths: list[Path], read: Callable[[Mapping[str, np.ndarray]], dict[Key, Content]]) -> dict[Key, Content]:
+        """Return what is in all the pieces."""
+        found: dict[Key, Content] = {}
+        for path in paths:
+            try:
+                found |= self._folder.take(path, read)
+            except BrokenSeal as broken:
+                raise RunError(f"piece '{path}' cannot be read on every rank: {broken}") from broken
         return found
 
 
-def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
+def _full_path(path: Path) -> Path:
+    return Path(os.path.realpath(path))
 
 
-def _digest_of(meshes: Mapping[str, BodyShape]) -> str:
-    digest = hashlib.sha256()
-    for name, mesh in meshes.items():
-        digest.update(name.encode())
-        digest.update(np.ascontiguousarray(mesh.nodes).tobytes())
-        digest.update(np.ascontiguousarray(mesh.cells).tobytes())
-        named = mesh.groups if isinstance(mesh, SolidMesh) else mesh.points
-        digest.update(repr([(key, np.asarray(value).tolist()) for key, value in named.items()]).encode())
-    return digest.hexdigest()
+def _samples(arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
+    """Return finished samples by the bytes of their configuration."""
+    parts: dict[str, dict[str, np.ndarray]] = {}
+    for key in arrays:
+        number, _, name = key.partition(".")
+        parts.setdefault(number, {})[name] = arrays[key]
+    wanted = {item.name for item in fields(Sample)} | {"theta"}
+    for number, part in parts.items():
+        if part.keys() != wanted:
+            raise ValueError(f"sample {number} has the arrays {', '.join(sorted(part))}")
+    return {part.pop("theta").tobytes(): part for part in parts.values()}
+
+
+def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
+    """Return a condensed body by its name."""
+    terms = {
+        kind: {Monomial.parse(str(w)): matrix for w, matrix in zip(arrays[f"{kind}_weights"], arrays[kind])}
+        for kind in ("mass", "stiffness")
+    }
+    component = Component(
+        frames={str(name): int(number) for name, number in zip(arrays["frames"], arrays["numbers"])},
+        centres=arrays["centres"],
+        fields=arrays["fields"],
+        probes=arrays["probes"],
+        n_mesh_dofs=int(arrays["n_mesh_dofs"]),
+        error=float(arrays["error"]),
+        centre_of_mass=arrays["centre_of_mass"] if "centre_of_mass" in arrays else None,
+        **terms,
+    )
+    return {str(arrays["body"]): component}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,8 @@ from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.shape_files import put_shape, take_shape
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, put, shapes_of, take, write_file
+from pgmp_petsc.runtime.identity import identity
 
 if TYPE_CHECKING:
     import h5py
@@ -73,6 +75,11 @@ class ReducedOrderModel:
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
     indefinite: str = ""
     stiffness_changes: StiffnessChanges | None = None
+
+    @cached_property
+    def identity(self) -> str:
+        """Checksum of all that runs of the model depend on besides its scene."""
+        return identity(self.tables, self.projection, self.meshes, self.curvature)
 
     @property
     def n_parameter(self) -> int:
@@ -133,11 +140,8 @@ class ReducedOrderModel:
         InputError
             If the file is missing, cut off, of another kind or version, or its tables do not fit together.
         """
-        with open_file(path, "rom") as file:
-            try:
-                return cls._read(file, with_projection)
-            except (KeyError, OSError) as error:
-                raise InputError(f"file '{path}' is damaged ({error}); build it again with pgmp build") from error
+        with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
+            return cls._read(file, with_projection)
 
     @classmethod
     def _read(cls, file, with_projection: bool) -> ReducedOrderModel:

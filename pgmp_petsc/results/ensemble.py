@@ -9,18 +9,24 @@ dataset                                  shape           content
 ``/outputs/<name>``                      (N)             outputs at the end time; NaN where the sample failed
 ``/status``                              (N)             0 = fine; attribute ``meanings`` (JSON, number: text)
 ``/failure_time``                        (N)             instant at which a sample failed, s; NaN where fine
+``/steps_divided``                       (N)             by what ``simulation.step`` was divided in the sample's last
+                                                         attempt: 1, or more where it failed with the scene's step
 ``/errors/<name>``                       (N)             largest size of the estimated error of an output over the
                                                          run; this and the two below for the reduced model only, NaN
                                                          where it was not estimated
 ``/errors_at_end/<name>``                (N)             estimated error at the end time, reduced less full-order
 ``/validity/<name>``                     (N)             how far each run left small deformations (`errors.VALIDITY`),
                                                          NaN where not known; of every sample of the reduced model
-``/statistics/<name>/mean``, ``std``     ()              over the samples that are fine
+``/statistics/<name>/count``             ()              how many values the statistics are of: for an output the
+                                                         samples that are fine, for a parameter all
+``.../mean``, ``std``                    ()              NaN where there are too few
 ``.../mean_standard_error``              ()              standard errors of these two estimates,
 ``.../std_standard_error``               ()
 ``.../pdf``                              (n_bins)        probability density, per unit of the quantity
 ``.../edges``                            (n_bins + 1)    limits of its bins
 ``.../quantiles``                        (n_quantiles)   attribute ``probabilities``
+``.../quantile_bounds``                  (n_quantiles,   between which the quantiles of all samples lie, whatever the
+                                         2)              failed ones would have been; infinite where there are none
 ======================================== =============== ====================================================
 """
 
@@ -34,8 +40,8 @@ import h5py
 import numpy as np
 
 from pgmp_petsc.results.errors import VALIDITY
-from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 _SCALARS = {
     "mean": "mean",
@@ -47,10 +53,12 @@ _SCALARS = {
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of one quantity over the samples that are fine, in the quantity's unit.
+    """Statistics of one quantity, in the quantity's unit: of an output over the samples that are fine.
 
     Parameters
     ----------
+    count : int
+        Number of values.
     mean, std, mean_standard_error, std_standard_error : float
     pdf : ndarray, shape (n_bins,)
         Probability density, 1/unit.
@@ -58,8 +66,11 @@ class Statistics:
         Limits of the bins; both arrays are empty where no sample is fine.
     quantiles, probabilities : ndarray, shape (n_quantiles,)
         Values and the probabilities that they belong to.
+    quantile_bounds : ndarray, shape (n_quantiles, 2)
+        Between which the quantiles of all samples lie, whatever the failed ones would have been.
     """
 
+    count: int
     mean: float
     std: float
     mean_standard_error: float
@@ -67,12 +78,14 @@ class Statistics:
     pdf: np.ndarray
     edges: np.ndarray
     quantiles: np.ndarray
+    quantile_bounds: np.ndarray
     probabilities: np.ndarray
 
     def __post_init__(self) -> None:
         check_shape("pdf", self.pdf, (None,))
         check_shape("edges", self.edges, (len(self.pdf) + 1 if len(self.pdf) else 0,))
         check_shape("quantiles", self.quantiles, (None,))
+        check_shape("quantile_bounds", self.quantile_bounds, (len(self.quantiles), 2))
         check_shape("probabilities", self.probabilities, (len(self.quantiles),))
 
 
@@ -93,6 +106,8 @@ class Ensemble:
         What the numbers in `status` say.
     failure_time : ndarray, shape (N,)
         s; NaN where the sample is fine.
+    steps_divided : ndarray of int, shape (N,)
+        By what the scene's step was divided in the sample's last attempt.
     statistics : dict of str to Statistics
     errors, errors_at_end, validity : dict of str to ndarray, shape (N,)
         Estimates of the reduced model, NaN where a sample has none; empty where no sample was to have one.
@@ -106,6 +121,7 @@ class Ensemble:
     status: np.ndarray
     meanings: dict[int, str]
     failure_time: np.ndarray
+    steps_divided: np.ndarray
     statistics: dict[str, Statistics]
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
@@ -116,6 +132,7 @@ class Ensemble:
         check_model(self.model)
         check_shape("status", self.status, (None,))
         check_shape("failure_time", self.failure_time, (n_samples,))
+        check_shape("steps_divided", self.steps_divided, (n_samples,))
         for arrays in (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity):
             for name, values in arrays.items():
                 check_shape(f"'{name}'", values, (n_samples,))
@@ -132,6 +149,8 @@ class Ensemble:
             status = put(file, "status", self.status.astype(np.int32), "1", "how each sample ended; 0 = fine")
             status.attrs["meanings"] = json.dumps({str(key): text for key, text in self.meanings.items()})
             put(file, "failure_time", self.failure_time, "s", "instant of failure; NaN where fine")
+            about = "by what simulation.step was divided in the last attempt"
+            put(file, "steps_divided", self.steps_divided.astype(np.int32), "1", about)
             self._write_estimates(file)
             for name, statistics in self.statistics.items():
                 group = file.create_group(f"statistics/{name}")
@@ -162,6 +181,7 @@ class Ensemble:
                 status=status,
                 meanings={int(key): text for key, text in meanings.items()},
                 failure_time=take(file, "failure_time", 1),
+                steps_divided=take(file, "steps_divided", 1),
                 statistics={
                     name: _read_statistics(group) for name, group in file.get("statistics", {}).items()
                 },
@@ -173,6 +193,7 @@ class Ensemble:
 
 def _write_statistics(group: h5py.Group, name: str, statistics: Statistics, unit: str) -> None:
     """Write the statistics of one quantity."""
+    put(group, "count", statistics.count, "1", f"number of values of '{name}' that these are of")
     for scalar, words in _SCALARS.items():
         put(group, scalar, float(getattr(statistics, scalar)), unit, f"{words} of '{name}'")
     per_unit = "1" if unit == "1" else f"1/{unit}"
@@ -180,10 +201,18 @@ def _write_statistics(group: h5py.Group, name: str, statistics: Statistics, unit
     put(group, "edges", statistics.edges, unit, "limits of the bins of the density")
     quantiles = put(group, "quantiles", statistics.quantiles, unit, f"quantiles of '{name}'")
     quantiles.attrs["probabilities"] = statistics.probabilities
+    about = "between these lie the quantiles of all samples, whatever the failed ones would have been"
+    put(group, "quantile_bounds", statistics.quantile_bounds, unit, about)
 
 
 def _read_statistics(group: h5py.Group) -> Statistics:
     """Read the statistics of one quantity."""
     scalars = {scalar: float(take(group, scalar, 0)) for scalar in _SCALARS}
     arrays = {name: take(group, name, 1) for name in ("pdf", "edges", "quantiles")}
-    return Statistics(**scalars, **arrays, probabilities=np.array(group["quantiles"].attrs["probabilities"]))
+    return Statistics(
+        count=int(take(group, "count", 0)),
+        **scalars,
+        **arrays,
+        quantile_bounds=take(group, "quantile_bounds", 2),
+        probabilities=np.array(group["quantiles"].attrs["probabilities"]),
+    )

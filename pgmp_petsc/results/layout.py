@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import put, take
 
 if TYPE_CHECKING:
@@ -29,16 +27,6 @@ def check_model(model: str) -> None:
     """Raise `ValueError` unless ``model`` names one of the two models."""
     if model not in MODELS:
         raise ValueError(f"model is '{model}'; allowed: {', '.join(MODELS)}")
-
-
-@contextmanager
-def shapes_of(file: h5py.File) -> Iterator[None]:
-    """Turn what does not fit together in a file that is being read into an `InputError`."""
-    try:
-        yield
-    except (KeyError, ValueError, OSError) as error:
-        reason = error.args[0] if error.args else error
-        raise InputError(f"file '{file.filename}' is damaged: {reason}; write it again") from error
 
 
 def put_named(

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, shapes_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_shape
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 
 @dataclass(frozen=True)

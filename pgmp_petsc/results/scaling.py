@@ -7,7 +7,6 @@ with several ranks it holds their waiting too, because MPI waits busily.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import replacing
 
 FORMAT = 1
 READING, CONDENSING, BUILDING, WRITING, FRESH = "reading", "condensing", "building", "writing", "fresh"
@@ -92,10 +92,9 @@ class ScalingCase:
         return self.processor[CONDENSING] / self.wall[CONDENSING]
 
     def write(self, path: Path) -> None:
-        """Write the file beside its place, and rename it."""
-        waiting = path.with_name(f"{path.name}.writing")
-        waiting.write_text(json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n", encoding="utf-8")
-        os.replace(waiting, path)
+        """Write the file."""
+        with replacing(path) as waiting:
+            waiting.write_text(json.dumps({"format": FORMAT, **asdict(self)}, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> ScalingCase:

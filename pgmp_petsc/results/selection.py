@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgmp_petsc.results.layout import shapes_of
-from pgmp_petsc.runtime.files import put, take
+from pgmp_petsc.runtime.files import put, shapes_of, take
 
 if TYPE_CHECKING:
     import h5py

@@ -45,11 +45,16 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from pgmp_petsc.results.layout import check_shape, put_named, shapes_of, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 FAMILIES = ("reduced", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
+# columns that settings are named by
+_NEEDED = (
+    "angles", "coordinates", "inertia_modes", "interpolation", "modes", "nodes", "parameter_modes", "refinement",
+    "second_order", "static_modes", "step",
+)  # fmt: skip
 _COLUMN_UNITS = {"step": "s"}
 _CLOCKS = {
     "wall": ("offline", "online/batch", "online/single"),
@@ -288,6 +293,9 @@ class Tradeoff:
         with open_file(path, "tradeoff") as file, shapes_of(file):
             settings = file["settings"]
             names = [name for name in settings if name not in ("family", "flags", "reason")]
+            missing = set(_NEEDED) - set(names)
+            if missing:
+                raise KeyError(f"/settings lacks {', '.join(sorted(missing))}")
             references = References(
                 take(file, "reference/refinement", 1),
                 take(file, "reference/step", 1),
@@ -337,7 +345,7 @@ def _put_texts(group: h5py.Group, name: str, texts: Sequence[str], description: 
 
 
 def _take_texts(group: h5py.Group, name: str) -> tuple[str, ...]:
-    return tuple(text.decode() for text in take(group, name, 1))
+    return tuple(text.decode() for text in take(group, name, 1, texts=True))
 
 
 def _take_column(group: h5py.Group, name: str) -> np.ndarray:

@@ -43,8 +43,8 @@ import h5py
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import VALIDITY, EstimatedErrors
-from pgmp_petsc.results.layout import check_model, check_shape, put_named, shapes_of, take_named, units_of
-from pgmp_petsc.runtime.files import RunRecord, open_file, put, take, write_file
+from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 
 @dataclass(frozen=True)

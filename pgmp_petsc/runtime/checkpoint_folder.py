@@ -1,22 +1,40 @@
 """A folder of finished pieces of a run beside its result, ``<output>.partial/``.
 
-Every piece is a file of its own, written under another name and renamed, so that a run may be killed at any moment. The
-folder says which run it belongs to and is removed once the result is written.
+Every piece is a file of its own, written under another name, pushed to the disk and renamed, so that a run may be killed
+at any moment. The folder says which run it belongs to, and so does the seal of every piece
+(:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of another run, is named, set aside
+and computed again. The folder is removed once the result is written, and no folder is that has not this label.
+
+A piece ``<name>.npz`` is an archive of numpy behind the seal: programs for zip archives open it, ``numpy.load`` does from
+the open file after ``seek(512)``.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
+from zipfile import BadZipFile
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, seal
 
 LABEL = "run.json"
+PROGRAM = "pgmp_petsc"
+KIND = "piece"
+# what this program puts into such a folder, and removes again
+_OWN = (LABEL, "*.npz", "*.npz.damaged", ".*.partial")
+
+Content = TypeVar("Content")
 
 
 class CheckpointFolder:
@@ -27,49 +45,149 @@ class CheckpointFolder:
     output
         The run's result.
     run
-        What the run is, by key; hashes are not shown to the user.
+        What the run is, by key; checksums are not shown to the user.
     """
 
     def __init__(self, output: Path, run: Mapping[str, object]) -> None:
-        self.path = output.with_name(f"{output.name}.partial")
+        target = Path(os.path.realpath(output))
+        self.path = target.with_name(f"{target.name}.partial")
         self._run = dict(run)
+        self._identity = identity(self._run)
 
-    def open(self, resume: bool) -> bool:
-        """Start anew, or take up what is there if that is asked for; return whether it was taken up. By one process.
+    def open(self, resume: bool) -> tuple[Remark, ...]:
+        """Start anew, or take up what is there if that is asked for. By one process.
+
+        Returns
+        -------
+        tuple of Remark
+            What of an older run was removed, or not taken up.
 
         Raises
         ------
         InputError
-            If what is there belongs to another run.
+            If what is there belongs to another run (and is to be taken up), or is no folder of this program's.
+        RunError
+            If the folder cannot be made.
         """
-        label = self.path / LABEL
-        if resume and label.exists():
-            self._check(_read_label(label))
-            return True
-        shutil.rmtree(self.path, ignore_errors=True)
-        self.path.mkdir()
-        waiting = label.with_suffix(".writing")
-        waiting.write_text(json.dumps(self._run))
-        os.replace(waiting, label)
-        return False
+        remarks: tuple[Remark, ...] = ()
+        found = self._label()
+        if found is not None and resume:
+            self._check(found)
+            return remarks
+        if found is not None:
+            n_pieces = len(self.pieces())
+            self.remove()
+            if n_pieces:
+                what = f"'{self.path}' held {n_pieces} finished piece(s) of a stopped run"
+                remarks = (note(f"{what}, which were removed: --resume was not given"),)
+        try:
+            self.path.mkdir(exist_ok=True)
+        except OSError as error:
+            raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
+        with replacing(self.path / LABEL, "checkpoint") as waiting:
+            waiting.write_text(json.dumps({"program": PROGRAM, **self._run}))
+        return remarks
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store a piece; any process may, each its own names."""
-        target = self.path / f"{name}.npz"
-        waiting = target.with_suffix(".writing")
-        with open(waiting, "wb") as file:
-            np.savez(file, **arrays)
-        os.replace(waiting, target)
+        """Store a piece; any process may, each its own names.
+
+        Raises
+        ------
+        RunError
+            If the system fails to write; pieces that are there stay.
+        """
+        target, archive = self.path / f"{name}.npz", io.BytesIO()
+        np.savez(archive, **arrays)  # not into the file: zipfile complains once more when the disk is full
+        try:
+            with replacing(target, "checkpoint") as waiting:
+                waiting.write_bytes(bytes(SIZE) + archive.getbuffer())
+                seal(waiting, KIND, 1, self._identity)
+        except RunError as error:
+            raise RunError(f"{error}; what was finished before is kept, and --resume takes it up") from error
 
     def pieces(self, pattern: str = "*") -> list[Path]:
         """Return the files of pieces whose names fit a pattern, sorted."""
         return sorted(self.path.glob(f"{pattern}.npz"))
 
-    def remove(self) -> None:
-        """Remove the folder; the result holds all of it."""
-        shutil.rmtree(self.path, ignore_errors=True)
+    def take(self, path: Path, read: Callable[[Mapping[str, np.ndarray]], Content]) -> Content:
+        """Return what ``read`` makes of the arrays of a piece.
 
-    def _check(self, found: dict) -> None:
+        Raises
+        ------
+        BrokenSeal
+            If the piece is damaged or belongs to another run.
+        """
+        try:
+            if check_seal(path).run != self._identity:
+                raise BrokenSeal("it belongs to another run")
+            with np.load(io.BytesIO(path.read_bytes()[SIZE:]), allow_pickle=False) as arrays:
+                return read(arrays)
+        except (OSError, LookupError, ValueError, TypeError, BadZipFile) as error:
+            raise BrokenSeal(f"it cannot be read ({error})") from error
+
+    def sound(self, read: Callable[[Path], object], pattern: str = "*") -> tuple[list[Path], tuple[Remark, ...]]:
+        """Return the pieces that ``read`` takes up, and a note on each other one, which is set aside. By one process.
+
+        Parameters
+        ----------
+        read
+            Reads a piece, with `take`; raises `BrokenSeal` where it is not to be taken up.
+        pattern
+            Of the pieces' names.
+        """
+        taken, remarks = [], []
+        for path in self.pieces(pattern):
+            try:
+                read(path)
+                taken.append(path)
+            except BrokenSeal as broken:
+                with suppress(OSError):
+                    os.replace(path, path.with_name(f"{path.name}.damaged"))
+                remarks.append(note(f"piece '{path}' was not taken up, and is computed again: {broken}"))
+        return taken, tuple(remarks)
+
+    def remove(self) -> None:
+        """Remove the folder where it is this program's; files that are not are left, in it."""
+        with suppress(InputError, OSError):
+            if self._label() is not None:
+                for pattern in _OWN[::-1]:  # the label last: without it the folder is nobody's
+                    for path in self.path.glob(pattern):
+                        path.unlink()
+                self.path.rmdir()
+
+    def _label(self) -> dict[str, object] | None:
+        """Return what the folder's label says, None where there is no folder or nothing in it.
+
+        Raises
+        ------
+        InputError
+            If it has no label of this program, or a damaged one.
+        """
+        if not os.path.lexists(self.path):
+            return None
+        refused = f"'{self.path}' is in the way of this run's checkpoint: "
+        if not self.path.is_dir():
+            raise InputError(f"{refused}it is no folder; move it away, or give another output")
+        try:
+            found = json.loads((self.path / LABEL).read_text())
+            # labels of older versions did not name the program
+            if found.get("program") != PROGRAM and not {"format", "scene"} <= found.keys():
+                raise ValueError("it does not name this program")
+        except FileNotFoundError:
+            # a run that ended before it had written the label
+            if all(any(path.match(pattern) for pattern in _OWN[-1:]) for path in self.path.iterdir()):
+                return None
+            raise InputError(
+                f"{refused}it has no label '{LABEL}' of this program; move it away, or give another output"
+            ) from None
+        except (OSError, ValueError, AttributeError, RecursionError) as error:
+            raise InputError(
+                f"{refused}its label '{LABEL}' is damaged ({error}); a run cannot be taken up from it with --resume; "
+                "move the folder away to start anew"
+            ) from error
+        return found
+
+    def _check(self, found: Mapping[str, object]) -> None:
         for key, value in self._run.items():
             if found.get(key) != value:
                 shown = (
@@ -79,10 +197,3 @@ class CheckpointFolder:
                     f"--resume: '{self.path}' belongs to another run: its {key} differs{shown}; "
                     "repeat the command as it was, or leave --resume out to start anew"
                 )
-
-
-def _read_label(path: Path) -> dict:
-    try:
-        return json.loads(path.read_text())
-    except ValueError as error:
-        raise InputError(f"--resume: '{path}' is damaged ({error}); leave --resume out to start anew") from error

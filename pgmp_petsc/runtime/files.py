@@ -1,7 +1,8 @@
 """HDF5 files of results: written whole or not at all, checked when opened.
 
-A file is written by one process (rank 0) beside its target and renamed when it is complete, so a file under
-its final name is never half written, and one that it replaces stays until then. Every file has
+A file is written by one process (rank 0) beside its target and renamed when it is complete and on the disk, so a file
+under its final name is never half written, and one that it replaces stays until then. Its first 512 bytes, which HDF5
+skips, are a seal with a checksum of all of it (:mod:`pgmp_petsc.runtime.seal`), checked before it is read. Every file has
 
 ===================== ==========================================================================
 attribute             meaning
@@ -33,22 +34,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.runtime.claims import KINDS, check_output, named
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark, from_json, to_json
-from pgmp_petsc.runtime.streams import GuardedStream, first_line, synchronise_directory
+from pgmp_petsc.runtime.seal import MAGIC, SIZE, BrokenSeal, check_seal, seal
+from pgmp_petsc.runtime.streams import GuardedStream, first_line, synchronise_directory, synchronise_file
 
 if TYPE_CHECKING:
     import h5py
 
 FORMAT_VERSION = 2
-KINDS = {
-    "rom": "reduced model",
-    "trajectory": "trajectory",
-    "ensemble": "ensemble",
-    "modes": "table of modes",
-    "tradeoff": "trade-off study",
-}
+WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
+# that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
+_LIBRARIES = ("v108", "v110")
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# what readers raise where a file is whole and yet not what it should be
+_MISFITS = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, OSError, RuntimeError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -94,33 +96,55 @@ class RunRecord:
     @classmethod
     def read(cls, file: h5py.File) -> RunRecord:
         """Read the record of a file opened with :func:`open_file`."""
-        seed = file.attrs["seed"]
-        return cls(
-            scene_toml=str(file.attrs["scene"]),
-            parameters=json.loads(file.attrs["parameters"]),
-            seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
-            ranks=int(file.attrs["ranks"]),
-            timings={phase: float(data[()]) for phase, data in file.get("timings", {}).items()},
-            remarks=from_json(file.attrs["remarks"]),
-        )
+        with shapes_of(file):
+            seed, parameters = file.attrs["seed"], json.loads(file.attrs["parameters"])
+            return cls(
+                scene_toml=_text(file.attrs["scene"]),
+                parameters={str(name): float(value) for name, value in parameters.items()},
+                seed=int(seed) if isinstance(seed, (int, np.integer)) else None,
+                ranks=int(file.attrs["ranks"]),
+                timings={phase: float(data[()]) for phase, data in file["timings"].items()},
+                remarks=from_json(file.attrs["remarks"]),
+            )
 
 
-def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Check, before long work, that a file can be written at ``path``, and return it as a `Path`.
+def _text(value: object) -> str:
+    """Return a text attribute; raises `TypeError` where it is none."""
+    if not isinstance(value, str):
+        raise TypeError(f"a text was expected, and {type(value).__name__} found")
+    return value
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str], what: str = "output file") -> Iterator[Path]:
+    """Yield another name to write to; the file takes the place of ``path`` when the block ends without an error.
+
+    It is pushed to the disk before that. To be called by one process only.
+
+    Parameters
+    ----------
+    path
+        The file to be replaced.
+    what
+        What it is, for the message.
 
     Raises
     ------
-    InputError
-        If the path is a directory, or its directory does not exist or cannot be written to.
+    RunError
+        If the system fails to write (a full disk, say); an older file under ``path`` is left as it was.
     """
     path = Path(path)
-    if path.is_dir():
-        raise InputError(f"output file '{path}' is a directory; give the name of a file in it")
-    if not path.parent.is_dir():
-        raise InputError(f"output file '{path}': directory '{path.parent}' does not exist; create it first")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise InputError(f"output file '{path}': no permission to write in directory '{path.parent}'")
-    return path
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        yield partial
+        synchronise_file(partial)
+        os.replace(partial, path)
+        synchronise_directory(path.parent)
+    except OSError as error:
+        raise RunError(f"{what} '{path}' could not be written: {first_line(error)}") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -134,7 +158,7 @@ def write_file(
     Parameters
     ----------
     path : path-like
-        Target; an existing file is replaced.
+        Target; an existing file of the same kind is replaced.
     kind : str
         One of :data:`KINDS`.
     attributes : mapping, optional
@@ -143,7 +167,7 @@ def write_file(
     Raises
     ------
     InputError
-        If `path` cannot be written (see :func:`check_writable`).
+        If `path` cannot be written (see :func:`~pgmp_petsc.runtime.claims.check_output`).
     RunError
         If the system fails to write (a full disk, say); an older file under `path` is left as it was.
     """
@@ -151,12 +175,11 @@ def write_file(
 
     if kind not in KINDS:
         raise ValueError(f"kind of file '{kind}'; allowed: {', '.join(KINDS)}")
-    # A symbolic link is written through, not replaced.
-    target = Path(os.path.realpath(check_writable(path)))
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
+    with replacing(check_output(path, kind)) as partial:
         with GuardedStream(partial) as stream:
-            with h5py.File(partial, "w", driver="fileobj", fileobj=stream) as file:
+            with h5py.File(
+                partial, "w", driver="fileobj", fileobj=stream, userblock_size=SIZE, libver=_LIBRARIES
+            ) as file:
                 file.attrs["format_version"] = FORMAT_VERSION
                 file.attrs["program_version"] = __version__
                 file.attrs["kind"] = kind
@@ -164,13 +187,7 @@ def write_file(
                     file.attrs[name] = value
                 yield file
             stream.finish()
-        os.replace(partial, target)
-        synchronise_directory(target.parent)
-    except OSError as error:
-        raise RunError(f"output file '{path}' could not be written: {first_line(error)}") from error
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+        seal(partial, kind, FORMAT_VERSION)
 
 
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
@@ -179,37 +196,39 @@ def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5p
     Returns
     -------
     h5py.File
-        Use it in a ``with`` block.
+        Use it in a ``with`` block, with :func:`shapes_of` around what is read.
 
     Raises
     ------
     InputError
-        If the file is missing, not HDF5, cut off, of another kind or format version, or lacks attributes.
+        If the file is missing, not HDF5, damaged, cut off, of another kind or format version, or lacks attributes.
     """
     import h5py
 
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     path = Path(path)
-    if not path.exists():
-        raise InputError(f"file '{path}' does not exist; needed: {_names(kinds)}")
-    if not path.is_file():
-        raise InputError(f"'{path}' is a directory; needed: a file that holds {_names(kinds)}")
-    if not os.access(path, os.R_OK):
-        raise InputError(f"file '{path}': no permission to read it")
-    if not h5py.is_hdf5(path):
-        raise InputError(f"file '{path}' is not an HDF5 file; needed: {_names(kinds)} written by pgmp")
+    _check_sealed(path, kinds)
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        raise InputError(
-            f"file '{path}' is damaged or cut off and cannot be opened ({first_line(error)}); write it again"
-        ) from error
+        raise InputError(f"file '{path}' is damaged: {first_line(error)}; write it again") from error
     try:
-        _check_attributes(file, path, kinds)
+        with shapes_of(file):
+            _check_attributes(file, path, kinds)
     except Exception:
         file.close()
         raise
     return file
+
+
+@contextmanager
+def shapes_of(file: h5py.File, cure: str = WRITE_AGAIN) -> Iterator[None]:
+    """Turn what does not fit together in a file that is being read into an `InputError`, which ends with the cure."""
+    try:
+        yield
+    except _MISFITS as error:
+        reason = error.args[0] if error.args else type(error).__name__
+        raise InputError(f"file '{file.filename}' is damaged: {reason}; {cure}") from error
 
 
 def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) -> h5py.Dataset:
@@ -220,42 +239,82 @@ def put(group: h5py.Group, name: str, data: Any, unit: str, description: str) ->
     return dataset
 
 
-def take(group: h5py.Group, name: str, n_dimensions: int) -> np.ndarray:
-    """Read a dataset and check its number of dimensions.
+def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -> np.ndarray:
+    """Read a dataset of numbers, or of texts, and check its number of dimensions.
 
     Raises
     ------
     InputError
-        If it is missing or has another number of dimensions.
+        If it is missing, has another number of dimensions, or holds something else.
     """
+    import h5py
+
     where = f"file '{group.file.filename}': dataset '{group.name.rstrip('/')}/{name}'"
     if name not in group:
         raise InputError(f"{where} is missing; write the file again")
-    data = np.asarray(group[name][()])
-    if data.ndim != n_dimensions:
-        raise InputError(f"{where} has shape {data.shape}; needed: {n_dimensions} dimension(s)")
-    return data
+    dataset = group[name]
+    if not isinstance(dataset, h5py.Dataset):
+        raise InputError(f"{where} is a group; write the file again")
+    if dataset.shape is None or dataset.ndim != n_dimensions:
+        raise InputError(f"{where} has shape {dataset.shape}; needed: {n_dimensions} dimension(s)")
+    if (h5py.check_string_dtype(dataset.dtype) is not None) != texts or not texts and dataset.dtype.kind not in "biuf":
+        raise InputError(f"{where} holds {dataset.dtype}; needed: {'texts' if texts else 'numbers'}")
+    if dataset.nbytes > os.path.getsize(group.file.filename):  # nothing is compressed: it was never written
+        raise InputError(f"{where} has shape {dataset.shape}, more than the file holds; write the file again")
+    return np.asarray(dataset[()])
+
+
+def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
+    """Raise `InputError` unless a file is whole and of one of ``kinds``, without reading it as HDF5."""
+    try:
+        if not path.exists():
+            raise InputError(f"file '{path}' does not exist; needed: {_names(kinds)}")
+        if not path.is_file():
+            what = "a directory" if path.is_dir() else "a device, a pipe or a socket"
+            raise InputError(f"'{path}' is {what}; needed: a file that holds {_names(kinds)}")
+        if not os.access(path, os.R_OK):
+            raise InputError(f"file '{path}': no permission to read it")
+        found = check_seal(path)
+    except BrokenSeal as broken:
+        raise InputError(_unsealed(path, broken, kinds)) from broken
+    except OSError as error:
+        raise InputError(f"file '{path}' cannot be read: {first_line(error)}; needed: {_names(kinds)}") from error
+    if found.kind not in kinds:
+        raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}")
+    if found.format != FORMAT_VERSION:
+        raise InputError(
+            f"file '{path}' has format version {found.format}; this pgmp {__version__} reads version {FORMAT_VERSION}; "
+            "write the file again"
+        )
+
+
+def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
+    """Return what is wrong with a file without a good seal."""
+    with open(path, "rb") as stream:
+        head = stream.read(SIZE + len(_SIGNATURE))
+    if head.startswith(_SIGNATURE):
+        return (
+            f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; needed: "
+            f"{_names(kinds)}; write it again"
+        )
+    if head.startswith(MAGIC) or head[SIZE:] == _SIGNATURE:
+        return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"
+    cure = ""
+    if path.suffix.lower() == ".toml" and "rom" in kinds:
+        cure = f": make it of the scene with 'pgmp build {path} -o ROM.h5', or run the full-order model with --full"
+    return f"file '{path}' is not an HDF5 file; needed: {_names(kinds)} written by pgmp{cure}"
 
 
 def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> None:
     """Raise `InputError` unless the root attributes are those of a file of one of ``kinds``."""
-    attributes = file.attrs
-    if "format_version" not in attributes or "kind" not in attributes:
-        raise InputError(f"file '{path}' was not written by pgmp; needed: {_names(kinds)}")
-    version, kind = attributes["format_version"], attributes["kind"]
-    if version != FORMAT_VERSION:
-        writer = attributes.get("program_version", "unknown")
-        raise InputError(
-            f"file '{path}' has format version {version} (pgmp {writer}); this pgmp {__version__} reads "
-            f"version {FORMAT_VERSION}; write the file again"
-        )
-    if kind not in kinds:
-        raise InputError(f"file '{path}' holds a {KINDS.get(kind, kind)}; needed: {_names(kinds)}")
-    missing = [name for name in _REQUIRED if name not in attributes]
+    missing = [name for name in _REQUIRED if name not in file.attrs]
     if missing:
         raise InputError(f"file '{path}' lacks the attribute(s) {', '.join(missing)}; write it again")
+    version, kind = file.attrs["format_version"], file.attrs["kind"]
+    if str(version) != str(FORMAT_VERSION) or str(kind) not in kinds:
+        raise InputError(f"file '{path}' is damaged: its attributes say {kind}, version {version}; write it again")
 
 
 def _names(kinds: tuple[str, ...]) -> str:
     """Return the kinds as words: 'a trajectory or a table of modes'."""
-    return " or ".join(f"{'an' if kind == 'ensemble' else 'a'} {KINDS[kind]}" for kind in kinds)
+    return " or ".join(named(kind) for kind in kinds)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -79,15 +80,19 @@ class GuardedStream:
                 self._stream.raw.close()
 
 
-def synchronise_directory(directory: Path) -> None:
-    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
-    descriptor = os.open(directory, os.O_RDONLY)
+def synchronise_file(path: Path) -> None:
+    """Push a file to the disk; raises `OSError` if the system fails to write it."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
-    except OSError:
-        pass
     finally:
         os.close(descriptor)
+
+
+def synchronise_directory(directory: Path) -> None:
+    """Push the names in a directory to the disk; that some file systems refuse to is no error."""
+    with suppress(OSError):
+        synchronise_file(directory)
 
 
 def first_line(error: OSError) -> str:

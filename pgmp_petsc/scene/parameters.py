@@ -61,7 +61,7 @@ class Parameter(Table):
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
     bounds: Interval | None = Field(
-        None, description="smallest and largest value; a sample beyond them is recorded as failed, not integrated"
+        None, description="smallest and largest value; the distribution is truncated to them, renormalised"
     )
     value: Number | None = Field(
         None, description="value of a single run (--set); nominal where it is not given"
@@ -76,6 +76,37 @@ class Parameter(Table):
         """Return the scipy.stats distribution, its arguments fixed and bounds not applied, or None."""
         return None if self.distribution is None else self.distribution.frozen()
 
+    def quantiles(self, probabilities: np.ndarray, at_least: float = -np.inf) -> np.ndarray:
+        """Return quantiles of the distribution truncated to its bounds, which is renormalised.
+
+        ``F^-1(F(low) + p (F(high) - F(low)))``; where the bounds lie above the median by the probabilities of larger
+        values, as those of smaller ones are 1 to round-off in the upper tail.
+
+        Parameters
+        ----------
+        probabilities
+            Of any shape, 0 to 1.
+        at_least
+            A further lower bound.
+        """
+        law, (low, high) = self.frozen(), self._limits
+        low = max(low, at_least)
+        if law.cdf(low) > 0.5:
+            values = law.isf(law.sf(low) - probabilities * (law.sf(low) - law.sf(high)))
+        else:
+            values = law.ppf(law.cdf(low) + probabilities * (law.cdf(high) - law.cdf(low)))
+        return np.clip(values, low, high)
+
+    @property
+    def cut_off(self) -> tuple[float, float]:
+        """The shares of the distribution that the bounds cut off, below and above."""
+        law, (low, high) = self.frozen(), self._limits
+        return float(law.cdf(low)), float(law.sf(high))
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        return (-np.inf, np.inf) if self.bounds is None else (float(self.bounds[0]), float(self.bounds[1]))
+
     @model_validator(mode="after")
     def _inside_bounds(self) -> Self:
         if self.bounds is None:
@@ -86,7 +117,10 @@ class Parameter(Table):
             if number is not None and not low <= number <= high:
                 raise refusal(f"must lie inside the parameter's bounds [{low}, {high}]", key)
         distribution = self.frozen()
-        if distribution is not None and not distribution.cdf(high) > distribution.cdf(low):
+        inside = distribution is None or max(
+            distribution.cdf(high) - distribution.cdf(low), distribution.sf(low) - distribution.sf(high)
+        )
+        if not inside > 0.0:
             raise refusal(f"gives no samples inside the parameter's bounds [{low}, {high}]", "distribution")
         return self
 

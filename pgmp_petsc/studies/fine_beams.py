@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,9 +26,10 @@ from mpi4py import MPI
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import check_writable
+from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.studies.inputs import read_scene
 
 COARSE = (40, 80, 160)
@@ -139,11 +139,10 @@ def parse_arguments() -> argparse.Namespace:
 
 def run(arguments: argparse.Namespace) -> None:
     """Measure, write the record and print one line each."""
-    check_writable(arguments.output)
+    check_output(arguments.output, "beams", (arguments.scene,))
     beams = measure(arguments.scene, arguments.elements, COARSE, MPI.COMM_SELF)
-    waiting = arguments.output.with_name(f"{arguments.output.name}.writing")
-    waiting.write_text(json.dumps(asdict(beams), indent=1) + "\n", encoding="utf-8")
-    os.replace(waiting, arguments.output)
+    with replacing(arguments.output) as waiting:
+        waiting.write_text(json.dumps(asdict(beams), indent=1) + "\n", encoding="utf-8")
     for row, n in enumerate(beams.elements):
         largest = max(map(abs, beams.differences[row]), default=math.nan)
         print(f"{n} elements a body: {largest:.1e}, {beams.verdict(row)}", flush=True)

@@ -34,9 +34,9 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import scaling as phases
 from pgmp_petsc.results.scaling import ScalingCase
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
-from pgmp_petsc.runtime.files import check_writable
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
@@ -202,7 +202,7 @@ def parse_arguments() -> argparse.Namespace:
 def run(arguments: argparse.Namespace) -> None:
     """Measure, and write the reduced model and the record beside each other."""
     comm = MPI.COMM_WORLD
-    on_root(comm, check_writable, arguments.output)
+    on_root(comm, check_output, arguments.output, "scaling", (arguments.scene,))
     group = RankGroup.split(comm, arguments.ranks_per_angle)
     rom_path = arguments.output.with_suffix(".h5")
     case = measure(arguments.scene, arguments.override, group, rom_path, arguments.fresh_up_to)

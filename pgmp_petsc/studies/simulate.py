@@ -114,7 +114,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
     watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
-    validity = Validity(model, system, values)
+    validity = Validity(model, system, values, simulation)
     with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
@@ -143,7 +143,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         remarks += _not_estimated(estimate)
     else:
         remarks += absence_of_estimates(model.scene)
-    found = {name: float(value[0]) for name, value in validity.of(run.status).items()}
+    found = {name: float(value[0]) for name, value in validity.extremes.items()}
     described = _described(
         model, run, time, outputs, frames, time[wanted], comm.size, timings,
         (*remarks, *remarks_of(model.scene, found)),
@@ -210,14 +210,10 @@ def _why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list
     if status == Status.FINE:
         return []
     simulation = model.scene.simulation
-    cures = {
-        Status.NOT_CONVERGED: f"try a smaller simulation.step ({simulation.step:g} s)",
-        Status.LEFT_RANGE: "widen the range of coordinates, or end the run before (simulation.duration)",
-    }
     what = (
         f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of {simulation.duration:g} s: {status.meaning}"
     )
-    return [warning("; ".join(filter(None, (what, reason or cures.get(status, "")))))]
+    return [warning("; ".join(filter(None, (what, reason or status.cure))))]
 
 
 def lost_definiteness(

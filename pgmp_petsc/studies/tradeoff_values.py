@@ -63,10 +63,5 @@ def quantiles(scene: Scene, probabilities: np.ndarray) -> np.ndarray:
     columns = []
     for name, column in zip(uncertain_names(scene), probabilities.T):
         parameter = scene.parameters[name]
-        law = parameter.frozen()
-        low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
-        least, most = law.cdf(low), law.cdf(high)
-        if name in scene.positive_parameters:
-            least = max(least, law.cdf(0.0))
-        columns.append(law.ppf(least + column * (most - least)))
+        columns.append(parameter.quantiles(column, 0.0 if name in scene.positive_parameters else -np.inf))
     return np.column_stack(columns) if columns else np.empty((len(probabilities), 0))

@@ -12,11 +12,11 @@ import meshio
 import numpy as np
 import pytest
 from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+from sealed import resealed
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.results import Ensemble, Trajectory
-
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ CASES = {
     "two coordinates": check('coordinates.second={{joint="elbow", range=[-1.0, 1.0]}}',
                              words=("they leave the rigid mechanism 1 degrees of freedom", "theta, second")),
     # effects
-    "unknown effect": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
+    "unknown effect that is like another": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
     "effect on the wrong joint": check('effects.push={{type="torque", joint="slider", table=[[0.0, 1.0]]}}',
                                        words=('effects.push.joint = "slider"', "a revolute joint is needed")),
     "contradictory effects": check(
@@ -133,7 +133,7 @@ CASES = {
     "a scene for a model, ensemble": Case(("montecarlo", SCENE, "-n", "2", "-o", OUT),
                                           ("slider_crank_paper.toml", "needed: a reduced model")),
     "no model": Case(("simulate", "{folder}/nothing.h5", "-o", OUT), ("nothing.h5", "does not exist")),
-    "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "damaged or cut off")),
+    "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "is damaged: it is cut off")),
     "other version": Case(("simulate", "{folder}/future.h5", "-o", OUT), ("future.h5", "format version 99")),
     "other kind": Case(
         ("simulate", "{folder}/kind.h5", "-o", OUT),
@@ -198,6 +198,20 @@ CASES = {
         ("montecarlo", ROM, "-n", "2", "-o", OUT, *overridden("parameters.r1={{nominal=5.6e-3}}")),
         ("parameters: none has a distribution",),
     ),
+    "value of a drawn parameter": Case(
+        ("montecarlo", ROM, "-n", "2", "-o", OUT, "--set", "r1=5e-3"),
+        ("--set r1=5e-3", "parameters.r1.distribution", "--override"),
+    ),
+    "value outside bounds": Case(
+        ("simulate", ROM, "-o", OUT, "--set", "r1=1.0"), ("parameters.r1.value = 1.0", "bounds [0.001, 0.012]"),
+    ),
+    "seed that no file can hold": Case(
+        ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT), ("--seed", "9223372036854775807"),
+    ),
+    "another end, ensemble": Case(
+        ("montecarlo", ROM, "-n", "2", "-o", OUT, "--", "-pgmp_ts_ts_max_time", "0.01"),
+        ("option -pgmp_ts_ts_max_time 0.01", "simulation.duration", "-pgmp_ts_ts_monitor"),
+    ),
     "start outside the range": Case(
         ("simulate", "{folder}/limited.h5", "-o", OUT, "--override", "simulation.initial.theta.position=2.0"),
         ("simulation.initial.theta.position = 2.0", "range"),
@@ -236,11 +250,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 2])
     for name in ("future", "kind", "empty"):
         (folder / f"{name}.h5").write_bytes(whole)
-    with h5py.File(folder / "future.h5", "r+") as file:
-        file.attrs["format_version"] = 99
-    with h5py.File(folder / "kind.h5", "r+") as file:
-        file.attrs["kind"] = "trajectory"
-    with h5py.File(folder / "empty.h5", "r+") as file:
+    for name, change in (("future", {"format": 99}), ("kind", {"kind": "trajectory"})):
+        with resealed(folder / f"{name}.h5", **change):
+            pass
+    with resealed(folder / "empty.h5") as file:
         del file["tables"]
     corners = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.1, 0.0]])
     meshio.Mesh(corners, [("triangle", np.array([[0, 1, 2]]))]).write(folder / "triangle.vtu")

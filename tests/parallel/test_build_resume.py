@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import MPI_ENVIRONMENT, ROOT
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 
 TABLES = ("mass", "inertia", "stiffness", "load")
-#: Every finished configuration is written at once, and takes a while, so that there is something to interrupt.
+#: Every finished configuration is written at once, and takes a while; after HELD of them a rank waits to be killed.
 SLOWLY = """
-import sys, time
+import itertools, sys, time
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.reduction import build_checkpoint
 from pgmp_petsc.reduction.sampler import Sampler
 build_checkpoint.INTERVAL = 0.0
 sample = Sampler.sample
+number = itertools.count()
 def slowly(self, *args):
-    time.sleep(0.15)
+    time.sleep(SECONDS if next(number) < HELD else TIMEOUT)
     return sample(self, *args)
 Sampler.sample = slowly
 sys.argv[0] = "pgmp"
@@ -56,6 +57,12 @@ SCENES = {
 }
 
 
+def slowly(seconds: float = 0.0, held: int = 10**6) -> str:
+    """Return the script of a build that takes so long for a configuration, and is held after so many on a rank."""
+    given = {"SECONDS": seconds, "HELD": held, "TIMEOUT": TIMEOUT_SECONDS}
+    return reduce(lambda script, item: script.replace(item[0], str(item[1])), given.items(), SLOWLY)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("resume")
@@ -70,7 +77,9 @@ def whole(mpirun: Callable, folder: Path) -> dict[str, Path]:
 
 def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int) -> None:
     """Start a build and kill it, all of its ranks, as soon as there are so many finished pieces."""
-    command = [sys.executable, "-c", SLOWLY, "build", *scene, "-o", str(path)]
+    # together the ranks reach the number of pieces, and are held before the 12 configurations are complete
+    script = slowly(seconds=0.15, held=10 // n_ranks)
+    command = [sys.executable, "-c", script, "build", *scene, "-o", str(path)]
     if n_ranks > 1:
         command = ["mpirun", "-n", str(n_ranks), *command]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
@@ -78,7 +87,7 @@ def interrupted(path: Path, scene: tuple[str, ...], n_ranks: int, n_pieces: int)
     process = subprocess.Popen(command, cwd=ROOT, env=environment, start_new_session=True, **silent)
     partial = path.with_name(f"{path.name}.partial")
     try:
-        until = time.monotonic() + 120.0
+        until = time.monotonic() + TIMEOUT_SECONDS
         while len(list(partial.glob("*.npz"))) < n_pieces:
             assert process.poll() is None, "the build ended before it could be killed"
             assert time.monotonic() < until
@@ -100,25 +109,24 @@ def assert_same(found: Path, expected: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "before", "after"), [("beams", 1, 3), ("solids", 2, 1)]
+    ("name", "before", "after", "n_pieces"), [("beams", 1, 3, 4), ("beams", 3, 1, 7), ("solids", 2, 1, 7)]
 )
 def test_a_killed_build_is_resumed(
-    mpirun: Callable, folder: Path, whole: dict[str, Path], name: str, before: int, after: int
+    mpirun: Callable, folder: Path, whole: dict[str, Path], name: str, before: int, after: int, n_pieces: int
 ) -> None:
     path = folder / f"killed_{name}_{before}.h5"
-    # any moment after the first pieces; the number differs from run to run
-    interrupted(path, SCENES[name], before, random.randint(3, 9))
+    interrupted(path, SCENES[name], before, n_pieces)
     partial = path.with_name(f"{path.name}.partial")
     stored = {file.name: file.stat().st_mtime_ns for file in partial.glob("*.npz")}
-    mpirun(after, "-c", SLOWLY.replace("0.15", "0.0"), "build", *SCENES[name], "-o", path, "--resume")
-    assert len(stored) >= 3
+    mpirun(after, "-c", slowly(), "build", *SCENES[name], "-o", path, "--resume")
+    assert len(stored) >= n_pieces
     assert_same(path, whole[name])
     assert not partial.exists()
 
 
 def test_what_is_finished_is_not_computed_again(mpirun: Callable, folder: Path, whole: dict[str, Path]) -> None:
     path = folder / "finished.h5"
-    script = SLOWLY.replace("0.15", "0.0").replace(
+    script = slowly().replace(
         "main()\n", "from pgmp_petsc.reduction import store\ndef stop(*args):\n    raise SystemExit(7)\n"
         "store.SampleStore.join = stop\nmain()\n"
     )  # fmt: skip

@@ -14,9 +14,7 @@ from pgmp_petsc.results import Ensemble
 
 N, SEED = 7, 3
 # batches of two samples, so that every rank has some
-SMALL = (
-    "ensemble.batch=2", "ensemble.checked_share=0.0", "simulation.error_indicator=false", "simulation.step=1e-3",
-)  # fmt: skip
+SMALL = ("ensemble.batch=2", "simulation.step=1e-3")
 SCENES = {
     # two rigid coordinates; gravity and structural damping
     "double_pendulum": (

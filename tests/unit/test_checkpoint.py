@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import resource
+import shutil
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,15 +13,17 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.ensemble.batch import Batch, Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.runtime.errors import InputError, PgmpError
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, remove_checkpoint
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
+TABLES, SIZE = "0123", 4
 
 
 @pytest.fixture
 def plan(tmp_path: Path) -> Plan:
-    return Plan(n_samples=10, seed=3, output=tmp_path / "e.h5", resume=False)
+    return Plan(n_samples=12, seed=3, output=tmp_path / "e.h5", resume=False)
 
 
 def batch(first: int, n: int = 4) -> Batch:
@@ -38,15 +44,25 @@ def batch(first: int, n: int = 4) -> Batch:
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
-    checkpoint = Checkpoint(plan, SCENE, "reduced")
+    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES, SIZE)
     assert checkpoint.open() == set()
     for first in firsts:
         checkpoint.add(batch(first))
     return checkpoint
 
 
-def again(plan: Plan, scene: str = SCENE, model: str = "reduced", **changes: object) -> set[int]:
-    return Checkpoint(replace(plan, resume=True, **changes), scene, model).open()
+def taken_up(
+    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, size: int = SIZE, **changes: object
+) -> Checkpoint:
+    return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, size)
+
+
+def again(plan: Plan, **changes: object) -> set[int]:
+    return taken_up(plan, **changes).open()
+
+
+def piece(checkpoint: Checkpoint, first: int) -> Path:
+    return checkpoint.folder / f"{first:09d}.npz"
 
 
 def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
@@ -67,9 +83,9 @@ def test_it_stands_beside_the_result_until_it_is_removed(plan: Plan) -> None:
     checkpoint = started(plan, 0)
     assert checkpoint.folder == plan.output.with_name("e.h5.partial")
     assert checkpoint.folder.is_dir()
-    checkpoint.remove()
+    remove_checkpoint(plan)
     assert not checkpoint.folder.exists()
-    checkpoint.remove()
+    remove_checkpoint(plan)
 
 
 def test_a_resumed_run_takes_up_finished_batches(plan: Plan) -> None:
@@ -79,14 +95,15 @@ def test_a_resumed_run_takes_up_finished_batches(plan: Plan) -> None:
 
 def test_a_batch_that_was_not_finished_does_not_count(plan: Plan) -> None:
     checkpoint = started(plan, 0)
-    (checkpoint.folder / "000000004.writing").write_bytes(b"half")
+    (checkpoint.folder / ".000000004.npz.123.partial").write_bytes(b"half")
     assert again(plan) == {0}
-    assert [one.first for one in checkpoint.batches()] == [0]
 
 
-def test_without_resume_it_starts_anew(plan: Plan) -> None:
-    started(plan, 0, 4)
-    assert started(plan).batches() == []
+def test_without_resume_it_starts_anew_and_says_so(plan: Plan) -> None:
+    assert started(plan, 0, 4).remarks == ()
+    checkpoint = started(plan)
+    assert not list(checkpoint.folder.glob("*.npz"))
+    assert "held 2 finished piece(s) of a stopped run, which were removed: --resume" in str(*checkpoint.remarks)
 
 
 def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
@@ -97,10 +114,12 @@ def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n_samples": 11}, r"its samples differs \(10 there, 11 here\)"),
+        ({"n_samples": 11}, r"its samples differs \(12 there, 11 here\)"),
         ({"seed": 4}, r"its seed differs \(3 there, 4 here\)"),
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
+        ({"size": 6}, r"its batch differs \(4 there, 6 here\)"),
+        ({"tables": "4567"}, r"its reduced model differs"),
     ],
 )
 def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: dict, message: str) -> None:
@@ -114,5 +133,125 @@ def test_a_label_that_was_cut_off_is_one_clear_message(plan: Plan) -> None:
     checkpoint = started(plan, 0)
     label = checkpoint.folder / "run.json"
     label.write_text(label.read_text()[:20])
-    with pytest.raises(PgmpError, match="--resume"):
-        again(plan)
+    for run in (again, started):
+        with pytest.raises(InputError, match=r"label 'run.json' is damaged .*--resume; move the folder away"):
+            run(plan)
+    assert piece(checkpoint, 0).exists()
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "text", "folder"])
+def test_a_damaged_batch_is_named_and_computed_again(plan: Plan, damage: str) -> None:
+    path = piece(started(plan, 0, 4, 8), 4)
+    whole = bytearray(path.read_bytes())
+    if damage == "flip":
+        whole[len(whole) // 2] ^= 4
+    spoilt = {"cut": whole[: len(whole) // 2], "empty": b"", "text": b"[scene]\n"}
+    path.unlink()
+    path.mkdir() if damage == "folder" else path.write_bytes(spoilt.get(damage, whole))
+    checkpoint = taken_up(plan)
+    assert checkpoint.open() == {0, 8}
+    assert f"note: piece '{path}' was not taken up, and is computed again: it " in str(*checkpoint.remarks)
+    with pytest.raises(RunError, match=r"samples 4 to 7 are missing; nothing was written; repeat .* --resume"):
+        checkpoint.batches()
+    checkpoint.add(batch(4))
+    assert [one.first for one in checkpoint.batches()] == [0, 4, 8]
+    # the damaged one is kept aside until the result is written
+    assert path.with_name(f"{path.name}.damaged").exists()
+
+
+def test_a_batch_of_another_run_is_not_taken_up(plan: Plan, tmp_path: Path) -> None:
+    """As left by a job that went on when another had started with the same output."""
+    other = replace(plan, output=tmp_path / "other.h5", seed=4)
+    stranger = started(other, 4)
+    checkpoint = started(plan, 0)
+    shutil.copy(piece(stranger, 4), piece(checkpoint, 4))
+    checkpoint = taken_up(plan)
+    assert checkpoint.open() == {0}
+    assert "it belongs to another run" in str(*checkpoint.remarks)
+
+
+@pytest.mark.parametrize(("first", "n"), [(2, 4), (4, 3), (8, 5), (12, 4), (16, 0)])
+def test_a_batch_in_no_place_of_the_run_is_not_taken_up(plan: Plan, first: int, n: int) -> None:
+    checkpoint = started(plan, 0)
+    checkpoint.add(batch(first, n))
+    checkpoint = taken_up(plan)
+    assert checkpoint.open() == {0}
+    assert f"it holds samples {first} to {first + n - 1}, which are no batch of this run" in str(*checkpoint.remarks)
+
+
+def test_samples_that_are_missing_or_damaged_at_the_end_are_no_result(plan: Plan) -> None:
+    with pytest.raises(RunError, match="samples 0 to 3 are missing"):
+        started(plan, 4, 8).batches()
+    with pytest.raises(RunError, match="holds 8 of 12 samples"):
+        started(plan, 0, 4).batches()
+    checkpoint = started(plan, 0, 4, 8)
+    checkpoint.add(batch(2))
+    with pytest.raises(RunError, match="damaged during the run: it holds samples 2 to 5, which are no batch"):
+        checkpoint.batches()
+    checkpoint = started(plan, 0, 4, 8)
+    piece(checkpoint, 4).write_bytes(b"x")
+    with pytest.raises(RunError, match="damaged during the run: it has no seal"):
+        checkpoint.batches()
+
+
+def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:
+    path = piece(started(plan, 0), 0)
+    with zipfile.ZipFile(path) as archive:
+        assert "status.npy" in archive.namelist() and archive.testzip() is None
+    with open(path, "rb") as stream:
+        stream.seek(SEAL)
+        np.testing.assert_array_equal(np.load(stream)["status"], batch(0).status)
+
+
+@pytest.mark.parametrize("content", ["notes.txt", "run.json", "file", "link"])
+def test_a_folder_of_somebody_else_is_never_removed(plan: Plan, content: str, tmp_path: Path) -> None:
+    folder = plan.output.with_name("e.h5.partial")
+    if content == "file":
+        folder.write_text("mine")
+    elif content == "link":
+        folder.symlink_to(tmp_path / "nowhere")
+    else:
+        folder.mkdir()
+        (folder / content).write_text('{"name": "mine"}')
+    for resume in (False, True):
+        with pytest.raises(InputError, match=r"e\.h5\.partial' is in the way of this run's checkpoint"):
+            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES, SIZE).open()
+        remove_checkpoint(plan)
+    assert os.path.lexists(folder) and (content in ("file", "link") or (folder / content).exists())
+
+
+def test_what_a_user_put_into_the_folder_stays(plan: Plan) -> None:
+    checkpoint = started(plan, 0)
+    (checkpoint.folder / "notes.txt").write_text("mine")
+    remove_checkpoint(plan)
+    assert [path.name for path in checkpoint.folder.iterdir()] == ["notes.txt"]
+
+
+def test_an_empty_folder_is_taken(plan: Plan) -> None:
+    """A job that was killed before it had written its label leaves one."""
+    plan.output.with_name("e.h5.partial").mkdir()
+    (plan.output.with_name("e.h5.partial") / ".run.json.77.partial").touch()
+    started(plan, 0)
+    assert again(plan) == {0}
+
+
+def test_a_full_disk_keeps_what_was_finished(plan: Plan) -> None:
+    checkpoint = started(plan, 0)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(RunError, match="npz' could not be written: File too large; what was finished before is kept"):
+            checkpoint.add(batch(4))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert sorted(path.name for path in checkpoint.folder.iterdir()) == ["000000000.npz", "run.json"]
+    assert again(plan) == {0}
+
+
+def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
+    checkpoint = started(plan, 0)
+    shutil.rmtree(checkpoint.folder)
+    with pytest.raises(RunError, match="could not be written: No such file or directory"):
+        checkpoint.add(batch(4))
+    with pytest.raises(RunError, match="holds 0 of 12 samples"):
+        checkpoint.batches()

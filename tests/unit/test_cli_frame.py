@@ -8,6 +8,7 @@ import sys
 
 import pytest
 import synthetic
+from conftest import TIMEOUT_SECONDS
 
 from pgmp_petsc.cli.main import split_arguments
 
@@ -161,7 +162,7 @@ def test_a_reader_that_has_gone_is_no_traceback(tmp_path):
     process.stdout.close()
     stderr = process.stderr.read()
     process.stderr.close()
-    process.wait(timeout=60)
+    process.wait(timeout=TIMEOUT_SECONDS)
     assert b"Traceback" not in stderr
 
 
@@ -174,7 +175,7 @@ def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
         "info.describe = lambda path: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))\n"
         "main.main(['info', 'f.h5'])\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=180)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 130 != -signal.SIGINT
     assert done.stderr.strip() == "pgmp: interrupted"
 

@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 import synthetic
+from sealed import resealed
 
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -83,7 +84,7 @@ def test_without_frames_the_cure_is_named(tmp_path):
 
 
 def test_the_trajectory_itself_is_no_target(exported):
-    with pytest.raises(InputError, match="is the trajectory itself"):
+    with pytest.raises(InputError, match="is what the command reads"):
         write_xdmf(exported[0], exported[0])
 
 
@@ -95,7 +96,7 @@ def test_a_file_of_another_kind(tmp_path):
 
 def test_a_damaged_trajectory(exported):
     run, xdmf = exported
-    with h5py.File(run, "r+") as file:
+    with resealed(run) as file:
         del file["frames/rotation/00002"]
     with pytest.raises(InputError, match="damaged"):
         write_xdmf(run, xdmf)
@@ -105,10 +106,31 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
     def fail(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("pgmp_petsc.export.xdmf.os.replace", fail)
+    monkeypatch.setattr("pgmp_petsc.runtime.files.os.replace", fail)
     with pytest.raises(RunError, match="no space left"):
         write_xdmf(exported[0], exported[1])
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]
+
+
+@pytest.mark.parametrize("name", ["a b/run 1.h5", "Größe/läuft.h5", "a&b/<run>'s \"x\".h5"])
+def test_paths_with_spaces_and_signs(tmp_path, monkeypatch, name):
+    (tmp_path / name).parent.mkdir()
+    (tmp_path / "for paraview").mkdir()
+    monkeypatch.chdir(tmp_path)
+    synthetic.trajectory(n_frames=2).write(name)
+    assert write_xdmf(name, "for paraview/my run.xdmf") == 2
+    for item in ElementTree.parse(tmp_path / "for paraview" / "my run.xdmf").getroot().findall(".//DataItem"):
+        file, dataset = item.text.split(":")
+        with h5py.File(tmp_path / "for paraview" / file) as stored:
+            assert dataset in stored
+
+
+@pytest.mark.parametrize("name", ["at 12:30.h5", "a|b.h5", "line\nbreak.h5", " space.h5"])
+def test_paths_that_xdmf_cannot_hold(tmp_path, name):
+    synthetic.trajectory(n_frames=2).write(tmp_path / name)
+    with pytest.raises(InputError, match="XDMF cannot refer to the path .*; rename it"):
+        write_xdmf(tmp_path / name, tmp_path / "t.xdmf")
+    assert not (tmp_path / "t.xdmf").exists()
 
 
 def test_both_files_can_be_moved_together(exported, tmp_path):

@@ -8,16 +8,21 @@ import matplotlib
 import numpy as np
 import pytest
 import synthetic
-from pictures import assert_inside, legend_texts, visible
+from pictures import assert_inside, legend_texts, texts, visible
 
 from pgmp_petsc.figures.collection import draw
+from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.shapes import shown_positions
-from pgmp_petsc.figures.style import axis_unit, labels_by_parameters, quantity, save
+from pgmp_petsc.figures.differences import labels_by_parameters
+from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError
+
+# what numpy and matplotlib warn of is a picture that is not right
+pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
 RADII = (5.04e-3, 5.6e-3, 6.16e-3)
 
@@ -119,10 +124,37 @@ def test_trajectories_without_a_common_output():
 def test_densities_compare_two_ensembles():
     figure = densities([synthetic.ensemble("full", 1000), synthetic.ensemble("reduced", 1000)])
     assert len(visible(figure)) == 6
-    assert legend_texts(figure) == ["full order, 1000 samples, 3 failed", "reduced, 1000 samples, 3 failed"]
+    assert legend_texts(figure) == [
+        "full order, 997 fine of 1000 samples", "reduced, 997 fine of 1000 samples", "mean",
+        "a standard deviation of the first to both sides", "±: standard error",
+    ]  # fmt: skip
+    assert [text for text in texts(figure) if "may bias" in text]
     shown = [text.get_text() for text in visible(figure)[0].texts]
-    assert all("N = 997" in text and "mm" in text for text in shown) and len(shown) == 2
+    # parameters of all samples, as in the statistics of the file; outputs of those that are fine
+    assert all("N = 1000" in text and "mm" in text for text in shown) and len(shown) == 2
+    assert all("N = 997" in text.get_text() for axes in visible(figure)[1:3] for text in axes.texts)
     assert_inside(figure)
+
+
+@pytest.mark.parametrize("bins", [3, 70])
+def test_the_density_of_one_ensemble_is_that_of_its_file(bins):
+    ensemble = synthetic.ensemble("reduced", 40)
+    known = {name: describe(values[np.isfinite(values)], bins, (0.5,), 3) for name, values in ensemble.outputs.items()}
+    panel = visible(densities([replace(ensemble, statistics=known)], names=["crank_angle"]))[0]
+    heights, edges, _ = panel.patches[-1].get_data()
+    np.testing.assert_allclose(heights, known["crank_angle"].pdf, rtol=1e-12)
+    np.testing.assert_allclose(edges, known["crank_angle"].edges, rtol=1e-12)
+
+
+def test_what_follows_a_plus_minus_is_a_standard_error():
+    """In a table of means the sign stood for one, in pictures for a standard deviation."""
+    ensemble = synthetic.ensemble(n_failed=0)
+    figure = densities([ensemble], names=["crank_angle"])
+    found, (text,) = ensemble.statistics["crank_angle"], visible(figure)[0].texts
+    mean, deviation = text.get_text().split("\n")
+    assert mean == f"mean {found.mean:.4f} ± {found.mean_standard_error:.4f} rad"
+    assert deviation == f"deviation {found.std:.4f} ± {found.std_standard_error:.4f} rad, N = 2000"
+    assert "±: standard error" in legend_texts(figure)
 
 
 @pytest.mark.parametrize("n_samples", [1, 2, 30])
@@ -135,22 +167,26 @@ def test_densities_of_few_samples(n_samples):
 def test_densities_of_a_quantity_that_does_not_vary():
     ensemble = synthetic.ensemble("full", 20, n_failed=0)
     for value in (0.0, 3.0):
-        assert_inside(densities([replace(ensemble, outputs={"crank_angle": np.full(20, value)})]))
+        same = np.full(20, value)
+        constant = {"crank_angle": synthetic.statistics(same)}
+        assert_inside(densities([replace(ensemble, outputs={"crank_angle": same}, statistics=constant)]))
 
 
 def test_three_ensembles_of_one_model_have_colours_of_their_own():
     figure = densities([synthetic.ensemble("reduced", n) for n in (100, 200, 300)])
-    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()}) == 3
+    assert len({patch.get_edgecolor() for patch in figure.legends[0].get_patches()[:3]}) == 3
     assert_inside(figure)
 
 
 def test_ensembles_without_anything_in_common_or_without_samples():
     ensemble = synthetic.ensemble("full", 20)
-    other = replace(ensemble, parameters={}, outputs={"other": np.zeros(20)})
+    zero = np.zeros(20)
+    other = replace(ensemble, parameters={}, outputs={"other": zero}, statistics={"other": synthetic.statistics(zero)})
     with pytest.raises(InputError, match="ensembles have nothing in common"):
         densities([ensemble, other])
     with pytest.raises(InputError, match="no sample of the full ensemble"):
-        densities([replace(ensemble, status=np.full(20, 2))])
+        nothing = {name: synthetic.statistics(np.full(20, np.nan)) for name in ensemble.outputs}
+        densities([replace(ensemble, status=np.full(20, 2), statistics=nothing)])
 
 
 def test_the_mechanism_is_drawn_at_the_asked_instants():

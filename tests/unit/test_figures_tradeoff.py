@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,11 +10,15 @@ import numpy as np
 import pytest
 import synthetic
 from matplotlib.figure import Figure
-from test_figures import assert_inside, legend_texts, visible
+from matplotlib.lines import Line2D
+from pictures import assert_inside, keys_of, legend_texts, looks, visible
 
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.results import Tradeoff
+
+# what numpy and matplotlib warn of is a picture that is not right
+pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
 
 
 def points(figure: Figure, column: int = 0) -> set[tuple[float, float]]:
@@ -48,13 +53,43 @@ def test_total_costs_count_the_build() -> None:
 def test_keys_name_what_is_there() -> None:
     everything = legend_texts(online_costs(synthetic.tradeoff()))
     assert everything == [
-        "the scene as it is", "reduced", "static modes", "full order", "more cells", "response surface (runs)",
-        "best for the time",
+        "the scene as it is", "reduced", "static modes", "full order", "full order, more cells",
+        "response surface (runs)", "best for the time", "error of the mesh itself",
     ]
     study = synthetic.tradeoff(surfaces=False, refined=False)
     second = np.arange(len(study.families)) == 1
     keys = legend_texts(online_costs(replace(study, columns=study.columns | {"second_order": second})))
-    assert "second order" in keys and "response surface (runs)" not in keys and "more cells" not in keys
+    assert "second order, static modes" in keys and "static modes" in keys
+    assert "response surface (runs)" not in keys and "full order, more cells" not in keys
+
+
+def second_order(study: Tradeoff) -> Tradeoff:
+    """Return a study in which the scene itself failed, and every setting with static modes is of second order."""
+    errors = study.errors.copy()
+    errors[0] = np.nan
+    return replace(study, errors=errors, columns=study.columns | {"second_order": study.columns["static_modes"]})
+
+
+@pytest.mark.parametrize("picture", [online_costs, total_costs])
+@pytest.mark.parametrize(
+    "study",
+    [
+        synthetic.tradeoff(),
+        synthetic.tradeoff(surfaces=False, refined=False),
+        second_order(synthetic.tradeoff()),
+        replace(synthetic.tradeoff(), errors=np.full((11, 2), np.nan)),
+    ],
+    ids=["all kinds", "few kinds", "second order", "all failed"],
+)
+def test_every_mark_has_a_key_and_every_key_a_mark(study: Tradeoff, picture: Callable[[Tradeoff], Figure]) -> None:
+    figure = picture(study)
+    keys = [key for key in keys_of(figure) if isinstance(key, Line2D)]
+    drawn = [line for axes in visible(figure) for line in axes.lines]
+    # points and the lines between them are two artists in the panels, one in the keys
+    marks = {(colour, marker, face) for colour, _, marker, face in looks(drawn) if marker != "None"}
+    assert marks == {(colour, marker, face) for colour, _, marker, face in looks(keys) if marker != "None"}
+    lines = {(colour, line) for colour, line, *_ in looks(line for line in drawn if len(line.get_xdata()) > 1)}
+    assert lines == {(colour, line) for colour, line, *_ in looks(keys) if line != "None"}
 
 
 def test_what_is_below_the_references_own_error_is_shaded() -> None:

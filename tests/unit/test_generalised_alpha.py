@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,11 +11,12 @@ import scipy.integrate
 import scipy.linalg
 from mpi4py import MPI
 
+from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Simulation
 
 RADII = (0.0, 0.5, 0.8, 1.0)
@@ -71,6 +73,9 @@ class LinearSystem:
 
     def outside(self, state: State) -> np.ndarray:
         return np.abs(state.q).max(axis=1) > self.beyond
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return np.full(samples.sum(), Status.NOT_CONVERGED)
 
 
 def two_masses(n_samples: int = 1, **options: object) -> LinearSystem:
@@ -129,6 +134,9 @@ class Pendulum:
 
     def outside(self, state: State) -> np.ndarray:
         return np.zeros(1, dtype=bool)
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return np.array([Status.NOT_CONVERGED])
 
 
 def run(system: object, radius: float, step: float, duration: float = 1.0, **options: object) -> Run:
@@ -248,8 +256,15 @@ def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, 
     numbers, times = zip(*seen)
     assert done.n_steps == expected
     assert numbers == tuple(range(n_steps + 1))
-    # PETSc adds up the steps: round-off of as many additions
-    np.testing.assert_allclose(times, np.linspace(0.0, duration, n_steps + 1), rtol=0, atol=1e-13 * duration)
+    # PETSc adds up the steps; the observer's times are without the round-off of that: two operations each, the end exact
+    np.testing.assert_allclose(times, np.linspace(0.0, duration, n_steps + 1), rtol=4e-16, atol=0)
+    assert times[-1] == duration
+
+
+def test_times_of_decimal_steps_are_written_as_they_are_read() -> None:
+    seen: list[float] = []
+    run(two_masses(), 0.8, 1e-3, 1.0, observer=lambda _, time, __: seen.append(time))
+    assert [f"{time!r}" for time in seen] == [f"{number / 1000!r}" for number in range(1001)]
 
 
 def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:
@@ -352,7 +367,7 @@ def test_samples_that_are_not_alive_are_never_advanced() -> None:
     system = two_masses(3)
     done = run(system, 0.8, 0.1, alive=alive)
     fine = run(two_masses(3), 0.8, 0.1)
-    np.testing.assert_array_equal(done.status, [0, Status.OUT_OF_BOUNDS, 0])
+    np.testing.assert_array_equal(done.status, [0, Status.UNPHYSICAL, 0])
     np.testing.assert_array_equal(done.failure_time, [np.nan, 0.0, np.nan])
     np.testing.assert_array_equal(done.state.q[1], system.q[1])
     assert_same(done.state, fine.state, alive)
@@ -369,5 +384,61 @@ def test_a_batch_without_a_living_sample_takes_no_corrections() -> None:
 
 
 def test_every_status_has_its_words() -> None:
-    assert [int(status) for status in Status] == [0, 1, 2, 3]
-    assert len({status.meaning for status in Status}) == 4
+    assert [int(status) for status in Status] == [0, 1, 2, 3, 4, 5, 6]
+    assert len({status.meaning for status in Status}) == 7
+    assert all(bool(status.cure) == (status is not Status.FINE) for status in Status)
+
+
+@pytest.fixture
+def options():
+    """Return PETSc's options; what a test sets is taken back."""
+    from petsc4py import PETSc
+
+    found, names = PETSc.Options(), []
+
+    def put(name: str, value: str | None) -> None:
+        names.append(name)
+        found.setValue(name, value)
+
+    yield put
+    for name in names:
+        found.delValue(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "cure"),
+    [
+        ("ts_max_time", "0.1", "simulation.duration"),
+        ("ts_max_steps", "1", "simulation.duration"),
+        ("ts_time_span", "0,0.1", "simulation.duration"),
+        ("ts_dt", "2e-3", "simulation.step"),
+        ("ts_type", "euler", "the program's own"),
+        ("ts_exact_final_time", "matchstep", "simulation.duration"),
+        ("ts_adapt_type", "basic", "[simulation]"),
+        ("ts_adapt_dt_max", "1e-4", "[simulation]"),
+        ("ts_max_snes_failures", "1", "[simulation]"),
+        ("ts_max_reject", "0", "[simulation]"),
+    ],
+)
+@pytest.mark.parametrize("prefix", ["pgmp_ts_", "pgmp_error_ts_"])
+def test_options_that_would_change_a_run_are_refused(
+    options: object, prefix: str, name: str, value: str, cure: str
+) -> None:
+    options(prefix + name, value)
+    system = two_masses()
+    with pytest.raises(InputError, match=rf"option -{prefix}{name} {value}: .*{re.escape(cure)}"):
+        run(system, 0.8, 0.1)
+    assert system.n_corrections == 0
+
+
+def test_options_that_look_on_are_taken(options: object) -> None:
+    options("pgmp_ts_ts_view", ":/dev/null")
+    assert run(two_masses(), 0.8, 0.1).status[0] == Status.FINE
+
+
+def test_a_run_that_ends_early_is_an_error_with_petscs_reason(options: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What no option may do, something else may: the end is looked at, not trusted."""
+    monkeypatch.setattr(generalised_alpha, "check_ts_options", lambda: None)
+    options("pgmp_ts_ts_max_time", "0.3")
+    with pytest.raises(RunError, match=r"ended at 0\.3 s of 1 s after 3 of 10 steps: .* reason 1 \(CONVERGED_TIME\)"):
+        run(two_masses(), 0.8, 0.1)

@@ -148,6 +148,7 @@ def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
         statistics={},
         status=np.zeros(2, int),
         failure_time=np.full(2, np.nan),
+        steps_divided=np.ones(2, dtype=int),
     )
     fine.write(tmp_path / "full_1.h5")
     replace(fine, outputs={"crank_angle": np.array([1.0, 2.0 + 4e-10])}).write(tmp_path / "full_2.h5")

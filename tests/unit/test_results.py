@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
+from sealed import resealed
 
 from pgmp_petsc.results import Ensemble, Frames, ModesTable, Trajectory
 from pgmp_petsc.runtime.errors import InputError
@@ -67,6 +68,7 @@ def test_names_of_the_contract(tmp_path):
             assert file[name].shape == (40,)
         assert np.isnan(file["outputs/crank_angle"][-3:]).all() and file["status"][0] == 0
         names = {"mean", "std", "mean_standard_error", "std_standard_error", "pdf", "edges", "quantiles"}
+        names |= {"count", "quantile_bounds"}
         assert set(file["statistics/crank_angle"]) == names
         assert file["statistics/crank_angle/mean"].shape == ()
     with h5py.File(tmp_path / "m.h5") as file:
@@ -154,7 +156,7 @@ def test_modes_that_do_not_fit_together():
 )
 def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
     result.write(tmp_path / "f.h5")
-    with h5py.File(tmp_path / "f.h5", "r+") as file:
+    with resealed(tmp_path / "f.h5") as file:
         del file[dataset]
     with pytest.raises(InputError, match="f.h5'"):
         type(result).read(tmp_path / "f.h5")
@@ -162,7 +164,7 @@ def test_a_file_that_lacks_a_dataset_is_bad_input(result, dataset, tmp_path):
 
 def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
     synthetic.ensemble(n_samples=9).write(tmp_path / "f.h5")
-    with h5py.File(tmp_path / "f.h5", "r+") as file:
+    with resealed(tmp_path / "f.h5") as file:
         del file["outputs/crank_angle"]
         file["outputs/crank_angle"] = np.zeros(5)
         file["outputs/crank_angle"].attrs["unit"] = "rad"

@@ -7,7 +7,7 @@ import pytest
 from scenes import slider_crank
 from scipy import stats
 
-from pgmp_petsc.ensemble.sampling import draw, physical
+from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -84,3 +84,39 @@ def test_a_parameter_of_a_load_may_be_negative() -> None:
     values = draw(scene, 0, 0, 50)
     assert (values["s"] < 0).any()
     assert physical(scene, values).all()
+
+
+def bounded(low: float, high: float, name: str = '"norm", loc=0.0, scale=1.0') -> Scene:
+    """Return a scene with a standard normal parameter of a load between bounds."""
+    nominal = min(max(0.0, low), high)
+    return slider_crank(
+        f"parameters.s={{nominal={nominal}, bounds=[{low}, {high}], distribution={{name={name}}}}}", 'effects.motor.scale="s"'
+    )
+
+
+# ordinary; one-sided; both tails so far out that probabilities of smaller values are 1, or larger ones are, to round-off
+@pytest.mark.parametrize(("low", "high"), [(-0.5, 1.5), (-40.0, 0.3), (9.0, 12.0), (-12.0, -9.0), (30.0, 31.0)])
+def test_a_distribution_is_truncated_to_its_bounds_and_renormalised(low: float, high: float) -> None:
+    values = draw(bounded(low, high), 2, 0, 3000)["s"]
+    assert np.all((values >= low) & (values <= high))
+    assert np.unique(values).size == 3000
+    assert stats.kstest(values, stats.truncnorm(low, high).cdf).pvalue > 1e-3
+
+
+def test_bounds_that_cut_nothing_off_change_no_sample() -> None:
+    free = draw(slider_crank(NORMAL), 2, 0, 50)["r1"]
+    np.testing.assert_array_equal(draw(slider_crank(NORMAL, "parameters.r1.bounds=[-1.0, 1.0]"), 2, 0, 50)["r1"], free)
+
+
+def test_what_bounds_cut_off_is_said() -> None:
+    (cut,) = draw_remarks(bounded(-2.0, 3.0))
+    assert cut.kind == "note" and "truncated to the bounds [-2, 3]" in cut.text
+    assert "2.3 % below and 0.13 % above" in cut.text
+    (much,) = draw_remarks(bounded(0.0, 3.0))
+    assert much.kind == "warning" and "50 % below" in much.text
+    assert draw_remarks(slider_crank(NORMAL)) == ()
+
+
+def test_a_value_of_single_runs_has_no_part_in_an_ensemble_and_that_is_said() -> None:
+    (remark,) = draw_remarks(slider_crank(NORMAL, "parameters.r1.value=5e-3"))
+    assert remark.text.startswith("parameters.r1.value = 0.005")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 
 PROBABILITIES = (0.25, 0.5, 0.75)
 
@@ -53,7 +53,10 @@ def test_the_standard_errors_are_the_spread_of_repeated_samples() -> None:
 @pytest.mark.parametrize("n", [1, 7])
 def test_a_constant_sample_has_no_spread_and_a_density_of_one(value: float, n: int) -> None:
     found = describe(np.full(n, value), 10, PROBABILITIES)
-    assert (found.mean, found.std, found.mean_standard_error, found.std_standard_error) == (value, 0, 0, 0)
+    # of one value neither spread nor standard error are known; 0 would be a claim
+    spread = np.nan if n == 1 else 0.0
+    assert (found.mean, found.count) == (value, n)
+    np.testing.assert_array_equal([found.std, found.mean_standard_error, found.std_standard_error], spread)
     np.testing.assert_array_equal(found.quantiles, value)
     assert np.all(np.diff(found.edges) > 0) and found.edges[0] < value < found.edges[-1]
     assert np.isfinite(found.pdf).all()
@@ -65,3 +68,27 @@ def test_an_empty_sample_is_no_number() -> None:
     assert np.isnan([found.mean, found.std, found.mean_standard_error, found.std_standard_error]).all()
     assert np.isnan(found.quantiles).all() and found.quantiles.shape == (3,)
     assert found.pdf.size == found.edges.size == 0
+
+
+@pytest.mark.parametrize("n_missing", [0, 1, 7, 30, 59])
+@pytest.mark.parametrize("n", [60, 61])
+def test_quantiles_of_all_lie_in_their_bounds_whatever_the_missing_values_are(n: int, n_missing: int) -> None:
+    """And the bounds are reached: by missing values that are all small, or all large."""
+    random = np.random.default_rng(n_missing)
+    probabilities = np.array([0.0, 0.025, 0.25, 0.5, 0.75, 0.9, 1.0])
+    known = random.normal(0.0, 1.0, n - n_missing)
+    bounds = quantile_bounds(known, probabilities, n_missing)
+    for loc in (-20.0, -1.0, 0.0, 2.0, 20.0):
+        whole = np.concatenate([known, random.normal(loc, 1.0, n_missing)])
+        quantiles = np.quantile(whole, probabilities)
+        assert np.all((bounds[:, 0] - 1e-12 <= quantiles) & (quantiles <= bounds[:, 1] + 1e-12))
+        extreme = bounds[:, 0] if loc < -10.0 else bounds[:, 1]
+        reached = np.isfinite(extreme) & (abs(loc) > 10.0)
+        np.testing.assert_allclose(quantiles[reached], extreme[reached], rtol=1e-12)
+    assert np.isfinite(bounds).all() == (n_missing == 0)
+
+
+def test_of_nothing_known_quantiles_have_no_bounds() -> None:
+    found = describe(np.empty(0), 10, PROBABILITIES, 5)
+    np.testing.assert_array_equal(found.quantile_bounds, [[-np.inf, np.inf]] * 3)
+    assert found.count == 0

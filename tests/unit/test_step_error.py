@@ -9,6 +9,7 @@ from scenes import RADIUS
 
 from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes, _factors
 from pgmp_petsc.indicator.step_error import StepError
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -46,6 +47,9 @@ class Oscillators:
 
     def outside(self, state: State) -> np.ndarray:
         return np.zeros(1, dtype=bool)
+
+    def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
+        return np.array([Status.NOT_CONVERGED])
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         if samples.any():

@@ -62,7 +62,7 @@ def build(scene: Scene) -> ReducedModel:
 def run_of(text: str, duration: float, *overrides: str, **initial: float) -> Trajectory:
     """Run the reduced model of the stiff bar with effects."""
     start = "".join(f"{key} = {value}\n" for key, value in initial.items())
-    simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\nerror_indicator = false\n"
+    simulation = f"[simulation]\nduration = {duration}\nstep = {STEP}\nspectral_radius = 0.9\n"
     begin = f"[simulation.initial.theta]\n{start}" if initial else ""
     scene = scene_of(BAR, f"{ANGLE}{text}\n{simulation}{begin}", *STIFF, *overrides)
     return simulate_reduced(build(scene), MPI.COMM_SELF)
@@ -250,7 +250,7 @@ def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
 
 # --- what is not named is not there ----------------------------------------------------------------------------------
 
-SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\nerror_indicator = false\n"
+SHORT = "\n[simulation]\nduration = 2e-2\nstep = 2e-3\n"
 NAMED = {
     "torque": 'type = "torque"\njoint = "hinge"\nharmonic = { amplitude = 1.0, frequency_hz = 1.0 }',
     "force": 'type = "force"\npoint = "bar:tip"\ndirection = [0.0, 1.0]\nfollows = true\ntable = [[0.0, 1.0]]',

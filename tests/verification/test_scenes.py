@@ -32,8 +32,8 @@ SMALLER = {
 
 def read(name: str, *overrides: str) -> tuple[Scene, dict[str, LineMesh]]:
     """Return a scene of the repository and its meshes."""
-    plain = ("simulation.error_indicator=false", *SMALLER.get(name, ()))
-    return read_scene(ROOT / "scenes" / f"{name}.toml", (*plain, *overrides), (), MPI.COMM_SELF)
+    smaller = SMALLER.get(name, ())
+    return read_scene(ROOT / "scenes" / f"{name}.toml", (*smaller, *overrides), (), MPI.COMM_SELF)
 
 
 @lru_cache(maxsize=None)

@@ -44,7 +44,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.simulate import simulate_reduced
 
-PLAIN = ("simulation.error_indicator=false",)
 GRAVITY = 9.81
 
 
@@ -191,7 +190,7 @@ PUSH, PULL = (f"effects.{name}.table=[[0.0,1.0],[1.0,1.0]]" for name in ("push",
 
 def stiff_scene(*overrides: str) -> Scene:
     """Return the spatial slider-crank of stiff bars."""
-    return spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *PLAIN, *STIFF, *WITHIN, *overrides)
+    return spatial_slider_crank(*EFFECTS, "parameters.E1={nominal=2.1e14}", *STIFF, *WITHIN, *overrides)
 
 
 @lru_cache(maxsize=1)
@@ -346,14 +345,14 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 @lru_cache(maxsize=1)
 def stiff_arm() -> tuple[ReducedOrderModel, RigidKinematics]:
     """Return the reduced-order model of an arm of two stiff bars, and its kinematics."""
-    scene = arm(*PLAIN, *ARM_STIFF)
+    scene = arm(*ARM_STIFF)
     rom = build(scene)
     return rom, RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
 
 
 def run_arm(*overrides: str) -> Trajectory:
     """Run the arm."""
-    return simulate_reduced(ReducedModel(arm(*PLAIN, *ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
+    return simulate_reduced(ReducedModel(arm(*ARM_STIFF, *overrides), *stiff_arm()), MPI.COMM_SELF)
 
 
 def of_elbow(time: float, theta: np.ndarray) -> np.ndarray:
@@ -407,7 +406,7 @@ def test_a_torque_between_two_moving_bodies_is_action_and_reaction() -> None:
 # --- the balance of energy -------------------------------------------------------------------------------------------
 
 ELASTIC = (
-    *PLAIN, *WITHIN, "reduction.modes=5", "simulation.duration=0.2", "effects={}",
+    *WITHIN, "reduction.modes=5", "simulation.duration=0.2", "effects={}",
     'effects.motor={type="torque",joint="crank_hinge",table=[[0.0,0.0],[0.1,0.3],[1.0,0.3]]}',
 )  # fmt: skip
 FALLING = 'effects.gravity={type="gravity",acceleration=9.81,direction=[0.0,-1.0,0.0]}'
@@ -431,7 +430,7 @@ def test_the_balance_of_energy_holds(effects: tuple[str, ...]) -> None:
 def test_energy_is_conserved_without_loads() -> None:
     """At spectral radius 1 the scheme does not dissipate: what is missing comes and goes, and falls with its order."""
     free = (
-        *PLAIN, "effects={}", "simulation.spectral_radius=1.0", *NO_STATIC, "reduction.angles=24",
+        "effects={}", "simulation.spectral_radius=1.0", *NO_STATIC, "reduction.angles=24",
         "simulation.initial.theta={position=0.5,velocity=6.0}",
     )  # fmt: skip
     scene = spatial_slider_crank(*free)
@@ -478,7 +477,7 @@ def test_damping_within_the_bars_takes_energy_out() -> None:
 def test_bars_in_space_move_as_beams_in_the_plane() -> None:
     """A slider-crank whose hinges are parallel, with the weight in its plane, by its reduced models of both kinds."""
     common = (
-        *PLAIN, "coordinates.theta.range=[0.6,1.7]", "coordinates.theta.periodic=false", "reduction.angles=12",
+        "coordinates.theta.range=[0.6,1.7]", "coordinates.theta.periodic=false", "reduction.angles=12",
         "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
         "simulation.duration=0.05", "simulation.step=5e-4", "simulation.initial.theta={position=0.9,velocity=8.0}",
         'outputs.angle={type="angle",joint="crank_hinge"}',

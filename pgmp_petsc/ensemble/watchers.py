@@ -1,0 +1,151 @@
+"""What looks at the runs of an ensemble's batches while they go on, and adds arrays to what is kept of the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import Observer
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
+from pgmp_petsc.indicator.validity import Validity
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.errors import VALIDITY
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.numerics import Simulation
+
+Found = dict[str, dict[str, np.ndarray]]
+
+
+class Watch(Protocol):
+    """Looks at one run of some samples."""
+
+    def observe(self, number: int, time: float, state: State) -> None:
+        """Take in the state of the whole run after a step."""
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return what was found once the run has ended with the given status of all its samples.
+
+        Arrays (n_watched,) by name, and these by the field of `Batch` that they belong to; NaN where nothing is known.
+        """
+
+
+class Watcher(Protocol):
+    """Looks at the runs of all batches.
+
+    Attributes
+    ----------
+    names
+        Names of the arrays that it finds, by the field of `Batch` that they belong to.
+    """
+
+    names: Mapping[str, Sequence[str]]
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return which of the samples first to last - 1 are watched, shape (last - first,)."""
+
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run of a system: values of all its samples, numbers of those watched, and its steps."""
+
+
+class ErrorWatcher:
+    """Estimates the errors of a share of the samples.
+
+    Parameters
+    ----------
+    indicator
+        Of the model.
+    share
+        Of the samples.
+    """
+
+    def __init__(self, indicator: ErrorIndicator, share: float) -> None:
+        self._indicator, self._share = indicator, share
+        outputs = list(indicator.model.outputs.functions)
+        self.names = {"errors": outputs, "errors_at_end": outputs}
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return which samples are checked; see `checked`."""
+        return checked(self._share, first, last)
+
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run with steps of its own."""
+        return _ErrorWatch(self._indicator.stepped(simulation).watch(values, samples))
+
+
+class _ErrorWatch:
+    def __init__(self, run: WatchedRun) -> None:
+        self._run = run
+        self.observe = run.observe
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the estimate."""
+        estimate = self._run.estimate(status)
+        return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
+
+
+class ValidityWatcher:
+    """Keeps how far every sample leaves small deformations.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    """
+
+    names = {"validity": list(VALIDITY)}
+
+    def __init__(self, model: ReducedModel) -> None:
+        self._model = model
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return that all samples are watched."""
+        return np.ones(last - first, dtype=bool)
+
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run."""
+        return _ValidityWatch(Validity(self._model, system, values, simulation), samples)
+
+
+class _ValidityWatch:
+    def __init__(self, validity: Validity, samples: np.ndarray) -> None:
+        self._validity, self._samples = validity, samples
+        self.observe = validity.observe
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the extremes."""
+        return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
+
+
+def together(watches: Sequence[Watch]) -> Observer | None:
+    """Return one observer for several watches, None for none."""
+    if not watches:
+        return None
+
+    def observe(number: int, time: float, state: State) -> None:
+        for watch in watches:
+            watch.observe(number, time, state)
+
+    return observe

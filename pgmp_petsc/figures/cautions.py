@@ -1,0 +1,54 @@
+"""What the reader of a picture has to know besides: runs that ended early, and warnings that come with results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pgmp_petsc.figures.style import scene_of
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.runtime.files import RunRecord
+
+# A picture has room for so many, of so many characters; the files have the rest.
+MOST, LONGEST = 3, 220
+
+
+def planned_end(run: Trajectory) -> float:
+    """Return the instant (s) at which the scene ends, the run's own end where it says none."""
+    try:
+        return max(float(scene_of(run.record)["simulation"]["duration"]), float(run.time[-1]))
+    except (KeyError, TypeError, ValueError):
+        return float(run.time[-1])
+
+
+def ended_early(run: Trajectory) -> bool:
+    """Tell whether a run ended before its scene does."""
+    return bool(run.time[-1] < planned_end(run) * (1.0 - 1e-9))
+
+
+def of_runs(runs: Sequence[Trajectory], labels: Sequence[str] = ()) -> list[str]:
+    """Return the notes for a picture of runs, the labels before them where there are several."""
+    labels = labels or [""] * len(runs)
+    early = [
+        _labelled(f"ended early, at {run.time[-1]:.4g} s of {planned_end(run):.4g} s", label)
+        for run, label in zip(runs, labels)
+        if ended_early(run)
+    ]
+    return [*early, *of_records([run.record for run in runs], labels)]
+
+
+def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list[str]:
+    """Return the warnings of results, each once."""
+    labels = labels or [""] * len(records)
+    texts = dict.fromkeys(
+        _labelled(str(remark), label)
+        for record, label in zip(records, labels)
+        for remark in record.remarks
+        if remark.kind == "warning"
+    )
+    shown = [text if len(text) <= LONGEST else f"{text[:LONGEST].rstrip()} …" for text in list(texts)[:MOST]]
+    left = len(texts) - len(shown)
+    return [*shown, f"and {left} more warnings: see pgmp info"] if left else shown
+
+
+def _labelled(text: str, label: str) -> str:
+    return f"{label}: {text}" if label else text

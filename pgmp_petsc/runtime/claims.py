@@ -1,0 +1,217 @@
+"""What a command is going to write: checked before long work, and kept from other jobs until it is written.
+
+A result replaces an older result of the same kind and nothing else: no file that the command reads, no scene, mesh or
+other file that is not of this program, no device, pipe or directory.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import stat
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.lock import OutputLock
+from pgmp_petsc.runtime.seal import MAGIC, BrokenSeal, seal_of
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+KINDS = {
+    "rom": "reduced model",
+    "trajectory": "trajectory",
+    "ensemble": "ensemble",
+    "modes": "table of modes",
+    "tradeoff": "trade-off study",
+}
+# kinds that are no HDF5 files: what they are, their own endings (the first is proposed), and a text that they contain
+_OTHERS = {
+    "xdmf": ("XDMF description", (".xdmf", ".xmf"), b"pgmp_petsc"),
+    "picture": ("picture", (".png",), b"pgmp_petsc"),
+    "scaling": ("record of a scaling study", (".json",), b'"factorisations"'),
+    "beams": ("record of fine beams", (".json",), b'"differences"'),
+}
+_HDF5_ENDINGS = (".h5", ".hdf5", ".hdf")
+# endings that say what a file is; others (none, or a job's number) say nothing
+_ENDINGS = frozenset(
+    """.bz2 .c .cfg .cgns .csv .dat .e .exo .fmu .gif .gz .html .ini .inp .jpeg .jpg .json .key .log .mat .md .med .mesh
+    .mp4 .msh .npy .npz .obj .off .out .partial .pbs .pdf .pickle .pkl .ply .png .py .sh .slurm .stl .su2 .svg .tar .toml
+    .tsv .txt .unv .vtk .vtu .webm .xdmf .xlsx .xmf .xml .yaml .yml .zip""".split()
+) | {*_HDF5_ENDINGS}  # fmt: skip
+_LONGEST_ADDITION = len("..partial") + len(str(2**22))  # of the names beside the output: a dot, a process number
+_OLD_RESULT = (b"\x89HDF\r\n\x1a\n", b"format_version", b"program_version")
+
+
+@contextmanager
+def claimed(
+    comm: MPI.Comm, output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
+) -> Iterator[Path]:
+    """Check an output and keep it from other jobs within the block. Collective on ``comm``.
+
+    Parameters
+    ----------
+    comm
+        The ranks of the run; the first holds the lock.
+    output, kind, inputs
+        As of `check_output`; inputs that are None do not count.
+
+    Yields
+    ------
+    Path
+        The output's full path, the same on all ranks wherever they work; a symbolic link is followed.
+
+    Raises
+    ------
+    InputError
+        As `check_output`, and if another job is writing the output.
+    """
+    with ExitStack() as held:
+
+        def claim_the_output() -> Path:
+            target = check_output(output, kind, inputs)
+            try:
+                lock = held.enter_context(OutputLock(target))
+            except OSError as error:
+                raise InputError(f"output file '{output}' cannot be locked: {_reason(error)}") from error
+            if not lock.held:
+                text = f"the file system of '{output}' has no locks: no other job may write the same output meanwhile"
+                print(f"pgmp: warning: {text}", file=sys.stderr, flush=True)
+            return target
+
+        yield on_root(comm, claim_the_output)
+
+
+def check_output(
+    output: str | os.PathLike[str], kind: str, inputs: Iterable[str | os.PathLike[str] | None] = ()
+) -> Path:
+    """Check that a result may be written, and return its full path; symbolic links are followed.
+
+    Parameters
+    ----------
+    output
+        The file to be written.
+    kind
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``scaling``, ``beams``).
+    inputs
+        Files that are read for it.
+
+    Raises
+    ------
+    InputError
+        If the output is one of the inputs, exists and is no result of this program or one of another kind, is a
+        directory, device or pipe, has an ending of another format, or cannot be made where it is to be.
+    """
+    try:
+        target = Path(os.path.realpath(output))
+        found = _status(target)
+        for source in inputs:
+            if source is not None and found is not None and _is_same(found, source):
+                raise InputError(f"output file '{output}' is what the command reads ('{source}'); give another name")
+        _check_place(output, target, found)
+        _check_ending(output, kind)
+        if found is not None:
+            _check_replaceable(output, target, kind)
+        return target
+    except OSError as error:
+        raise InputError(f"output file '{output}' cannot be written: {_reason(error)}") from error
+
+
+def named(kind: str) -> str:
+    """Return a kind of output with its article: ``a trajectory``."""
+    what = KINDS.get(kind) or _OTHERS.get(kind, (kind,))[0]
+    return f"{'an' if what[0].lower() in 'aeiou' or what.startswith('XDMF') else 'a'} {what}"
+
+
+def _status(path: Path) -> os.stat_result | None:
+    """Return the status of a file, None where there is none."""
+    try:
+        return os.stat(path)
+    except FileNotFoundError:
+        return None
+
+
+def _is_same(found: os.stat_result, source: str | os.PathLike[str]) -> bool:
+    try:
+        return os.path.samestat(found, os.stat(source))
+    except (OSError, ValueError):
+        return False  # the reader of the input says what is wrong with it
+
+
+def _check_place(output: str | os.PathLike[str], target: Path, found: os.stat_result | None) -> None:
+    """Raise `InputError` unless a regular file can be made at ``target``."""
+    directory = target.parent
+    if found is not None and stat.S_ISDIR(found.st_mode):
+        raise InputError(f"output file '{output}' is a directory; give the name of a file in it")
+    if found is not None and not stat.S_ISREG(found.st_mode):
+        raise InputError(f"output file '{output}' is a device, a pipe or a socket; give the name of a file")
+    if not directory.is_dir():
+        raise InputError(f"output file '{output}': directory '{directory}' does not exist; create it first")
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise InputError(f"output file '{output}': no permission to write in directory '{directory}'")
+    longest = os.pathconf(directory, "PC_NAME_MAX") - _LONGEST_ADDITION
+    if len(os.fsencode(target.name)) > longest:
+        raise InputError(
+            f"output file '{output}': its name has {len(os.fsencode(target.name))} bytes; allowed: {longest}, because "
+            "files beside it have longer names"
+        )
+
+
+def _check_ending(output: str | os.PathLike[str], kind: str) -> None:
+    """Raise `InputError` where the name says that the file has another format."""
+    what, own, _ = _OTHERS.get(kind, ("HDF5", _HDF5_ENDINGS, b""))
+    path = Path(output)
+    if path.suffix.lower() in _ENDINGS - {*own}:
+        raise InputError(
+            f"output file '{output}': the ending {path.suffix} is that of another format; {named(kind)} "
+            f"is written as {own[0][1:].upper() if kind in _OTHERS else what}: name it '{path.with_suffix(own[0])}'"
+        )
+
+
+def _check_replaceable(output: str | os.PathLike[str], target: Path, kind: str) -> None:
+    """Raise `InputError` unless an existing file is a result of the same kind."""
+    found = _kind_of(target, kind)
+    if found is None:
+        raise InputError(
+            f"output file '{output}' exists and is not {named(kind)} of this program; give another name, or move it away"
+        )
+    if found != kind:
+        raise InputError(
+            f"output file '{output}' exists and holds {named(found)}, not {named(kind)}; give another name, or remove it"
+        )
+
+
+def _kind_of(path: Path, wanted: str) -> str | None:
+    """Return what an existing file holds; None where it is not of this program."""
+    if path.stat().st_size == 0:
+        return wanted  # nothing is lost
+    if wanted in _OTHERS:
+        return wanted if _contains(path, _OTHERS[wanted][2]) else None
+    try:
+        return seal_of(path).kind
+    except BrokenSeal:
+        # Results of older versions have no seal, and a damaged one names no kind: both have to be written again.
+        return wanted if _begins(path, MAGIC) or _contains(path, *_OLD_RESULT) else None
+
+
+def _begins(path: Path, text: bytes) -> bool:
+    with open(path, "rb") as stream:
+        return stream.read(len(text)) == text
+
+
+def _contains(path: Path, *parts: bytes) -> bool:
+    """Return whether a file contains all the parts."""
+    with open(path, "rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        return all(data.find(part) >= 0 for part in parts)
+
+
+def _reason(error: OSError) -> str:
+    """Return what the system says, with the cure where there is one."""
+    if isinstance(error, FileNotFoundError):
+        return "the working directory, or that of the output, was removed; go to one that exists"
+    return error.strerror or str(error)

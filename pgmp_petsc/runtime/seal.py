@@ -1,0 +1,139 @@
+"""The seal at the head of a file that this program writes: what it is, how long, and a checksum of all of it.
+
+A file is checked as a whole before a byte of it is interpreted: what was cut off, changed bit by bit, or is somebody
+else's is known at once, and never reaches the HDF5 library, which crashes or hangs on some damaged files. The seal takes
+up the first `SIZE` bytes, as text::
+
+    pgmp_petsc
+    {"bytes": 81920, "format": 2, "kind": "trajectory", "run": "", "sha256": "9f86d0..."}
+
+filled up with blanks. For HDF5 they are the file's user block, which every reader of HDF5 skips. The checksum covers the
+other entries of the seal and all that follows it, so that no bit of the file is outside. Checking reads the file once; a
+processor hashes some 0.3 to 2 GB a second.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+SIZE = 512  # the smallest user block of HDF5
+MAGIC = b"pgmp_petsc\n"
+_CHUNK = 1 << 20
+
+
+class BrokenSeal(Exception):
+    """A file is not what its seal says, or has none; the message is a clause with the reason."""
+
+
+@dataclass(frozen=True)
+class Seal:
+    """What a seal says.
+
+    Parameters
+    ----------
+    kind
+        What the file holds.
+    format
+        Version of the layout of that kind.
+    run
+        Identity of the run that the file belongs to, where it is a piece of one.
+    bytes
+        Length of the whole file.
+    sha256
+        Checksum, hexadecimal.
+    """
+
+    kind: str
+    format: int
+    run: str = ""
+    bytes: int = 0
+    sha256: str = ""
+
+    def packed(self) -> bytes:
+        """Return the first `SIZE` bytes of the file."""
+        text = MAGIC + json.dumps(asdict(self), sort_keys=True).encode()
+        if len(text) >= SIZE:
+            raise ValueError(f"a seal of {len(text)} bytes; allowed: {SIZE - 1}")
+        return text.ljust(SIZE - 1) + b"\n"
+
+    @classmethod
+    def unpacked(cls, head: bytes) -> Seal:
+        """Return what the head of a file says; raises `BrokenSeal` where it is no seal."""
+        if not head.startswith(MAGIC):
+            raise BrokenSeal("it has no seal of this program")
+        if len(head) < SIZE:
+            raise BrokenSeal(f"it is cut off after {len(head)} bytes")
+        try:
+            entries = json.loads(head[len(MAGIC) :])
+            seal = cls(**entries)
+            if seal.packed() != head:
+                raise ValueError
+        except (ValueError, TypeError, RecursionError):
+            raise BrokenSeal("its first bytes have changed since it was written") from None
+        return seal
+
+
+def seal(path: Path, kind: str, format_version: int, run: str = "") -> None:
+    """Seal a finished file whose first `SIZE` bytes are free, and push it to the disk.
+
+    Raises
+    ------
+    OSError
+        If the system fails to read or write.
+    """
+    with open(path, "r+b") as stream:
+        n_bytes = stream.seek(0, os.SEEK_END)
+        unsigned = Seal(kind, format_version, run, n_bytes)
+        stream.seek(SIZE)
+        signed = replace(unsigned, sha256=_checksum(unsigned, stream))
+        stream.seek(0)
+        stream.write(signed.packed())
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def seal_of(path: Path) -> Seal:
+    """Return what the seal of a file says, without checking the rest of it.
+
+    Raises
+    ------
+    BrokenSeal
+        If it has none.
+    """
+    with open(path, "rb") as stream:
+        return Seal.unpacked(stream.read(SIZE))
+
+
+def check_seal(path: Path) -> Seal:
+    """Check a file as a whole, and return what its seal says.
+
+    Raises
+    ------
+    BrokenSeal
+        If it has no seal, is cut off or too long, or differs from its checksum.
+    OSError
+        If the system fails to read.
+    """
+    with open(path, "rb") as stream:
+        found = Seal.unpacked(stream.read(SIZE))
+        n_bytes = os.fstat(stream.fileno()).st_size
+        if n_bytes < found.bytes:
+            raise BrokenSeal(f"it is cut off after {n_bytes} of {found.bytes} bytes")
+        if n_bytes > found.bytes:
+            raise BrokenSeal(f"it has {n_bytes} bytes instead of {found.bytes}: it was changed since it was written")
+        if _checksum(replace(found, sha256=""), stream) != found.sha256:
+            raise BrokenSeal("it differs from its checksum: it was changed since it was written")
+    return found
+
+
+def _checksum(unsigned: Seal, stream: BinaryIO) -> str:
+    """Return the checksum of a seal without one, and of what follows in the stream."""
+    digest = hashlib.sha256(unsigned.packed())
+    while chunk := stream.read(_CHUNK):
+        digest.update(chunk)
+    return digest.hexdigest()

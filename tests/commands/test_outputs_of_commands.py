@@ -1,0 +1,241 @@
+"""What commands write, and what they leave alone: inputs, foreign files, the output of another job, a full disk."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from conftest import MPI_ENVIRONMENT, ROOT
+from runs import PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+from sealed import resealed
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.runtime import lock
+from pgmp_petsc.runtime.lock import OutputLock
+
+SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
+SHORT = overridden("simulation.duration=0.005")
+KILLED = """
+import os, signal, sys
+from pgmp_petsc.ensemble.checkpoint import Checkpoint
+add, done = Checkpoint.add, []
+def add_and_die(self, batch):
+    add(self, batch)
+    done.append(batch)
+    if len(done) == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+Checkpoint.add = add_and_die
+from pgmp_petsc.cli.main import main
+main(sys.argv[1:])
+"""
+# every rank works in a directory of its own
+APART = """
+import os, sys
+from mpi4py import MPI
+os.makedirs(f"{sys.argv[1]}/{MPI.COMM_WORLD.rank}", exist_ok=True)
+os.chdir(f"{sys.argv[1]}/{MPI.COMM_WORLD.rank}")
+from pgmp_petsc.cli.main import main
+main(sys.argv[2:])
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, small_rom: Path) -> Path:
+    """Return a directory with a reduced model, a result of every other kind, a scene and its meshes."""
+    shutil.copy(small_rom, tmp_path / "rom.h5")
+    synthetic.trajectory(n_frames=2).write(tmp_path / "trajectory.h5")
+    synthetic.modes_table(n_theta=4).write(tmp_path / "modes.h5")
+    (tmp_path / "meshes").mkdir()
+    for name in ("crank_5.msh", "rod_5.msh"):
+        shutil.copy(ROOT / "meshes" / name, tmp_path / "meshes")
+    (tmp_path / "scenes").mkdir()
+    shutil.copy(SCENE, tmp_path / "scenes" / "scene.toml")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def small_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "rom.h5"
+    rom_of(paper_scene(*SMALL)).write(path)
+    return path
+
+
+def ends_with(status: int, *arguments: object) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    assert end.value.code == status
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "output", "message"),
+    [
+        (("simulate", "rom.h5"), "rom.h5", "is what the command reads"),
+        (("montecarlo", "rom.h5", "-n", "2"), "rom.h5", "is what the command reads"),
+        (("montecarlo", "rom.h5", "-n", "2"), "scenes/../rom.h5", "is what the command reads"),
+        (("modes", "scenes/scene.toml", "--rom", "rom.h5"), "rom.h5", "is what the command reads"),
+        (("build", "scenes/scene.toml"), "scenes/scene.toml", "is what the command reads"),
+        (("tradeoff", "scenes/scene.toml"), "scenes/scene.toml", "is what the command reads"),
+        (("simulate", "scenes/scene.toml", "--full"), "scenes/scene.toml", "is what the command reads"),
+        (("build", "scenes/scene.toml"), "meshes/crank_5.msh", "the ending .msh is that of another format"),
+        (("build", "scenes/scene.toml"), "trajectory.h5", "holds a trajectory, not a reduced model"),
+        (("simulate", "rom.h5"), "modes.h5", "holds a table of modes, not a trajectory"),
+        (("simulate", "rom.h5"), "x.csv", "the ending .csv is that of another format"),
+        (("simulate", "rom.h5"), "/dev/null", "is a device, a pipe or a socket"),
+        (("simulate", "rom.h5"), "nowhere/x.h5", "does not exist; create it first"),
+        (("simulate", "rom.h5"), "x" * 250, "its name has 250 bytes"),
+        (("export", "trajectory.h5"), "trajectory.h5", "is what the command reads"),
+        (("export", "trajectory.h5"), "meshes/rod_5.msh", "the ending .msh is that of another format"),
+        (("export", "trajectory.h5"), "modes.h5", "name it"),
+        (("simulate", "scenes/scene.toml"), "x.h5", "make it of the scene with 'pgmp build"),
+    ],
+)
+def test_nothing_else_is_overwritten(
+    folder: Path, arguments: tuple[str, ...], output: str, message: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(folder)
+    before = contents(folder)
+    ends_with(2, *arguments, "-o", output)
+    assert message in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+def test_pictures_of_somebody_else_are_not_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "frequencies.png").write_bytes(b"a photograph")
+    ends_with(2, "plot", folder / "modes.h5", "-o", folder)
+    assert "frequencies.png' exists and is not a picture of this program" in capsys.readouterr().err
+    assert (folder / "frequencies.png").read_bytes() == b"a photograph"
+    (folder / "frequencies.png").unlink()
+    for _ in range(2):  # ours may be drawn again
+        ends_with(0, "plot", folder / "modes.h5", "-o", folder)
+
+
+def test_results_are_replaced_by_the_same_kind(folder: Path) -> None:
+    for _ in range(2):
+        ends_with(0, "simulate", folder / "rom.h5", *SHORT, "-o", folder / "run.h5")
+        ends_with(0, "export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
+
+
+def test_a_second_job_with_the_same_output_is_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(lock, "PATIENCE", 0.0)
+    outputs = {
+        "build": (SCENE,), "modes": (SCENE,), "tradeoff": (SCENE,), "simulate": (folder / "rom.h5",),
+        "montecarlo": (folder / "rom.h5", "-n", 2),
+    }  # fmt: skip
+    before = contents(folder)
+    with OutputLock(folder / "x.h5"):
+        for command, arguments in outputs.items():
+            ends_with(2, command, *arguments, "-o", folder / "x.h5")
+            assert f"x.h5' is being written by another job (process {os.getpid()} on " in capsys.readouterr().err
+    assert contents(folder) == before
+
+
+def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) -> None:
+    with OutputLock(folder / "x.h5"):
+        done = mpirun(3, *PGMP, "montecarlo", folder / "rom.h5", "-n", 5, "-o", folder / "x.h5", check_status=2)
+    assert done.stderr.count("is being written by another job") == 1
+    assert not (folder / "x.h5.partial").exists()
+
+
+def killed_ensemble(folder: Path) -> list[object]:
+    """Kill an ensemble of 20 samples after two of its batches; return the command that takes it up."""
+    few = overridden("simulation.duration=0.005", "ensemble.batch=4")
+    command = ["montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5"]
+    environment = os.environ | MPI_ENVIRONMENT
+    killed = subprocess.run([sys.executable, "-c", KILLED, *map(str, command)], cwd=ROOT, env=environment)
+    assert killed.returncode == -9 and not (folder / "e.h5").exists()
+    return [*command, "--resume"]
+
+
+def test_samples_of_two_reduced_models_are_not_mixed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The scenes of both are equal to the letter."""
+    again = killed_ensemble(folder)
+    with resealed(folder / "rom.h5") as file:
+        file["tables/mass"][...] *= 1.0 + 1e-9
+    ends_with(2, *again)
+    assert "e.h5.partial' belongs to another run: its reduced model differs" in capsys.readouterr().err
+
+
+def test_a_damaged_piece_is_told_and_computed_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    again = killed_ensemble(folder)
+    piece = folder / "e.h5.partial" / "000000004.npz"
+    piece.write_bytes(piece.read_bytes()[:-100])
+    ends_with(0, *again)
+    note = f"note: piece '{piece}' was not taken up, and is computed again: it is cut off after"
+    assert note in capsys.readouterr().out
+    found = Ensemble.read(folder / "e.h5")
+    assert note in str(*found.record.remarks)
+    ends_with(0, *(word for word in again if word != "--resume"))
+    np.testing.assert_array_equal(found.outputs["crank_angle"], Ensemble.read(folder / "e.h5").outputs["crank_angle"])
+    assert not (folder / "e.h5.partial").exists()
+
+
+def test_a_folder_of_somebody_else_is_not_removed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "x.h5.partial").mkdir()
+    (folder / "x.h5.partial" / "thesis.tex").write_text("mine")
+    for command in (("build", SCENE), ("montecarlo", folder / "rom.h5", "-n", 2)):
+        ends_with(2, *command, "-o", folder / "x.h5")
+        assert "x.h5.partial' is in the way of this run's checkpoint" in capsys.readouterr().err
+    assert (folder / "x.h5.partial" / "thesis.tex").read_text() == "mine"
+
+
+def test_ranks_in_different_directories_build_and_resume(mpirun: Callable, tmp_path: Path) -> None:
+    """The paths of the first rank count; nobody waits for a rank that sees other files."""
+    build = ("build", SCENE, *overridden("reduction.modes=3", "reduction.angles=8"), "-o", "rom.h5", "--resume")
+    for _ in range(2):
+        mpirun(2, "-c", APART, tmp_path, *build)
+    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == ["rom.h5"]
+    assert (tmp_path / "0" / "rom.h5").exists()
+
+
+@pytest.mark.parametrize("command", ["info", "simulate"])
+def test_a_full_disk_under_standard_output_is_one_message(folder: Path, command: str) -> None:
+    options = () if command == "info" else (*SHORT, "-o", folder / "run.h5")
+    with open("/dev/full", "w") as full:
+        arguments = [sys.executable, *PGMP, command, folder / "rom.h5", *options]
+        done = subprocess.run(
+            [*map(str, arguments)], stdout=full, stderr=subprocess.PIPE, text=True, env=os.environ | MPI_ENVIRONMENT
+        )
+    assert done.returncode == 1
+    assert "standard output could not be written: No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+    assert command == "info" or (folder / "run.h5").exists()
+
+
+def test_a_reader_that_has_gone_is_no_error(folder: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, *PGMP, "info", str(folder / "rom.h5")], stdout=write, stderr=subprocess.PIPE, text=True,
+        env=os.environ | MPI_ENVIRONMENT,
+    )  # fmt: skip
+    os.close(write)
+    assert done.stderr == ""
+
+
+def test_a_run_on_a_full_disk_keeps_its_pieces(folder: Path) -> None:
+    """A limit of the size of files stands for the disk."""
+    script = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500)); from pgmp_petsc.cli.main import main; main()"
+    few = overridden("simulation.duration=0.005", "ensemble.batch=4")
+    command = ("montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5")
+    done = subprocess.run(
+        [sys.executable, "-c", script, *map(str, command)], capture_output=True, text=True, env=os.environ | MPI_ENVIRONMENT
+    )
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "could not be written: File too large" in done.stderr and "--resume takes it up" in done.stderr
+    pgmp(*command, "--resume")
+    assert len(Ensemble.read(folder / "e.h5").status) == 20

@@ -1,0 +1,198 @@
+"""Every scene with every command, as a new user runs them: exit status, tracebacks, warnings, word of errors.
+
+    .venv/bin/python tests/sweep.py [--ranks 1 2] [--whole] [SCENE ...]
+
+prints a line a command. By default runs are cut to a few steps and angles, as in the suite
+(tests/parallel/test_sweep.py); ``--whole`` takes the scenes as they stand, which needs hours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from conftest import MPI_ENVIRONMENT, ROOT
+
+SCENES = sorted((ROOT / "scenes").glob("*.toml"))
+# what makes a run short: as many steps, angles and samples as every path needs
+STEPS = 12
+ANGLES = {1: 12, 2: 6}
+TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")
+OUTPUT = re.compile(r"estimated errors over the run|errors? (was|were|is|are) not estimated|not estimated")
+# What a command refuses, and must: (scene, command) and a part of its message.
+REFUSED = {
+    ("double_four_bar", "build"): "nothing to reduce",
+    ("double_four_bar", "modes"): "rigid",
+}
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How one command ended.
+
+    Attributes
+    ----------
+    scene, command
+        Name of the scene, and the command's first words.
+    status
+        Exit statuses of all ranks.
+    out, err
+        What rank 0 printed.
+    seconds
+        Wall time.
+    """
+
+    scene: str
+    command: str
+    status: tuple[int, ...]
+    out: str
+    err: str
+    seconds: float
+
+    @property
+    def faults(self) -> list[str]:
+        """Return what is wrong with it, in words."""
+        found = [f"'{word}' on stderr" for word in TRACE if word in self.err]
+        if len(set(self.status)) > 1:
+            found.append(f"ranks end with {self.status}")
+        refused = REFUSED.get((self.scene, self.command))
+        if refused is not None and not (self.status[0] == 2 and refused in self.err):
+            found.append(f"status {self.status[0]} instead of a refusal with '{refused}'")
+        if refused is None and self.status[0] not in (0,):
+            found.append(f"status {self.status[0]}: {self.err.strip()[-300:]}")
+        if refused is None and self.wants_estimate and not OUTPUT.search(self.out):
+            found.append("no word on errors")
+        return found
+
+    @property
+    def wants_estimate(self) -> bool:
+        """Whether the command's result is one whose errors a user asks for."""
+        return self.command.split()[0] in ("simulate", "montecarlo")
+
+    @property
+    def estimate(self) -> str:
+        """Return the line that speaks of estimated errors, without what came before it."""
+        lines = [line.strip() for line in self.out.splitlines() if OUTPUT.search(line)]
+        return lines[0] if lines else ""
+
+
+def commands(scene: Path, folder: Path, whole: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield name and arguments of every command; later ones read what earlier ones wrote."""
+    name, short = scene.stem, [] if whole else overrides(scene)
+    files = {kind: str(folder / f"{name}_{kind}.h5") for kind in ("rom", "modes", "run", "full", "many", "manyfull")}
+    yield "check", ["check", str(scene)]
+    yield "check --effects", ["check", str(scene), "--effects", *short]
+    yield "build", ["build", str(scene), "-o", files["rom"], *short]
+    yield "modes", ["modes", str(scene), "-o", files["modes"], *short]
+    if name != "double_four_bar":
+        yield "modes --rom", ["modes", str(scene), "--rom", files["rom"], "-o", files["modes"], *short]
+        yield "simulate", ["simulate", files["rom"], "-o", files["run"]]
+        yield "montecarlo", ["montecarlo", files["rom"], "-n", "3", "--seed", "1", "-o", files["many"]]
+    yield "simulate --full", ["simulate", str(scene), "--full", "-o", files["full"], *short]
+    yield "montecarlo --full", ["montecarlo", str(scene), "--full", "-n", "2", "-o", files["manyfull"], *short]
+    made = [file for kind, file in files.items() if kind != "rom" and (kind != "run" or name != "double_four_bar")]
+    yield "plot", ["plot", *made, "-o", str(folder / "pictures")]
+    for kind in ("run", "full"):
+        yield f"export {kind}", ["export", files[kind], "-o", str(folder / f"{name}_{kind}.xdmf")]
+    for kind in files:
+        yield f"info {kind}", ["info", files[kind]]
+
+
+def overrides(scene: Path) -> list[str]:
+    """Return the overrides that make a scene's runs short: few steps of the scene's own size, few angles."""
+    import tomllib
+
+    tables = tomllib.loads(scene.read_text())
+    step = tables.get("simulation", {}).get("step", 1e-3)
+    entries = [
+        f"simulation.duration={STEPS * step!r}",
+        "simulation.frames=3",
+        f"reduction.angles={ANGLES[len(tables['coordinates'])]}",
+    ]
+    return [word for entry in entries for word in ("--override", entry)]
+
+
+def sweep(scene: Path, ranks: int, folder: Path, whole: bool = False) -> list[Ending]:
+    """Run every command on a scene, in one process a rank, and return how each ended."""
+    environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+    launch = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    report = folder / f"{scene.stem}.json"
+    words = [sys.executable, __file__, "--worker", str(scene), str(folder), str(report), str(int(whole))]
+    done = subprocess.run([*launch, *words], env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    if not report.exists():
+        return [Ending(scene.stem, "all", (done.returncode,), done.stdout, done.stderr, 0.0)]
+    endings = [Ending(**entry | {"status": tuple(entry["status"])}) for entry in json.loads(report.read_text())]
+    if done.returncode != 0 or done.stderr.strip():
+        endings.append(Ending(scene.stem, "end", (done.returncode,), done.stdout, done.stderr, 0.0))
+    return endings
+
+
+def work(scene: Path, folder: Path, report: Path, whole: bool) -> None:
+    """Run the commands one after the other on all ranks; rank 0 writes the report after each."""
+    from mpi4py import MPI
+
+    from pgmp_petsc.cli.main import main
+
+    warnings.simplefilter("always")
+    comm = MPI.COMM_WORLD
+    endings: list[Ending] = []
+    for name, arguments in commands(scene, folder, whole):
+        out, err, start = io.StringIO(), io.StringIO(), time.perf_counter()
+        status = 0
+        with redirect_stdout(out), redirect_stderr(err):
+            try:
+                main(arguments)
+            except SystemExit as end:
+                status = end.code or 0
+        statuses = comm.gather(int(status))
+        if comm.rank == 0:
+            taken = time.perf_counter() - start
+            endings.append(Ending(scene.stem, name, tuple(statuses), out.getvalue(), err.getvalue(), taken))
+            report.write_text(json.dumps([asdict(ending) for ending in endings]))
+
+
+def table(endings: Sequence[Ending], ranks: int) -> list[str]:
+    """Return a line a command: scene, ranks, command, status, time, faults or what is said of errors."""
+    return [
+        f"{e.scene:22s} {ranks} {e.command:18s} {e.status[0]:3d} {e.seconds:7.1f} s  "
+        f"{'FAULT ' + '; '.join(e.faults) if e.faults else e.estimate}"
+        for e in endings
+    ]
+
+
+def run_as_script() -> int:
+    """Sweep the scenes that are named, or all; return how many commands ended with a fault."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", type=Path)
+    parser.add_argument("--ranks", nargs="+", type=int, default=[1, 2])
+    parser.add_argument("--whole", action="store_true")
+    given = parser.parse_args()
+    faults = 0
+    for scene in given.scenes or SCENES:
+        for ranks in given.ranks:
+            with tempfile.TemporaryDirectory() as folder:
+                endings = sweep(scene.resolve(), ranks, Path(folder), given.whole)
+            print("\n".join(table(endings, ranks)), flush=True)
+            faults += sum(bool(ending.faults) for ending in endings)
+    print(f"{faults} faults")
+    return faults
+
+
+if __name__ == "__main__":
+    if "--worker" in sys.argv:
+        scene, folder, report, whole = sys.argv[-4:]
+        work(Path(scene), Path(folder), Path(report), whole == "1")
+    else:
+        sys.exit(run_as_script() > 0)
