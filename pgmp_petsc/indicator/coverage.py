@@ -21,7 +21,7 @@ def why_not_covered(scene: Scene) -> str:
     reasons = []
     if len(scene.coordinates) > 1:
         reasons.append(
-            f"coordinates: {len(scene.coordinates)} of them ({', '.join(scene.coordinates)}), and the estimate is for one"
+            f"coordinates: {', '.join(scene.coordinates)} are {len(scene.coordinates)}, and the estimate is for one"
         )
     for name, body in scene.bodies.items():
         if body.continuum:

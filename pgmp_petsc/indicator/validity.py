@@ -195,8 +195,8 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     if continuum:
         remarks.append(
             note(
-                f"strain and change of stiffness are not computed with continuum bodies ({', '.join(continuum)}): their "
-                "condensed model holds no stresses; rotations are those of their frames only"
+                f"strain and change of stiffness are not computed with continuum bodies ({', '.join(continuum)}): "
+                "their condensed model holds no stresses; rotations are those of their frames only"
             )
         )
     by_coefficients = [
@@ -207,8 +207,8 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     if by_coefficients:
         remarks.append(
             note(
-                f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a circle "
-                "with the same EI/EA is taken"
+                f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "
+                "circle with the same EI/EA is taken"
             )
         )
     return tuple(remarks)

@@ -40,7 +40,7 @@ from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
 DEFAULT_TOLERANCE = 1e-3
-SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning: results change by some per cent
+SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
 STANDARD_GRAVITY = 9.81  # m/s2
 #: Effects that are what a scene is about; none is ever left out for being small.
 CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")

@@ -166,7 +166,8 @@ def _not_estimated(estimate: Estimate) -> list[Remark]:
     names = ", ".join(unknown)
     return [
         note(
-            f"errors were not estimated for {names}: the full-order equations could not be solved about this motion; {CURE}"
+            f"errors were not estimated for {names}: the full-order equations could not be solved about this motion; "
+            f"{CURE}"
         )
     ]
 
@@ -228,8 +229,8 @@ def lost_definiteness(
     since = time[looked_at][lost.size - int(np.argmin(lost[::-1])) if not lost.all() else 0]
     return (
         f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
-        f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower bound "
-        "and runs away at deformations beyond what second order describes; smaller steps do not help. Take the "
+        f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
+        "bound and runs away at deformations beyond what second order describes; smaller steps do not help. Take the "
         "full-order model (pgmp simulate SCENE --full), or leave geometric_stiffening out and heed the warnings"
     )
 
