@@ -18,6 +18,7 @@ from scenes import HEADER, meshes_of
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -103,8 +104,13 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 
 
 def read_meshes(scene: Scene) -> dict:
-    """Return the meshes of a scene whose entries are paths."""
-    return {name: read_line_mesh(scene.path_of(body.mesh), name) for name, body in scene.bodies.items()}
+    """Return the meshes of a scene whose entries are paths or straight lines."""
+    return {
+        name: straight_beam(body.line.length, body.line.elements, body.line.start)
+        if body.mesh is None
+        else read_line_mesh(scene.path_of(body.mesh), name)
+        for name, body in scene.bodies.items()
+    }
 
 
 def full_model(scene: Scene) -> FullModel:
@@ -190,4 +196,4 @@ def overridden(*entries: str) -> list[str]:
 
 
 def _meshes(scene: Scene) -> dict:
-    return meshes_of(scene) if ":" in next(iter(scene.bodies.values())).mesh else read_meshes(scene)
+    return meshes_of(scene) if ":" in (next(iter(scene.bodies.values())).mesh or "") else read_meshes(scene)

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED, Acting, evaluate_local
+from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting, evaluate_local
 from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
@@ -96,7 +96,7 @@ class ReducedSystem:
         self._local = self._actions.of_samples(values, n_samples)
         n_actions = len(self._actions.actions)
         self._acting = Acting.empty(n_blocks if n_actions else 0, layout.n_eta)
-        self._known = np.empty((n_samples, 3, n_actions))
+        self._known = np.empty((n_samples, 4, n_actions))
         self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
         self._size = np.empty(n_samples)
 
@@ -228,6 +228,16 @@ class ReducedSystem:
         for k, motion in self._motions.items():
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
         return energies
+
+    def load_amplitudes(self, time: float) -> np.ndarray:
+        """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
+        weights = self._equations.weights
+        return weights.loads * self._amplitudes(time)[weights.effects]
+
+    def action_forces(self, time: float, state: State) -> np.ndarray:
+        """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
+        self._act_on_all(time, state)
+        return self._known[:, FORCE].copy()
 
     def close(self) -> None:
         """Nothing is to be given back."""

@@ -43,6 +43,8 @@ class ReducedModel:
         Effects that act by forces.
     start
         Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+    stiffness_changes
+        How loads change the stiffness of the modes; None where that is not known.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class ReducedModel:
         self._actions = ReducedActions.of(actions_of(self.effects), self.kinematics, rom, scheme)
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
+        self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
 
     def _check_start(self, grid: SampleGrid) -> None:
@@ -106,6 +109,10 @@ class ReducedModel:
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
         return self._of_all.frames(eta)
+
+    def local_displacements(self, eta: np.ndarray) -> np.ndarray:
+        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6)."""
+        return self._of_all.local(eta)
 
     def output_frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of ``outputs.nodes`` for reduced coordinates of shape (n, n_eta)."""
