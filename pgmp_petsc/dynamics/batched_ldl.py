@@ -17,7 +17,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.runtime.compiled import njit
 
 

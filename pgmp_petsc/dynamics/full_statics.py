@@ -8,8 +8,6 @@ coordinates are all prescribed. Minus the multiplier of a held coordinate is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 from mpi4py import MPI
 

@@ -147,7 +147,6 @@ def unused_options(arguments: Sequence[str], comm: MPI.Comm) -> list[str]:
     names = [name for name in option_names(arguments) if not name.startswith(OF_PETSC)]
     if not names:
         return []
-    from mpi4py import MPI
     from petsc4py import PETSc
 
     # petsc4py has no PetscOptionsUsed; its library has

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from mpi4py import MPI
-from runs import pgmp
 
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
