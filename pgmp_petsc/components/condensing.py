@@ -14,6 +14,7 @@ from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
@@ -60,8 +61,9 @@ def condensed(
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
-    with agreed(group.world, "components"):
-        for name in waiting[group.index :: group.count]:
+    own = waiting[group.index :: group.count]
+    with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
+        for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
@@ -70,6 +72,7 @@ def condensed(
                 found[name] = rigid_component(meshed)
             if finished is not None:
                 finished.add_component(name, found[name])
+            bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
     return done
