@@ -53,6 +53,12 @@ def test_the_step_of_several_coordinates_is_not_chosen_by_a_tolerance(purpose: P
         read_scene(ROOT / "scenes" / "five_bar.toml", ["simulation.tolerance=1e-2"], [], MPI.COMM_SELF, purpose)
 
 
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK])
+def test_the_step_of_rigid_mechanisms_is_not_chosen_by_a_tolerance(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match="simulation.tolerance = 0.1: .* but all are rigid; leave it out, and give"):
+        check_capabilities(scene_of("all rigid in the plane", "simulation.tolerance=0.1"), purpose)
+
+
 @pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF])
 def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
     with pytest.raises(InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"):
