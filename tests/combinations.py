@@ -35,9 +35,7 @@ from scenes import SLIDER_CRANK, meshes_of
 
 BEAM = 'element = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
 SOLID = 'element = "solid2d"\nmaterial = "steel"\nthickness = 0.01'
-COEFFICIENTS = (
-    'section={shape="coefficients",axial=2e7,shear=6e6,bending=160.0,line_density=0.77,rotary_density=6e-6}'
-)
+COEFFICIENTS = '{shape="coefficients",axial=2e7,shear=6e6,bending=160.0,line_density=0.77,rotary_density=6e-6}'
 
 
 def _bare(text: str) -> str:
@@ -95,7 +93,7 @@ FEATURES = {
     "equilibrium": ("initial.equilibrium=true", 'effects.x={{type="gravity",direction={down}}}'),
     "free equilibrium": ("initial.equilibrium=true", 'initial.coordinates="free"',
                          'effects.x={{type="gravity",direction={down}}}'),  # fmt: skip
-    "coefficients": ("bodies.{first}." + COEFFICIENTS,),
+    "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
     "placement": ("bodies.{first}.placement={{origin={origin}}}",),
     "rigid first body": ("bodies.{first}.flexible=false",),
@@ -125,10 +123,10 @@ def scene_of(kind: str, feature: str) -> Scene:
     space = bare.dimension == 3
     words = {
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
+        "mesh": bare.bodies[bodies[0]].mesh, "coefficients": COEFFICIENTS,
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
     }  # fmt: skip
-    asked = tuple(entry.format(**words) if "{" in entry and "COEFF" not in entry else entry for entry in FEATURES[feature]
-                  ) if feature != "coefficients" else (f"bodies.{bodies[0]}.{COEFFICIENTS}",)  # fmt: skip
+    asked = tuple(entry.format(**words) for entry in FEATURES[feature])
     extra = []
     if any("strength" in entry for entry in asked):
         extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')

@@ -57,6 +57,8 @@ class Feature:
         Whether continuum bodies are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
+    flexible_body
+        Whether mechanisms without any flexible body are refused.
     cure
         What to do where it is refused.
     """
@@ -66,6 +68,7 @@ class Feature:
     purposes: frozenset[Purpose]
     beams_only: bool = False
     one_coordinate: bool = False
+    flexible_body: bool = False
     cure: str = "leave it out"
 
 
@@ -110,6 +113,8 @@ FEATURES = (
         EVERYWHERE - {Purpose.MODES},
         True,
         True,
+        True,
+        cure="leave it out, and give simulation.step",
     ),
     Feature("choice of effects", _automatic, OF_THE_REDUCTION, beams_only=True),
     Feature(
@@ -156,6 +161,8 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     for feature in FEATURES:
         if purpose in feature.purposes:
             for entry in feature.entries(scene):
+                if feature.flexible_body and not flexible:
+                    raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
                 if feature.beams_only:
                     _check_beams(scene, entry, feature.cure)
                 if feature.one_coordinate:
