@@ -202,9 +202,6 @@ CASES = {
         ("montecarlo", ROM, "-n", "2", "-o", OUT, "--set", "r1=5e-3"),
         ("--set r1=5e-3", "parameters.r1.distribution", "--override"),
     ),
-    "value outside bounds": Case(
-        ("simulate", ROM, "-o", OUT, "--set", "r1=1.0"), ("parameters.r1.value = 1.0", "bounds [0.001, 0.012]"),
-    ),
     "seed that no file can hold": Case(
         ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT), ("--seed", "9223372036854775807"),
     ),
