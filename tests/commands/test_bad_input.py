@@ -205,10 +205,6 @@ CASES = {
     "seed that no file can hold": Case(
         ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT), ("--seed", "9223372036854775807"),
     ),
-    "another end, ensemble": Case(
-        ("montecarlo", ROM, "-n", "2", "-o", OUT, "--", "-pgmp_ts_ts_max_time", "0.01"),
-        ("option -pgmp_ts_ts_max_time 0.01", "simulation.duration", "-pgmp_ts_ts_monitor"),
-    ),
     "start outside the range": Case(
         ("simulate", "{folder}/limited.h5", "-o", OUT, "--override", "simulation.initial.theta.position=2.0"),
         ("simulation.initial.theta.position = 2.0", "range"),

@@ -21,7 +21,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 
 SCENE = Path(__file__).parent / "press_linkage_ensemble.toml"
-N, SEED = 32, 0
+N, SEED = 64, 0
 
 
 @pytest.fixture(scope="module")
