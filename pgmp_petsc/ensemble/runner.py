@@ -58,8 +58,9 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     scene_toml = scene_to_toml(model.scene)
     size = model.largest_batch
     # a scene with nothing to draw, and options that would change it, are refused before anything is touched
-    draw(model.scene, plan.seed, 0, 1)
-    check_ts_options()
+    with agreed(comm, "checking what the run is asked for"):
+        draw(model.scene, plan.seed, 0, 1)
+        check_ts_options()
     checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, size)
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]

@@ -201,15 +201,8 @@ CASES = {
         ("montecarlo", ROM, "-n", "2", "-o", OUT, "--set", "r1=5e-3"),
         ("--set r1=5e-3", "parameters.r1.distribution", "--override"),
     ),
-    "value outside bounds": Case(
-        ("simulate", ROM, "-o", OUT, "--set", "r1=1.0"), ("parameters.r1.value = 1.0", "bounds [0.001, 0.012]"),
-    ),
     "seed that no file can hold": Case(
         ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT), ("--seed", "9223372036854775807"),
-    ),
-    "another end, ensemble": Case(
-        ("montecarlo", ROM, "-n", "2", "-o", OUT, "--", "-pgmp_ts_ts_max_time", "0.01"),
-        ("option -pgmp_ts_ts_max_time 0.01", "simulation.duration", "-pgmp_ts_ts_monitor"),
     ),
     "start outside the range": Case(
         ("simulate", "{folder}/limited.h5", "-o", OUT, "--override", "simulation.initial.theta.position=2.0"),

@@ -301,11 +301,11 @@ def test_options_for_petsc_are_passed_on(folder: Path, rom: Path) -> None:
     assert "mumps" in other.stdout
 
 
-@pytest.mark.parametrize("command", [("simulate",), ("simulate", "--full")])
+@pytest.mark.parametrize("command", [("simulate",), ("simulate", "--full"), ("montecarlo", "-n", 2)])
 def test_options_for_petsc_cannot_change_what_is_computed(folder: Path, rom: Path, command: tuple) -> None:
-    """The scene says how long a run is and how it is stepped: another end is refused (ensembles: test_bad_input)."""
+    """The scene says how long a run is and how it is stepped: another end is refused."""
     path, (name, *flags) = folder / "stepped.h5", command
-    source = PAPER_SCENE if flags else rom
+    source = PAPER_SCENE if "--full" in flags else rom
     done = pgmp(name, source, *flags, "-o", path, "--", "-pgmp_ts_ts_max_time", "0.001", status=2)
     assert "option -pgmp_ts_ts_max_time 0.001" in done.stderr and "Traceback" not in done.stderr
     assert not path.exists()

@@ -209,22 +209,23 @@ def test_a_run_killed_on_several_ranks_is_resumed_on_one(
 def test_unphysical_samples_are_recorded_and_not_integrated(
     mpirun: Callable, folder: Path, rom: Path, n_ranks: int
 ) -> None:
-    """Most samples of a distribution ten times too wide are out of bounds; the others are as they would be alone."""
+    """A distribution ten times too wide, without bounds, gives negative radii; others are as they would be alone."""
     path = folder / f"wide_{n_ranks}.h5"
-    wide = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=5.6e-3}'
+    wide = 'parameters.r1={nominal=5.6e-3, unit="m", distribution={name="norm", loc=5.6e-3, scale=5.6e-3}}'
     done = mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, *overridden(wide), "-o", path,
                   check_status=1)
     found = Ensemble.read(path)
     values = found.parameters["r1"]
-    outside = (values < 1e-3) | (values > 12e-3)
+    outside = values <= 0.0
     assert 0 < outside.sum() < N
-    np.testing.assert_array_equal(found.status, np.where(outside, Status.OUT_OF_BOUNDS, Status.FINE))
+    np.testing.assert_array_equal(found.status, np.where(outside, Status.UNPHYSICAL, Status.FINE))
     np.testing.assert_array_equal(found.failure_time, np.where(outside, 0.0, np.nan))
     for name, output in found.outputs.items():
         np.testing.assert_array_equal(np.isnan(output), outside)
         np.testing.assert_array_equal(np.isfinite(found.errors[name]), ~outside & (np.arange(N) < 20))
         assert found.statistics[name].mean == pytest.approx(output[~outside].mean(), rel=1e-12)
     assert f"{outside.sum()} of {N} samples failed (status 1)" in done.stdout
+    assert "they fail mostly at low r1" in done.stdout
     assert "Traceback" not in done.stderr
     assert not path.with_name(f"{path.name}.partial").exists()
 

@@ -1,0 +1,111 @@
+"""An ensemble whose reduced model breaks down in some samples: it ends, warns, and says what its figures are worth."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import pgmp
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.studies.inputs import read_rom, read_scene
+
+SCENE = Path(__file__).parent / "press_linkage_ensemble.toml"
+N, SEED = 64, 0
+
+
+@pytest.fixture(scope="module")
+def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("press") / "rom.h5"
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)).write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def command(rom: Path) -> tuple[int, str, Ensemble]:
+    """Return exit status, output and file of ``pgmp montecarlo``."""
+    path = rom.with_name("many.h5")
+    done = pgmp("montecarlo", rom, "-n", N, "--seed", SEED, "-o", path, status=1)
+    return done.returncode, done.stdout, Ensemble.read(path)
+
+
+def test_it_ends_with_status_one_and_names_the_models_limit(command: tuple) -> None:
+    status, output, ensemble = command
+    failed = ensemble.status != Status.FINE
+    assert status == 1 and 5 < failed.sum() < N - 5
+    np.testing.assert_array_equal(ensemble.status[failed], Status.BROKE_DOWN)
+    assert f"{failed.sum()} of {N} samples failed (status 6): its deformation left what the reduced model holds for" in output
+
+
+def test_it_says_that_mean_and_deviation_are_biased_and_where(command: tuple) -> None:
+    _, output, ensemble = command
+    assert re.search(r"warning: mean, deviation and density .* are biased: they fail mostly at high T \(median", output)
+    failed = ensemble.status != Status.FINE
+    assert np.median(ensemble.parameters["T"][failed]) > np.median(ensemble.parameters["T"][~failed])
+    # the same words are in the file
+    assert any("biased" in remark.text for remark in ensemble.record.remarks)
+    assert all(str(remark) in output for remark in ensemble.record.remarks)
+    for name, statistics in ensemble.statistics.items():
+        assert statistics.count == (N if name in ensemble.parameters else N - failed.sum())
+
+
+def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_been(command: tuple, rom: Path) -> None:
+    """The full-order model integrates them all; with its outputs in place of those that failed, the bounds hold."""
+    _, output, ensemble = command
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    full = FullModel(scene, meshes)
+    failed = np.flatnonzero(ensemble.status != Status.FINE)
+    values = {name: value[failed] for name, value in draw(scene, SEED, 0, N).items()}
+    system = full.batch(values, failed.size)
+    run = integrate(system, scene.simulation)
+    np.testing.assert_array_equal(run.status, Status.FINE)
+    for name, found in full.outputs.evaluate(full.output_frames(system, run.state)).items():
+        whole = ensemble.outputs[name].copy()
+        whole[failed] = found
+        statistics = ensemble.statistics[name]
+        quantiles = np.quantile(whole, statistics.probabilities)
+        assert np.all(statistics.quantile_bounds[:, 0] <= quantiles) and np.all(quantiles <= statistics.quantile_bounds[:, 1])
+        assert np.isfinite(statistics.quantile_bounds).any()
+    assert "whatever the failed ones would have been" in output and "no bound above" in output
+
+
+def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) -> None:
+    _, output, ensemble = command
+    scene, model = _reduced(rom)
+    saved = (ensemble.status == Status.FINE) & (ensemble.steps_divided > 1)
+    assert saved.any()
+    assert f"{saved.sum()} of {N} samples failed with simulation.step = 0.001 s" in output
+    system = model.batch(draw(scene, SEED, 0, N), N)
+    plain = integrate(system, scene.simulation)
+    np.testing.assert_array_equal(plain.status != Status.FINE, ensemble.steps_divided > 1)
+    untouched = plain.status == Status.FINE
+    for name, values in model.outputs.evaluate(model.output_frames(system, plain.state)[..., untouched]).items():
+        np.testing.assert_array_equal(ensemble.outputs[name][untouched], values, err_msg=name)
+
+
+def test_batches_have_no_part_in_it(command: tuple, rom: Path) -> None:
+    _, _, ensemble = command
+    _, model = _reduced(rom)
+    for first, last in ((0, 5), (5, 16)):
+        part = run_batch(model, SEED, first, last)
+        np.testing.assert_array_equal(part.status, ensemble.status[first:last])
+        np.testing.assert_array_equal(part.numerics["steps_divided"], ensemble.steps_divided[first:last])
+        for name, values in part.outputs.items():
+            # the rigid closure of a whole batch stops at 1e-12
+            np.testing.assert_allclose(values, ensemble.outputs[name][first:last], rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def _reduced(rom: Path) -> tuple:
+    scene, found = read_rom(rom, (), (), MPI.COMM_SELF)
+    return scene, ReducedModel(scene, found)

@@ -1,0 +1,68 @@
+"""What is said of failed samples: how many, why, and which parameters tell them from the others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+
+N = 400
+VALUES = {name: np.random.default_rng(k).normal(0.0, 1.0, N) for k, name in enumerate(("T", "E"))}
+UNITS = {"T": "N m", "E": "1"}
+
+
+def said(failed: np.ndarray, reason: Status = Status.NOT_CONVERGED) -> list[str]:
+    remarks = failure_remarks(np.where(failed, reason, Status.FINE), VALUES, UNITS)
+    assert all(remark.kind == "warning" for remark in remarks)
+    return [remark.text for remark in remarks]
+
+
+def test_nothing_is_said_where_nothing_failed() -> None:
+    assert said(np.zeros(N, dtype=bool)) == []
+
+
+@pytest.mark.parametrize(
+    ("failed", "words"),
+    [
+        (VALUES["T"] > 1.0, "at high T"),
+        (VALUES["E"] < -1.2, "at low E"),
+        (np.abs(VALUES["T"]) > 1.5, "at both ends of T"),
+        (np.abs(VALUES["E"]) < 0.2, "in the middle of E"),
+    ],
+)
+def test_the_parameter_and_the_side_are_named(failed: np.ndarray, words: str) -> None:
+    reason, bias = said(failed)
+    assert reason.startswith(f"{failed.sum()} of {N} samples failed (status 2): {Status.NOT_CONVERGED.meaning}; cure: ")
+    assert f"and are biased: they fail mostly {words} (median " in bias
+    assert bias.count("they fail mostly") == 1
+    share = failed.sum() / N
+    assert f"between {1 - share:.4g} p and {1 - share:.4g} p + {share:.4g}" in bias
+
+
+def test_failures_at_random_are_not_blamed_on_a_parameter() -> None:
+    """Rarely: at most in one of a hundred ensembles; of these 40 in none."""
+    random = np.random.default_rng(5)
+    for _ in range(40):
+        _, bias = said(random.random(N) < 0.1)
+        assert "may be biased: no parameter alone tells" in bias
+
+
+def test_every_reason_has_its_number() -> None:
+    status = np.array([0, 0, 2, 6, 6, 1])
+    found = [remark.text for remark in failure_remarks(status, {"T": np.arange(6.0)}, {})]
+    assert [text.split(" samples")[0] for text in found[:3]] == ["1 of 6", "1 of 6", "2 of 6"]
+    assert [text.split("(status ")[1][0] for text in found[:3]] == ["1", "2", "6"]
+
+
+def test_an_ensemble_without_any_fine_sample() -> None:
+    assert said(np.ones(N, dtype=bool))[-1] == "no sample is fine, so the outputs have no statistics"
+
+
+def test_smaller_steps_are_noted() -> None:
+    status, divisors = np.array([0, 0, 0, 2, 0, 3]), np.array([1, 2, 4, 8, 2, 1])
+    saved, given_up = (remark.text for remark in step_remarks(status, divisors, 1e-3))
+    assert saved.startswith("3 of 6 samples failed with simulation.step = 0.001 s") and "2 with 1/2 of it, 1 with 1/4" in saved
+    assert given_up.startswith("1 of the samples that failed were tried with steps down to 1/8")
+    assert step_remarks(np.zeros(3), np.ones(3), 1e-3) == ()
