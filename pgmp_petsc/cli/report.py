@@ -46,7 +46,7 @@ def say(context: click.Context, text: str) -> None:
         raise
     except OSError as error:
         _write_off_output()
-        message = f"standard output could not be written: {first_line(error)}; what is written to files is not concerned"
+        message = f"standard output could not be written: {first_line(error)}; files are not concerned"
         context.call_on_close(partial(_fail, message))
 
 

@@ -94,11 +94,13 @@ class Checkpoint:
         try:
             found = [self._read(path) for path in self._folder.pieces()]
         except BrokenSeal as broken:
-            raise RunError(f"a finished piece in '{self.folder}' was damaged during the run: {broken}; {cure}") from broken
+            what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
+            raise RunError(f"{what}; {cure}") from broken
         place = 0
         for batch in found:
             if batch.first != place:
-                what = f"samples {place} to {batch.first - 1} are missing" if batch.first > place else "samples are there twice"
+                missing = f"samples {place} to {batch.first - 1} are missing"
+                what = missing if batch.first > place else "samples are there twice"
                 raise RunError(f"in '{self.folder}' {what}; {cure}")
             place += len(batch.status)
         if place != self._plan.n_samples:

@@ -90,7 +90,8 @@ class BuildCheckpoint:
             return
         arrays = {key: getattr(component, key) for key in ("centres", "fields", "probes")}
         arrays |= {"frames": np.array(list(component.frames)), "numbers": np.array(list(component.frames.values()))}
-        arrays |= {"body": np.array(name), "n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
+        arrays["body"] = np.array(name)
+        arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
         if component.rigid:
             arrays["centre_of_mass"] = component.centre_of_mass
         for kind in ("mass", "stiffness"):
@@ -140,7 +141,9 @@ class BuildCheckpoint:
         components, broken_too = self._folder.sound(lambda path: self._folder.take(path, _component), "component-*")
         return samples, components, started + broken + broken_too
 
-    def _all(self, paths: list[Path], read: Callable[[Mapping[str, np.ndarray]], dict[Key, Content]]) -> dict[Key, Content]:
+    def _all(
+        self, paths: list[Path], read: Callable[[Mapping[str, np.ndarray]], dict[Key, Content]]
+    ) -> dict[Key, Content]:
         """Return what is in all the pieces."""
         found: dict[Key, Content] = {}
         for path in paths:

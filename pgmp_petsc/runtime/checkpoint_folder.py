@@ -1,12 +1,12 @@
 """A folder of finished pieces of a run beside its result, ``<output>.partial/``.
 
-Every piece is a file of its own, written under another name, pushed to the disk and renamed, so that a run may be killed
-at any moment. The folder says which run it belongs to, and so does the seal of every piece
-(:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of another run, is named, set aside
-and computed again. The folder is removed once the result is written, and no folder is that has not this label.
+Every piece is a file of its own, written under another name, pushed to the disk and renamed, so that a run may be
+killed at any moment. The folder says which run it belongs to, and so does the seal of every piece
+(:mod:`pgmp_petsc.runtime.seal`), which holds a checksum too: a damaged piece, or one of another run, is named, set
+aside and computed again. The folder is removed once the result is written; one without this program's label never is.
 
-A piece ``<name>.npz`` is an archive of numpy behind the seal: programs for zip archives open it, ``numpy.load`` does from
-the open file after ``seek(512)``.
+A piece ``<name>.npz`` is an archive of numpy behind the seal: programs for zip archives open it, ``numpy.load`` does
+from the open file after ``seek(512)``.
 """
 
 from __future__ import annotations

@@ -41,8 +41,8 @@ _HDF5_ENDINGS = (".h5", ".hdf5", ".hdf")
 # endings that say what a file is; others (none, or a job's number) say nothing
 _ENDINGS = frozenset(
     """.bz2 .c .cfg .cgns .csv .dat .e .exo .fmu .gif .gz .html .ini .inp .jpeg .jpg .json .key .log .mat .md .med .mesh
-    .mp4 .msh .npy .npz .obj .off .out .partial .pbs .pdf .pickle .pkl .ply .png .py .sh .slurm .stl .su2 .svg .tar .toml
-    .tsv .txt .unv .vtk .vtu .webm .xdmf .xlsx .xmf .xml .yaml .yml .zip""".split()
+    .mp4 .msh .npy .npz .obj .off .out .partial .pbs .pdf .pickle .pkl .ply .png .py .sh .slurm .stl .su2 .svg .tar
+    .toml .tsv .txt .unv .vtk .vtu .webm .xdmf .xlsx .xmf .xml .yaml .yml .zip""".split()
 ) | {*_HDF5_ENDINGS}  # fmt: skip
 _LONGEST_ADDITION = len("..partial") + len(str(2**22))  # of the names beside the output: a dot, a process number
 _OLD_RESULT = (b"\x89HDF\r\n\x1a\n", b"format_version", b"program_version")
@@ -178,11 +178,13 @@ def _check_replaceable(output: str | os.PathLike[str], target: Path, kind: str) 
     found = _kind_of(target, kind)
     if found is None:
         raise InputError(
-            f"output file '{output}' exists and is not {named(kind)} of this program; give another name, or move it away"
+            f"output file '{output}' exists and is not {named(kind)} of this program; give another name, or move it "
+            "away"
         )
     if found != kind:
         raise InputError(
-            f"output file '{output}' exists and holds {named(found)}, not {named(kind)}; give another name, or remove it"
+            f"output file '{output}' exists and holds {named(found)}, not {named(kind)}; give another name, or remove "
+            "it"
         )
 
 

@@ -2,7 +2,8 @@
 
 A file is written by one process (rank 0) beside its target and renamed when it is complete and on the disk, so a file
 under its final name is never half written, and one that it replaces stays until then. Its first 512 bytes, which HDF5
-skips, are a seal with a checksum of all of it (:mod:`pgmp_petsc.runtime.seal`), checked before it is read. Every file has
+skips, are a seal with a checksum of all of it (:mod:`pgmp_petsc.runtime.seal`), checked before it is read. Every file
+has
 
 ===================== ==========================================================================
 attribute             meaning
@@ -294,8 +295,8 @@ def _unsealed(path: Path, broken: BrokenSeal, kinds: tuple[str, ...]) -> str:
         head = stream.read(SIZE + len(_SIGNATURE))
     if head.startswith(_SIGNATURE):
         return (
-            f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; needed: "
-            f"{_names(kinds)}; write it again"
+            f"file '{path}' was not written by this pgmp {__version__}: an older one wrote it, or another program; "
+            f"needed: {_names(kinds)}; write it again"
         )
     if head.startswith(MAGIC) or head[SIZE:] == _SIGNATURE:
         return f"file '{path}' is damaged: {broken}; {BUILD_AGAIN if kinds == ('rom',) else WRITE_AGAIN}"

@@ -6,8 +6,8 @@ file says of its owner is for people only. The file is removed with the lock; on
 
 It holds between hosts where their shared file system hands locks on: NFS, GPFS, BeeGFS with global locks and Lustre
 mounted with ``flock``. Where locks stay on a host (Lustre mounted with ``localflock``) it keeps apart the jobs of one
-host alone. Where there are no locks (Lustre mounted with neither) there is nothing to hold, and `OutputLock.held` says so;
-what pieces of a run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
+host alone. Where there are no locks (Lustre mounted with neither) there is nothing to hold, and `OutputLock.held` says
+so; what pieces of a run carry of their run (`checkpoint_folder`) still keeps those of two runs apart.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """The seal at the head of a file that this program writes: what it is, how long, and a checksum of all of it.
 
-A file is checked as a whole before a byte of it is interpreted: what was cut off, changed bit by bit, or is somebody
-else's is known at once, and never reaches the HDF5 library, which crashes or hangs on some damaged files. The seal takes
-up the first `SIZE` bytes, as text::
+A file is checked as a whole before a byte of it is interpreted: what was cut off, changed in any bit, or is somebody
+else's is known at once, and never reaches the HDF5 library, which crashes or hangs on some damaged files. The seal
+takes up the first `SIZE` bytes, as text::
 
     pgmp_petsc
     {"bytes": 81920, "format": 2, "kind": "trajectory", "run": "", "sha256": "9f86d0..."}
 
-filled up with blanks. For HDF5 they are the file's user block, which every reader of HDF5 skips. The checksum covers the
-other entries of the seal and all that follows it, so that no bit of the file is outside. Checking reads the file once; a
-processor hashes some 0.3 to 2 GB a second.
+filled up with blanks. For HDF5 they are the file's user block, which every reader of HDF5 skips. The checksum covers
+the other entries of the seal and all that follows it, so that no bit of the file is outside. Checking reads the file
+once. It tells accidents; against forgery there would have to be a secret.
 """
 
 from __future__ import annotations

@@ -36,6 +36,25 @@ Checkpoint.add = add_and_die
 from pgmp_petsc.cli.main import main
 main(sys.argv[1:])
 """
+# the disk is full when the third batch is stored
+FULL = """
+import resource, sys
+from pgmp_petsc.ensemble.checkpoint import Checkpoint
+add, done = Checkpoint.add, []
+def add_on_a_full_disk(self, batch):
+    done.append(batch)
+    if len(done) < 3:
+        return add(self, batch)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (600, limits[1]))
+    try:
+        add(self, batch)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+Checkpoint.add = add_on_a_full_disk
+from pgmp_petsc.cli.main import main
+main(sys.argv[1:])
+"""
 # every rank works in a directory of its own
 APART = """
 import os, sys
@@ -229,12 +248,10 @@ def test_a_reader_that_has_gone_is_no_error(folder: Path) -> None:
 
 def test_a_run_on_a_full_disk_keeps_its_pieces(folder: Path) -> None:
     """A limit of the size of files stands for the disk."""
-    script = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2500, 2500)); from pgmp_petsc.cli.main import main; main()"
     few = overridden("simulation.duration=0.005", "ensemble.batch=4")
     command = ("montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5")
-    done = subprocess.run(
-        [sys.executable, "-c", script, *map(str, command)], capture_output=True, text=True, env=os.environ | MPI_ENVIRONMENT
-    )
+    words, environment = [sys.executable, "-c", FULL, *map(str, command)], os.environ | MPI_ENVIRONMENT
+    done = subprocess.run(words, capture_output=True, text=True, env=environment)
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "could not be written: File too large" in done.stderr and "--resume takes it up" in done.stderr
     pgmp(*command, "--resume")

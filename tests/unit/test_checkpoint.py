@@ -240,7 +240,7 @@ def test_a_full_disk_keeps_what_was_finished(plan: Plan) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        with pytest.raises(RunError, match="npz' could not be written: File too large; what was finished before is kept"):
+        with pytest.raises(RunError, match="could not be written: File too large; what was finished before is kept"):
             checkpoint.add(batch(4))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
