@@ -84,7 +84,8 @@ def _check_file(path: Path, received: str) -> None:
     except FileNotFoundError as error:
         raise InputError(f"{received}: no such file; {needed}") from error
     except (OSError, ValueError) as error:  # no permission, a name too long, a loop of links
-        raise InputError(f"{received}: cannot be read ({getattr(error, 'strerror', None) or error}); {needed}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{received}: cannot be read ({reason}); {needed}") from error
     if not stat.S_ISREG(mode):
         kind = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise InputError(f"{received}: this is {kind}; {needed}")

@@ -160,7 +160,9 @@ NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter)
 #: A positive number, or the name of a parameter.
 PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter), AfterValidator(_sensible_numbers)]
 #: A number that is not negative, or the name of a parameter.
-NotNegativeOrParameter = Annotated[float | str, BeforeValidator(_not_negative_or_parameter), AfterValidator(_sensible_numbers)]
+NotNegativeOrParameter = Annotated[
+    float | str, BeforeValidator(_not_negative_or_parameter), AfterValidator(_sensible_numbers)
+]
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 #: A number that is not negative.

@@ -110,7 +110,8 @@ def _parse_value(override: str, text: str) -> Any:
     if list(table) != ["value"]:
         key = override[: len(override) - len(text) - 1].strip()
         raise InputError(
-            f"--override {shortened(override)}: '{shortened(text.strip())}' is not a TOML value; text needs quotes, as in "
+            f"--override {shortened(override)}: '{shortened(text.strip())}' is not a TOML value; text needs quotes, as "
+            "in "
             f"--override '{shortened(key)}=\"text\"'"
         )
     return table["value"]

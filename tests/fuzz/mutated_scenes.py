@@ -41,12 +41,17 @@ NUMBERS = (
     1e9, 1e29, 1e30, 1e100, 1e300, 1.7e308, math.inf, -math.inf, math.nan,
 )  # fmt: skip
 TEXTS = (
-    "", " ", "x", "theta", "crank", "ground", "ground:origin", "crank:tip", "crank:0", "crank:999", "rod:-1", ":", "a:b:c",
-    "spline", "auto", "circle", "N" * 5000, "é", "\u0000", "a\nb", "../" * 50, "/dev/zero", "/dev/null", "/", "nothing.msh",
-    "pipe.msh", "directory.msh", "words.msh", "half.msh", "words.off", "words.ply", "words.vtu", "norm", "GPa", "mm", "K",
+    "", " ", "x", "theta", "crank", "ground", "ground:origin", "crank:tip", "crank:0", "crank:999", "rod:-1", ":",
+        "a:b:c",
+    "spline", "auto", "circle", "N" * 5000, "é", "\u0000", "a\nb", "../" * 50, "/dev/zero", "/dev/null", "/",
+        "nothing.msh",
+    "pipe.msh", "directory.msh", "words.msh", "half.msh", "words.off", "words.ply", "words.vtu", "norm", "GPa", "mm",
+        "K",
     "m**9**9", "-", "%", "N" * 200 + "/x.msh", "1e400", "true",
 )  # fmt: skip
-STRUCTURES: tuple[Any, ...] = (True, False, [], {}, [[]], [1], [1, 2], [0.0, 1.0], [1, 2, 3], [[0, 1], [1, 2]], {"a": 1})
+STRUCTURES: tuple[Any, ...] = (True, False, [], {}, [[]], [1], [1, 2], [0.0, 1.0], [1, 2, 3], [[0, 1], [1,
+    2]], {"a": 1})
+BYTES = (b"\0", b"\xff", b"\xef\xbb\xbf", b"[", b"]", b"\n", b'"', b"=", b"9" * 5000)
 
 
 @dataclass(frozen=True)
@@ -200,7 +205,8 @@ def _swap(data: dict[str, Any], rng: random.Random) -> None:
 def _rename(data: dict[str, Any], rng: random.Random) -> None:
     tables = [p for p in _places(data) if isinstance(p[0], dict) and isinstance(p[1], str)] or [({"a": 0}, "a")]
     holder, key = rng.choice(tables)
-    name = rng.choice((key[:-1] or "x", key + "s", key.upper(), "", "a b", "a.b", "/", "..", "x" * 300, "ground", "time"))
+    name = rng.choice((key[:-1] or "x", key + "s", key.upper(), "", "a b", "a.b", "/", "..", "x" * 300, "ground",
+        "time"))
     holder[name] = holder.pop(key)
 
 
@@ -221,7 +227,8 @@ def _add(data: dict[str, Any], rng: random.Random) -> None:
     """Add entries that scenes have elsewhere."""
     extra = rng.choice(
         (
-            ("effects", "extra", {"type": rng.choice(("gravity", "end_stop", "joint_friction", "mode_inertia", "point_mass",
+            ("effects", "extra", {"type": rng.choice(("gravity", "end_stop", "joint_friction", "mode_inertia",
+                "point_mass",
                                                       "geometric_stiffening", "spring_damper", "structural_damping"))}),
             ("parameters", "extra", {"nominal": rng.choice(NUMBERS), "unit": rng.choice(TEXTS)}),
             ("parameters", "r1", {"nominal": 5.6, "unit": rng.choice(("mm", "m", "GPa", "in", "kg", "deg"))}),
@@ -265,7 +272,7 @@ def _garbled(content: bytes, rng: random.Random) -> bytes:
         elif choice == 3 and rng.random() < 0.3:
             del content[place:]
         elif choice == 4:
-            content[place:place] = rng.choice((b"\0", b"\xff", b"\xef\xbb\xbf", b"[", b"]", b"\n", b'"', b"=", b"9" * 5000))
+            content[place:place] = rng.choice(BYTES)
         elif choice == 5:
             content[0:0] = rng.choice((b"\xef\xbb\xbf", b"\xff\xfe", b""))
         elif choice == 6 and rng.random() < 0.1:
@@ -281,8 +288,10 @@ def _override(data: dict[str, Any], rng: random.Random) -> str:
         holder = holder[key]
     if rng.random() < 0.1:
         keys += ["a"] * rng.choice((1, 5, 2000))
-    value = rng.choice((*map(repr, NUMBERS), *(f'"{text}"' for text in TEXTS if "\0" not in text), "[]", "{}", "true", "x",
-                        "", "[" * 3000, "=", "{a = 1}", "1979-05-27", "[[0.0, 1.0], [1.0, 2.0]]", "[0, 1000]"))  # fmt: skip
+    value = rng.choice((*map(repr, NUMBERS), *(f'"{text}"' for text in TEXTS if "\0" not in text), "[]", "{}", "true",
+        "x",
+                        "", "[" * 3000, "=", "{a = 1}", "1979-05-27", "[[0.0, 1.0], [1.0, 2.0]]",
+                            "[0, 1000]"))  # fmt: skip
     return ".".join(keys) + rng.choice(("=", "=", "=", "=", "==", "", " = ")) + value
 
 

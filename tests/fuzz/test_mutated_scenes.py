@@ -1,6 +1,7 @@
 """Mutated scenes: a report, or a message that names an entry; never a traceback, a numpy warning or a hang.
 
-``PGMP_FUZZ_SCENES`` says how many (200 take half a minute); `tests/fuzz/mutated_scenes.py` runs them outside of the suite.
+``PGMP_FUZZ_SCENES`` says how many (200 take half a minute); `tests/fuzz/mutated_scenes.py`
+runs them outside of the suite.
 """
 
 from __future__ import annotations

@@ -116,6 +116,9 @@ def test_si_units_as_the_library_has_them(unit: str) -> None:
 
 
 def test_si_units_need_no_library() -> None:
-    script = f"import sys\nfrom pgmp_petsc.scene import load_scene\nload_scene({str(SLIDER_CRANK)!r})\nprint('pint' in sys.modules)"
+    script = (
+        f"import sys\nfrom pgmp_petsc.scene import load_scene\nload_scene({str(SLIDER_CRANK)!r})\n"
+        "print('pint' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -71,7 +71,9 @@ def _over_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> 
         )
 
 
-def _speed(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float) -> Iterator[Finding]:
+def _speed(
+    scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float
+) -> Iterator[Finding]:
     """Estimate how fast a load would make the mechanism, as one rod of all its mass that nothing else holds."""
     duration = scene.simulation.duration
     _, scale = named(scene, f"{entry}.scale", effect.scale)

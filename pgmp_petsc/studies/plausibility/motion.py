@@ -41,7 +41,8 @@ def _driven(entry: str, effect: kinds.PrescribedMotion, length: float) -> Iterat
     elif effect.spin_up is not None:
         yield from _fast(f"{entry}.spin_up.speed", effect.spin_up.speed, length, effect.spin_up.speed)
     elif effect.constant_speed is not None:
-        yield from _fast(f"{entry}.constant_speed.speed", effect.constant_speed.speed, length, effect.constant_speed.speed)
+        speed = effect.constant_speed.speed
+        yield from _fast(f"{entry}.constant_speed.speed", speed, length, speed)
     else:
         speed = max(abs((b[1] - a[1]) / (b[0] - a[0])) for a, b in pairwise(effect.table))
         yield from _fast(f"{entry}.table", speed, length)

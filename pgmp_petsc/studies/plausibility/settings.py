@@ -71,8 +71,8 @@ def _tables(scene: Scene) -> Iterator[Finding]:
     count = float(reduction.angles) ** n
     n_bytes = BYTES * count * n_vectors**2 * (n_vectors if scene.second_order else 1)
     words = (
-        f"{count:.3g} configurations with {n_vectors} vectors each make tables of at least {n_bytes / 1e9:.3g} GB; take "
-        "fewer angles or modes"
+        f"{count:.3g} configurations with {n_vectors} vectors each make tables of at least {n_bytes / 1e9:.3g} GB; "
+        "take fewer angles or modes"
     )
     if n_bytes > LARGEST_TABLES:
         yield refusal("reduction.angles", words, reduction.angles)

@@ -48,8 +48,8 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
                 make = refusal if depth > deepest else doubt
                 yield make(
                     f"effects.{name}.{key}",
-                    f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws it "
-                    "back; move the stop or the start (simulation.initial)",
+                    f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws "
+                    "it back; move the stop or the start (simulation.initial)",
                     end,
                 )
 
