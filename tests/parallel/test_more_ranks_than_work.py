@@ -134,13 +134,11 @@ def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None
 
 
 def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
-    """Bad input, found by all ranks and by those with work alone, and a run that fails."""
+    """Bad input, found by the first rank alone and by all."""
     wanted = [
         ["simulate", str(tmp_path / "missing.h5"), "-o", str(tmp_path / "none.h5")],
         ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), "-o", str(tmp_path / "none.h5")],
-        ["simulate", BEAMS, "--full", *SHORT, *overridden("simulation.step=1.5e-3", "effects.motor.table=[[0,0],[1,1e30]]"),
-         "-o", str(tmp_path / "none.h5")],
     ]
     statuses, done = run_in_turn(mpirun, 5, wanted)
-    assert statuses == [[2] * 5, [2] * 5, [1] * 5], done.stderr
-    assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == 3
+    assert statuses == [[2] * 5, [2] * 5], done.stderr
+    assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == 2
