@@ -203,10 +203,10 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_others(tmp_path: Path) -> Non
     lines = draw(written(tmp_path, synthetic.modes_table(), lost), tmp_path / "out")
     assert lines[0].endswith("frequencies.png") and lines[1].startswith("no densities.png: no sample")
     with pytest.raises(InputError, match="no densities.png: no sample of the full ensemble"):
-        draw(written(tmp_path, lost), tmp_path / "out")
+        draw(written(tmp_path / "lost", lost), tmp_path / "out")
     rigid = replace(synthetic.modes_table(), full_hz=np.empty((200, 0)), reduced_hz=None)
     with pytest.raises(InputError, match="every body is rigid"):
-        draw(written(tmp_path, rigid), tmp_path / "out")
+        draw(written(tmp_path / "rigid", rigid), tmp_path / "out")
 
 
 def test_a_file_given_twice_is_drawn_once(tmp_path: Path) -> None:
