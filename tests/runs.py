@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -17,6 +18,7 @@ from scenes import HEADER, meshes_of
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.mesh.line_mesh import read_line_mesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
@@ -102,8 +104,13 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 
 
 def read_meshes(scene: Scene) -> dict:
-    """Return the meshes of a scene whose entries are paths."""
-    return {name: read_line_mesh(scene.path_of(body.mesh), name) for name, body in scene.bodies.items()}
+    """Return the meshes of a scene whose entries are paths or straight lines."""
+    return {
+        name: straight_beam(body.line.length, body.line.elements, body.line.start)
+        if body.mesh is None
+        else read_line_mesh(scene.path_of(body.mesh), name)
+        for name, body in scene.bodies.items()
+    }
 
 
 def full_model(scene: Scene) -> FullModel:
@@ -113,7 +120,8 @@ def full_model(scene: Scene) -> FullModel:
 
 def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
     """Build the reduced-order model on this process."""
-    return build_rom(scene, _meshes(scene), RankGroup.split(MPI.COMM_SELF, 1), scramble)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return build_rom(scene, _meshes(scene), group, scramble)
 
 
 def reduced_model(scene: Scene) -> ReducedModel:
@@ -177,10 +185,15 @@ def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) ->
     return done
 
 
+def besides_progress(stderr: str) -> str:
+    """Return what a program said on stderr besides lines of progress, which a busy machine brings about."""
+    return re.sub(r"^[a-z -]+: \d+ of \d+, .*\n", "", stderr, flags=re.MULTILINE)
+
+
 def overridden(*entries: str) -> list[str]:
     """Return the arguments ``--override entry`` for every entry."""
     return [word for entry in entries for word in ("--override", entry)]
 
 
 def _meshes(scene: Scene) -> dict:
-    return meshes_of(scene) if ":" in next(iter(scene.bodies.values())).mesh else read_meshes(scene)
+    return meshes_of(scene) if ":" in (next(iter(scene.bodies.values())).mesh or "") else read_meshes(scene)

@@ -16,7 +16,8 @@ The functions below work on many elements or samples at once: the last axis is c
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from pgmp_petsc.runtime.compiled import njit
 
 N_PACKED = 21
 PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)

@@ -124,7 +124,7 @@ class Body:
 
     @classmethod
     def particle(cls, name: str, place: np.ndarray, lumps: dict[Monomial, LumpedMass]) -> Body:
-        """Return a rigid body that is a point mass at a place in its own frame, shape (2,), m."""
+        """Return a rigid body that is a point mass at a place in its own frame, shape (d,), m."""
         mesh = LineMesh(place[None], np.empty((0, 2), dtype=int))
         return cls(name, mesh, None, mesh, {0: lumps})
 
@@ -134,9 +134,26 @@ class Body:
         Both turn as one, so that nothing changes; but a particle without any moment of inertia would make the mass
         matrix singular.
         """
+        if self.component is not None:
+            return self._lend_in_space()
         own = {weight: LumpedMass(lump.mass, 0.5 * lump.inertia) for weight, lump in self.lumps[0].items()}
         lent = {weight: LumpedMass(0.0, lump.inertia) for weight, lump in own.items() if lump.inertia}
         return replace(self, lumps={0: own}), lent
+
+    def _lend_in_space(self) -> tuple[Body, dict[Monomial, LumpedMass]]:
+        """Lend the same moment of inertia about every axis, so little that a real body could have what is left.
+
+        With the tensor of inertia J that body has ``int rho X X^T dV = 1/2 tr(J) 1 - J``, positive definite; half its
+        smallest eigenvalue is left.
+        """
+        mass, lent = {}, {}
+        for weight, matrix in self.component.mass.items():
+            inertia = matrix[3:, 3:]
+            moments = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+            share = float(np.linalg.eigvalsh(moments)[0])
+            mass[weight] = matrix - np.diag([0.0, 0.0, 0.0, share, share, share])
+            lent[weight] = LumpedMass(0.0, share)
+        return replace(self, component=replace(self.component, mass=mass)), lent
 
     def with_lumps(self, node: int, lumps: dict[Monomial, LumpedMass]) -> Body:
         """Return the body with further masses at a node."""

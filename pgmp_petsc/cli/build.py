@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
-from pgmp_petsc.reduction.limits import check_features, check_flexible
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.effect_choice import choose_effects
+from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
 from pgmp_petsc.studies.inputs import read_scene
-
-POOR_COSINE = 0.5
 
 
 @click.command()
@@ -43,21 +48,21 @@ def build(
 
     With reduction.tolerance, or simulation.tolerance, what SCENE does not give is chosen so that no output has a larger
     error; all that was tried is kept in the file. With reduction.effects = "auto" effects too small to matter are left
-    out, and terms of the reduced model that do are added; the estimate is printed and kept too.
+    out, and terms of the reduced model that do are added; the estimate is printed and kept too. Otherwise what SCENE
+    leaves out although it matters is said, as in pgmp check --effects.
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
     with any number of ranks.
     """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "rom", (scene,)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
-    check_flexible(loaded)
-    check_features(loaded)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
+    say_remarks(context, loaded)
     sizes = None
     if loaded.reduction.effects == "auto":
         loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
         say(context, "\n".join(sizes.lines()))
-    group = RankGroup.split(comm, ranks_per_angle)
+    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
     choice, checkpoint = None, None
     if leaves_open(loaded):
         if resume:
@@ -71,17 +76,32 @@ def build(
         except InputError:
             checkpoint.forget()
             raise
+    with agreed(comm, "estimating the sizes of effects"):
+        if rom is not None and sizes is None:
+            # with a tolerance for the step it is the chosen scene that runs
+            rom = with_remarks(rom, loaded if choice is None else choice.scene, meshes)
+            choice = None if choice is None else replace(choice, rom=rom)
     save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
     if checkpoint is not None:
         checkpoint.remove()
     if rom is not None:
-        say(context, report(rom, output))
+        say(context, report(rom, output, loaded.remarks))
     if choice is not None:
         say(context, "\n".join(choice.selection.lines(attempts=False)))
 
 
-def report(rom: ReducedOrderModel, path: Path) -> str:
-    """Say what was built, and warn where neighbouring samples have lost each other."""
+def with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
+    """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
+    timings = Timings()
+    with timings.phase("effect sizes"):
+        found = remarks_on_sizes(scene, meshes)
+    record = rom.record
+    remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
+    return replace(rom, record=replace(record, remarks=remarks, timings=seconds))
+
+
+def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Say what was built, and what is doubtful about it."""
     tables = rom.tables
     lines = [
         f"{path}: {len(rom.frequencies_hz)} {'angles' if tables.n_coordinates == 1 else 'configurations'}, "
@@ -92,18 +112,9 @@ def report(rom: ReducedOrderModel, path: Path) -> str:
         f"{tables.load.shape[1]} load terms",
         f"  neighbouring spaces of modes agree to a cosine of {rom.cosines.min():.6f}",
     ]
-    if rom.n_redundant:
-        lines.append(f"  {rom.n_redundant} redundant constraints were dropped")
     if tables.samples.n > len(rom.frequencies_hz):
         lines.append("  one mode changes its sign after a turn: the tables cover two turns")
-    if rom.cosines.min() < POOR_COSINE:
-        lines.append(
-            "  warning: the space of modes turns away between neighbouring angles; take more reduction.angles, or "
-            "another number of reduction.modes if the last mode crosses the next one"
-        )
-    if rom.indefinite:
-        lines.append(f"  warning: {rom.indefinite}")
-    lines += [f"  {remark}" for remark in rom.record.remarks]
+    lines += remark_lines(rom.record, said)
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
 

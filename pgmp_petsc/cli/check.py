@@ -7,9 +7,11 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import scene_options
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import say, say_remarks
 from pgmp_petsc.components.trial import try_largest
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.check import describe_scene, describe_trial
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
@@ -24,6 +26,7 @@ from pgmp_petsc.studies.inputs import read_scene
     help="Also estimate the size of every available effect: what to keep, what to leave.",
 )
 @click.option("--trial", is_flag=True, help="Also factorise the largest continuum body, and predict time and memory.")
+@click.option("--strict", is_flag=True, help="End with status 2 if there are warnings.")
 @scene_options
 @click.pass_context
 def check(
@@ -31,6 +34,7 @@ def check(
     scene: Path,
     sizes: bool,
     trial: bool,
+    strict: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
@@ -38,12 +42,19 @@ def check(
 
     With --trial the largest continuum body is factorised once on all ranks, which tells what a build will take. With
     --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
+
+    What cannot be meant is refused with its entry's name. What probably is not meant is named in a warning: with
+    --strict these end the check with status 2 too.
     """
     comm = context.obj.comm
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.SIZES if sizes else Purpose.CHECK)
     say(context, on_root(comm, describe_scene, loaded, meshes))
+    say_remarks(context, loaded)
     if trial:
         found = try_largest(loaded, meshes, comm)
         say(context, "  trial         no continuum bodies: nothing to try" if found is None else describe_trial(found))
     if sizes:
         say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes).lines())))
+    if strict and loaded.remarks:
+        n = len(loaded.remarks)
+        raise InputError(f"{scene}: {n} warning{'s' if n > 1 else ''}, see above, and --strict takes none")

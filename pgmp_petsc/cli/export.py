@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 
 
@@ -24,3 +24,5 @@ def export(context: click.Context, file: Path, output: Path) -> None:
 
     n_frames = on_root(context.obj.comm, write_xdmf, file, output)
     say(context, f"{output}: {n_frames} frames, stored in {file}")
+    for line in on_root(context.obj.comm, stopped_runs, file):
+        say(context, line)

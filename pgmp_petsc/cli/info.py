@@ -61,15 +61,18 @@ def describe(path: Path) -> str:
 
 
 def _estimates(file, path: Path) -> list[str]:
-    """Return the estimated errors of a reduced run or ensemble, none where the file has none."""
+    """Return the estimated errors and the validity of a reduced run or ensemble; a remark says what is not there."""
     from pgmp_petsc.cli import estimates
-    from pgmp_petsc.results import Ensemble, EstimatedErrors
-    from pgmp_petsc.results.layout import units_of
+    from pgmp_petsc.results import Ensemble, Trajectory
 
     if file.attrs["kind"] == "ensemble" and "validity" in file:
         return estimates.of_ensemble(Ensemble.read(path))
-    errors = EstimatedErrors.read(file) if file.attrs["kind"] == "trajectory" else None
-    return [] if errors is None else estimates.of_trajectory(errors, units_of(file, "outputs"))
+    if file.attrs["kind"] != "trajectory" or "validity" not in file:
+        return []
+    trajectory = Trajectory.read(path)
+    errors = trajectory.errors
+    lines = [] if errors is None else estimates.of_trajectory(errors, trajectory.units)
+    return [*lines, estimates.of_validity(trajectory.validity)]
 
 
 def _tradeoff(path: Path) -> str:

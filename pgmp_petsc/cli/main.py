@@ -1,8 +1,8 @@
 """Entry point of ``pgmp``: parses the command line, runs one command on all ranks and ends them all alike.
 
-Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted. Rank 0 alone
-prints results and messages; a traceback is printed where it happened. Arguments after a bare ``--`` go to
-PETSc.
+Exit status: 0 fine, 1 the run or some of its samples failed, 2 bad input, 130 interrupted, 143 or 138 ended by
+SIGTERM or SIGUSR1. Rank 0 alone prints results and messages; a traceback is printed where it happened. Arguments after
+a bare ``--`` go to PETSc.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import os
 import sys
 import time
 import traceback
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, NoReturn
 
 import click
@@ -20,7 +21,11 @@ from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
+from pgmp_petsc.runtime.compiled import cache_problem
+from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
+from pgmp_petsc.runtime.petsc import unused_options, unused_remark
+from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
+from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -66,8 +71,12 @@ def main(argv: list[str] | None = None) -> NoReturn:
     comm = MPI.COMM_WORLD
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
-    status, message = _run(own, Session(comm, petsc_options))
+    session = Session(comm, petsc_options)
+    with ending_on_signals(comm.rank):
+        status, message = _run(own, session)
     status = _close(closing, status, message)
+    closing.Free()
+    _warn(session, status)
     release_petsc(comm)
     sys.exit(status)
 
@@ -87,8 +96,10 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
     """
     comm = session.comm
     try:
-        with open(os.devnull, "w") as silent, redirect_stdout(silent if comm.rank > 0 else sys.stdout):
+        with _standard_output(comm) as output:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
+        if output is not None and output.failure is not None:
+            return 1, _output_message(output.failure)
         return status if isinstance(status, int) else 0, None
     except PgmpError as error:
         return error.exit_status, str(error)
@@ -99,13 +110,53 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
         return error.code if isinstance(error.code, int) else 1, None
     except (KeyboardInterrupt, click.Abort):
         status, message = INTERRUPTED, "pgmp: interrupted"
-    except BaseException:
-        status, message = 1, traceback.format_exc()
+        if comm.rank == 0:
+            message = f"{message}: {what_is_kept()}"
+    except BaseException as error:
+        plain = plain_reason(error)
+        status, message = 1, traceback.format_exc() if plain is None else f"pgmp: error: {plain}"
     where = f"pgmp: rank {comm.rank}:\n" if comm.size > 1 else ""
     print(f"{where}{message.rstrip()}", file=sys.stderr, flush=True)
     if comm.size > 1:
         comm.Abort(status)
     return status, None
+
+
+@contextmanager
+def _standard_output(comm: MPI.Comm) -> Iterator[LastingOutput | None]:
+    """Let rank 0 alone print in the block; yield what outlives its output, None where that is no file."""
+    descriptor = descriptor_of(sys.stdout)
+    if comm.rank > 0:
+        with open(os.devnull, "w") as silent, redirect_stdout(silent):
+            yield None
+    elif descriptor is None:
+        yield None
+    else:
+        sys.stdout.flush()
+        output = LastingOutput(descriptor)
+        with output.text(sys.stdout.encoding) as stream, redirect_stdout(stream):
+            yield output
+
+
+def _output_message(failure: OSError) -> str | None:
+    """Say what is lost with standard output; nothing where its reader has gone."""
+    if isinstance(failure, BrokenPipeError):
+        return None
+    return f"standard output: {failure.strerror}; what was printed is incomplete, files that were written are complete"
+
+
+def _warn(session: Session, status: int) -> None:
+    """Name options that nothing used, and what is wrong with the cache of compiled code. Collective.
+
+    Where bad input ended the run early, an option may not have had its turn.
+    """
+    if session.petsc_started and status != InputError.exit_status:
+        names = unused_options(session.petsc_options, session.comm)
+        if names and session.comm.rank == 0:
+            print(f"pgmp: warning: {unused_remark(names)}", file=sys.stderr, flush=True)
+    problem = cache_problem()
+    if problem is not None and session.comm.rank == 0:
+        print(f"pgmp: warning: {problem}", file=sys.stderr, flush=True)
 
 
 def _usage_message(error: click.ClickException) -> str:

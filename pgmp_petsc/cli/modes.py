@@ -8,7 +8,8 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.groups import RankGroup
@@ -44,9 +45,10 @@ def modes(
     """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "modes", (scene, rom)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.MODES)
+    say_remarks(context, loaded)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]
-    group = RankGroup.split(comm, ranks_per_angle)
+    group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
     save(context, table, output)
     if table is not None:

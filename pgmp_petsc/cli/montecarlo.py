@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -9,15 +10,17 @@ import numpy as np
 
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
@@ -54,13 +57,15 @@ def montecarlo(
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         _refuse_drawn(loaded, settings)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
         _refuse_drawn(loaded, settings)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the reduced model"):
             model = ReducedModel(loaded, rom)
     model, remark = settle_step(model, comm, ensemble=True)
@@ -73,7 +78,7 @@ def montecarlo(
     if ensemble is not None:
         remove_checkpoint(plan)
         failed = int(np.sum(ensemble.status != 0))
-        say(context, report(ensemble, output))
+        say(context, report(ensemble, output, loaded.remarks))
     if comm.bcast(failed):
         context.exit(1)
 
@@ -92,7 +97,7 @@ def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
             )
 
 
-def report(ensemble: Ensemble, path: Path) -> str:
+def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     n = len(ensemble.status)
     heading = f"  {'':24s}{'mean':>14s}{'std. error':>12s}{'deviation':>14s}{'std. error':>12s}{'samples':>9s}"
@@ -106,11 +111,12 @@ def report(ensemble: Ensemble, path: Path) -> str:
             )
         )  # fmt: skip
         lines.append(f"  {name:24s}{moments}{s.count:9d} {'' if unit == '1' else unit}".rstrip())
-    lines += [f"  {remark}" for remark in ensemble.record.remarks]
+    lines += remark_lines(ensemble.record, said)
     if np.any(ensemble.status != 0):
         lines += _bounds_of_quantiles(ensemble)
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
+    lines += remark_lines(ensemble.record, said)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from pgmp_petsc.cli.report import say
+from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 
 
@@ -44,4 +44,6 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
     from pgmp_petsc.figures.collection import draw
 
     for line in on_root(context.obj.comm, draw, files, output, exaggerate):
+        say(context, line)
+    for line in on_root(context.obj.comm, stopped_runs, *files):
         say(context, line)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -13,11 +13,14 @@ import click
 
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.streams import first_line
 
 if TYPE_CHECKING:
     import h5py
 
+    from pgmp_petsc.runtime.files import RunRecord
+    from pgmp_petsc.scene import Scene
 
 #: Adds what it holds to an open file.
 Part = Callable[["h5py.File"], None]
@@ -58,6 +61,29 @@ def _write_off_output() -> None:
 
 def _fail(message: str) -> None:
     raise RunError(message)
+
+
+def say_remarks(context: click.Context, scene: Scene) -> None:
+    """Print what is doubtful about a scene on rank 0; not collective."""
+    for remark in scene.remarks:
+        say(context, f"  {remark}")
+
+
+def remark_lines(record: RunRecord, said: Sequence[Remark] = ()) -> list[str]:
+    """Return a line for every remark on a result, but for those that were said before it was made."""
+    return [f"  {remark}" for remark in record.remarks if remark not in said]
+
+
+def stopped_runs(*paths: Path) -> list[str]:
+    """Return a line for every file that holds only a part of a run, saying why; by one process."""
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file
+
+    lines = []
+    for path in paths:
+        with open_file(path, KINDS) as file:
+            if file.attrs.get("status", 0):
+                lines += [f"{path}: {remark}" for remark in RunRecord.read(file).remarks[:1]]
+    return lines
 
 
 def save(context: click.Context, result: Writable | None, path: Path, *parts: Part) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from pgmp_petsc.runtime.petsc import start_petsc
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-@dataclass(frozen=True)
+@dataclass
 class Session:
     """One call of ``pgmp``; click's context object (``context.obj``).
 
@@ -24,9 +26,9 @@ class Session:
 
     comm: MPI.Comm
     petsc_options: Sequence[str] = ()
+    petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:
         """Start PETSc with the user's options; anything that imports PETSc is imported after this."""
-        import petsc4py
-
-        petsc4py.init(["pgmp", *self.petsc_options])
+        start_petsc(self.petsc_options)
+        self.petsc_started = True

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
@@ -32,32 +36,50 @@ def simulate(
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
-    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE."""
+    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE.
+
+    Exit status 1 if the run stops before its end; FILE then holds what was computed.
+    """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full:
-        loaded, meshes = read_scene(source, overrides, settings, comm)
+        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the full-order model"):
             model = FullModel(loaded, meshes)
         model, remark = settle_step(model, comm)
         trajectory = simulate_full(model, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
+        say_remarks(context, loaded)
         with agreed(comm, "preparing the reduced model"):
             reduced = ReducedModel(loaded, rom)
         reduced, remark = settle_step(reduced, comm)
         trajectory = simulate_reduced(reduced, comm)
     save(context, trajectory, output)
     if trajectory is not None:
-        say(context, "\n".join(filter(None, (remark, report(trajectory, output)))))
+        say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))
+    stopped = comm.bcast("" if trajectory is None else why_stopped(trajectory))
+    if stopped:
+        raise RunError(f"{stopped}; {output} holds the run up to there")
 
 
-def report(trajectory: Trajectory, path: Path) -> str:
-    """Return the outputs at the end, and the estimated errors of a reduced run."""
+def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the outputs at the end, estimated errors and validity of a reduced run, and all remarks."""
     lines = [f"{path}: {trajectory.model} model, {len(trajectory.time) - 1} steps to {trajectory.time[-1]:g} s"]
     for name, values in trajectory.outputs.items():
         lines.append(f"  {name:24s}{values[-1]:16.8g} {trajectory.units[name]}")
     if trajectory.errors is not None:
         lines += estimates.of_trajectory(trajectory.errors, trajectory.units)
+    if trajectory.validity:
+        lines.append(estimates.of_validity(trajectory.validity))
+    # why it stopped is the error that ends the command
+    stopped = why_stopped(trajectory)
+    lines += [line for line in remark_lines(trajectory.record, said) if not (stopped and line.endswith(stopped))]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)
+
+
+def why_stopped(trajectory: Trajectory) -> str:
+    """Return why a run stopped before its end, empty where it did not: the first of its remarks."""
+    return trajectory.record.remarks[0].text if trajectory.status else ""

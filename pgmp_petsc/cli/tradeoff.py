@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.tradeoff_table import summary
-from pgmp_petsc.reduction.limits import check_single
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.inputs import read_scene
@@ -49,12 +49,12 @@ def tradeoff(
     """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "tradeoff", (scene,)))
-    loaded, meshes = read_scene(scene, overrides, settings, comm)
-    check_single(loaded, "pgmp tradeoff")
+    loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.TRADEOFF)
     study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)
     save(context, study, output)
     if study is not None:
         say(context, report(study, output))
+        say_remarks(context, loaded)
 
 
 def report(study: Tradeoff, path: Path) -> str:

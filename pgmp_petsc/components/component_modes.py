@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
     import scipy.sparse as sp
 
+PREFIX = "pgmp_body_"
 TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mode shapes its root
 MAX_ROUNDS = 12
 N_TESTS = 5  # values of lambda at which the interface's answers are tried
@@ -83,14 +84,17 @@ class BodyProblem:
 
     def modes(self, n_modes: int, where: str) -> tuple[np.ndarray, np.ndarray]:
         """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body."""
-        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest())
+        self._solver = self._new_solver()
         pairs = self._solver.solve(self.stiffness, self.mass, self._n_rigid, n_modes, where)
         return pairs.values[self._n_rigid :], pairs.vectors[:, self._n_rigid :]
 
     def factor(self) -> None:
         """Factor ``K - sigma M`` for `answers`, without solving for modes."""
-        self._solver = ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest())
+        self._solver = self._new_solver()
         self._solver.factor(self.stiffness, self.mass)
+
+    def _new_solver(self) -> ShiftInvertSolver:
+        return ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest(), PREFIX)
 
     def _lowest(self) -> float:
         """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the

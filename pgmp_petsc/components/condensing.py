@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
@@ -13,6 +14,7 @@ from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
@@ -59,8 +61,9 @@ def condensed(
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
-    with agreed(group.world, "components"):
-        for name in waiting[group.index :: group.count]:
+    own = waiting[group.index :: group.count]
+    with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
+        for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
@@ -69,20 +72,24 @@ def condensed(
                 found[name] = rigid_component(meshed)
             if finished is not None:
                 finished.add_component(name, found[name])
+            bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
     return done
 
 
-def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> RankGroup:
-    """Return the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
+@contextmanager
+def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> Iterator[RankGroup]:
+    """Yield the ranks that share an angle's eigenproblem: each rank alone where all bodies are condensed, as it is
     small.
 
     Collective on ``group.world``.
     """
-    if group.comm.size > 1 and all(isinstance(shape, Component) for shape in shapes.values()):
-        return RankGroup.split(group.world, 1)
-    return group
+    if group.world.size > group.count and all(isinstance(shape, Component) for shape in shapes.values()):
+        with RankGroup.split(group.world, 1) as alone:
+            yield alone
+    else:
+        yield group
 
 
 def _points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:

@@ -18,16 +18,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.effects.measures import ROTATION, measure
+from pgmp_petsc.runtime.compiled import njit
 
 N_FRAME, N_PAIR = 3, 6
-POWER, STORED, DEPTH = range(3)  # what is known of an action beside its force
+POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
 
 
 class Places(NamedTuple):
@@ -257,8 +257,8 @@ def evaluate_local(local, grids, amplitudes, state, gain_v, active, with_tangent
     acting
         Result.
     known
-        Result: power of what is not elastic (W), potential energy (J) and depth in a stop, NaN for other laws; shape
-        (n_samples, 3, n_actions).
+        Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
+        (N or N m); shape (n_samples, 4, n_actions).
     """
     work = allocate_local(local.places, len(grids[0]), state[0].shape[1])
     for sample in range(active.size):
@@ -293,7 +293,7 @@ def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, ba
             rate += projected * v[sample, i]
         force, stiffness, damping, elastic, potential = law(actions.laws[action], p, amplitudes[action], s, rate)
         known[POWER, action], known[STORED, action] = (force - elastic) * rate, potential
-        known[DEPTH, action] = depth(actions.laws[action], p, s)
+        known[DEPTH, action], known[FORCE, action] = depth(actions.laws[action], p, s), force
         for i in range(n):
             balance[i, lane] -= force * work.projected[i]
         if with_tangent:

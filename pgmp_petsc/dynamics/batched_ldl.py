@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numba import njit
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.runtime.compiled import njit
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
+from pgmp_petsc.runtime.compiled import njit
 
 N_COEFFICIENTS = 4  # along each coordinate
 

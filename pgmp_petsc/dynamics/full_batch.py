@@ -20,6 +20,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.lanes import LANES
 from pgmp_petsc.dynamics.local_forces import LocalForces
 from pgmp_petsc.dynamics.lumped_masses import lumped_masses
+from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
 from pgmp_petsc.mechanism.connections import independent_constraints
@@ -46,6 +47,8 @@ class FullBatch:
         Number of samples.
     motions
         Prescribed motions by the number of their coordinate.
+    settled
+        Static equilibrium of every sample to start from; the undeformed mechanism if there is none.
     """
 
     comm = MPI.COMM_SELF
@@ -58,7 +61,9 @@ class FullBatch:
         initial: tuple[np.ndarray, np.ndarray],
         n_samples: int,
         motions: Mapping[int, Motion] = MappingProxyType({}),
+        settled: Settled | None = None,
     ) -> None:
+        self.settled = settled
         mechanism = self._mechanism = kinematics.mechanism
         self.n_samples = n_samples
         self.n_blocks = -(-n_samples // LANES)
@@ -85,16 +90,22 @@ class FullBatch:
         self._size = np.empty((self.n_blocks, LANES))
 
     def start(self) -> State:
-        """Return the undeformed start with consistent accelerations and multipliers."""
+        """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
+        if self.settled is not None:
+            state = self.consistent(self.settled.unknowns, np.zeros(self.n_dofs))
+            return self.settled.at_rest(state, len(self._motions))
         return self.consistent(*self._kinematics.undeformed(*self._initial))
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
-        """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
-        shape = (self.n_blocks, self.n_dofs, LANES)
+        """Return the state at time 0 with given unknowns and velocities that obey the constraints.
+
+        They have the shape (n_dofs,) where they are the same of all samples, or else (n_dofs, n_samples).
+        """
+        shape = (self.n_dofs, self.n_samples)
         state = State(
-            np.broadcast_to(q[None, :, None], shape).copy(),
-            np.broadcast_to(v[None, :, None], shape).copy(),
-            np.zeros(shape),
+            self.pack(np.broadcast_to(q.reshape(self.n_dofs, -1), shape)),
+            self.pack(np.broadcast_to(v.reshape(self.n_dofs, -1), shape)),
+            np.zeros((self.n_blocks, self.n_dofs, LANES)),
             np.zeros((self.n_blocks, self.n_constraints, LANES)),
         )
         # acceleration and multipliers enter linearly: one correction with the mass alone solves

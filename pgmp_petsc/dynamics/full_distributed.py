@@ -26,10 +26,15 @@ from petsc4py import PETSc
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_equations import FullEquations
+from pgmp_petsc.dynamics.rank_elements import ElementState
+from pgmp_petsc.dynamics.rank_solids import SolidState
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.effects import Motion, driven
+from pgmp_petsc.effects import Held, Motion, driven
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.matrices import aij_matrix
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
 
@@ -47,14 +52,20 @@ class FullDistributed:
         Ranks that share the model, those that the equations were made for.
     motions
         Prescribed motions by the number of their coordinate.
+    settled
+        Static equilibrium to start from; the undeformed mechanism if there is none.
     """
 
     n_samples = 1
 
     def __init__(
-        self, equations: FullEquations, comm: MPI.Comm, motions: Mapping[int, Motion] = MappingProxyType({})
+        self,
+        equations: FullEquations,
+        comm: MPI.Comm,
+        motions: Mapping[int, Motion | Held] = MappingProxyType({}),
+        settled: Settled | None = None,
     ) -> None:
-        self.comm, self._equations = comm, equations
+        self.comm, self._equations, self.settled = comm, equations, settled
         self._motions = list(motions.values())
         self._constraints, self.n_dofs, self.rows = equations.constraints, equations.n_dofs, equations.rows
         self._n_multipliers = self._constraints.n_constraints if comm.rank == comm.size - 1 else 0
@@ -84,8 +95,39 @@ class FullDistributed:
         self.close()
 
     def start(self) -> State:
-        """Return the undeformed start with consistent accelerations and multipliers."""
-        return self.consistent(*self._equations.start())
+        """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
+        q, v = self._equations.start()
+        if self.settled is None:
+            return self.consistent(q, v)
+        state = self.consistent(self.settled.unknowns[:, 0], np.zeros_like(v))
+        return self.settled.at_rest(state, len(self._motions))
+
+    def at_rest(self, q: np.ndarray) -> State:
+        """Return a state at rest without multipliers, for unknowns of shape (n_dofs,)."""
+        own, nothing = q[self.rows.start : self.rows.stop].copy(), np.zeros(len(self.rows))
+        return State(own, nothing, nothing.copy(), np.zeros(self._n_multipliers))
+
+    def correct_at_rest(self, state: State, share: float, longest: float) -> float:
+        """Do one Newton correction of a state at rest under a share of the loads at time zero, in place.
+
+        A correction longer than `longest`, in units of the mechanism's size or of 1 rad, is shortened to it. Returned
+        is the size before, the same on all ranks. Collective on `comm`.
+        """
+        step, multipliers = self._solve(0.0, state, (0.0, 0.0, 1.0), None, fresh=True, share=share)
+        moved = float(np.max(np.abs(step) * self._units, initial=0.0)) if np.all(np.isfinite(step)) else np.inf
+        size = self.comm.allreduce(moved, op=MPI.MAX)
+        if np.isfinite(size):
+            shortened = min(1.0, longest / size) if size > 0.0 else 1.0
+            state.q -= shortened * step
+            state.multipliers -= shortened * multipliers
+        return size
+
+    def kinetic_energy(self, v: np.ndarray) -> float:
+        """Return the kinetic energy for velocities of shape (n_dofs,), the same on all ranks. Collective on `comm`."""
+        own = v[self.rows.start : self.rows.stop]
+        self._a.setArray(own)
+        self._mass.mult(self._a, self._ma)
+        return self.comm.allreduce(0.5 * float(own @ self._ma.getArray(readonly=True)))
 
     def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
         """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints."""
@@ -200,19 +242,26 @@ class FullDistributed:
             energies.add_power(motion.name, np.array([-multiplier * motion.at(time)[1]]))
 
     def _solve(
-        self, time: float, state: State, gains: tuple[float, float, float], constraint: np.ndarray | None, fresh: bool
+        self,
+        time: float,
+        state: State,
+        gains: tuple[float, float, float],
+        constraint: np.ndarray | None,
+        fresh: bool,
+        share: float = 1.0,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the residual and solve for the correction; `constraint` replaces c(q) where given.
 
-        Where the linear solver fails, the correction is no number: the sample is lost, and the others go on.
+        Where the linear solver fails, the correction is no number: the sample is lost, and the others go on. `share` is
+        what part of the loads and local effects acts.
         """
         gain_v, gain_a, gain_k = gains
-        scale = gain_a * self._typical_mass
         q, multipliers = self._gather(state)
         self._equations.follow(q)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
         solids = [solid.evaluate(q, v, gain_v, fresh) for solid in self._parts]
+        scale = gain_a * self._typical_mass if gain_a else self._typical_stiffness([elements, *solids])
         everywhere = q[:, None]
         jacobian = self._constraints.jacobian_values(everywhere)[:, 0]
         if constraint is None:
@@ -229,20 +278,22 @@ class FullDistributed:
             if self._local.n_actions:
                 now = self._local.evaluate(time, everywhere, v[:, None], gain_v)
                 self._local.add_forces(now, local)
-                tangents = now.tangents[:, 0]
+                tangents = share * now.tangents[:, 0]
+            local *= share
             self._damping.add_modal_forces(everywhere, v[:, None], local)
             residual -= local[:, 0]
         stiffening = [np.zeros(0)]
         for couple in self._couples:
             gradient, hessian = couple.angle.derivatives(q)
-            residual[couple.angle.dofs] -= couple.strength(time) * gradient
-            stiffening.append(-couple.strength(time) * hessian[np.tril_indices(len(hessian))])
+            strength = share * couple.strength(time)
+            residual[couple.angle.dofs] -= strength * gradient
+            stiffening.append(-strength * hessian[np.tril_indices(len(hessian))])
         own = residual[self.rows.start : self.rows.stop]
         self._a.setArray(state.a)
         self._mass.mult(self._a, self._ma)
         own += self._ma.getArray(readonly=True)
         for effect, vector in zip(self._load_effects, self._load_vectors):
-            own -= effect.amplitude(time) * vector
+            own -= share * effect.amplitude(time) * vector
         if fresh:
             curvature = self._constraints.curvature_values(everywhere, multipliers[:, None])[:, 0]
             found = [now.tangents for now in (elements, *solids)]
@@ -258,11 +309,20 @@ class FullDistributed:
     def _solved(self) -> bool:
         """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks."""
         try:
-            self._ksp.solve(self._rhs, self._x)
+            with petsc_solver(PREFIX, "full-order linear solver"):
+                self._ksp.solve(self._rhs, self._x)
             solved = self._ksp.getConvergedReason() > 0
-        except PETSc.Error:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
+        except RunError:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
             solved = False
         return bool(self.comm.allreduce(solved, op=MPI.LAND))
+
+    def _typical_stiffness(self, states: Sequence[ElementState | SolidState]) -> float:
+        """Return the size of a stiffness: that of the constraints where inertia plays no part. Collective on `comm`."""
+        static = (0.0, 0.0, 1.0)
+        matrices = [p.matrices(static, s.tangents) for p, s in zip((self._elements, *self._parts), states)]
+        diagonals = np.abs(np.concatenate([np.einsum("eii->ei", matrix).ravel() for matrix in matrices]))
+        total, count = self.comm.allreduce(np.array([diagonals.sum(), diagonals.size]), op=MPI.SUM)
+        return total / count if total > 0.0 else 1.0
 
     def _numbering(self) -> None:
         """Find which unknowns are needed here, and where element and constraint entries go in this rank's rows."""
@@ -332,7 +392,8 @@ class FullDistributed:
         self._ksp.getPC().setType(PETSc.PC.Type.LU)
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setOperators(self._matrix)
-        self._ksp.setFromOptions()
+        with petsc_solver(PREFIX, "full-order linear solver"):
+            self._ksp.setFromOptions()
 
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""

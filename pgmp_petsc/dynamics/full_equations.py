@@ -93,6 +93,9 @@ class FullEquations(Protocol):
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
 
+    def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
+
     def follow(self, q: np.ndarray) -> None:
         """Take note of a state on the way, unknowns (n_dofs,), for what counts turns."""
 
@@ -135,7 +138,11 @@ class PlanarEquations:
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the start."""
-        return self._kinematics.undeformed(*self._initial)
+        return self.place(*self._initial)
+
+    def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the undeformed mechanism."""
+        return self._kinematics.undeformed(theta, rates)
 
     def follow(self, q: np.ndarray) -> None:
         """Do nothing: angles count turns."""
@@ -183,7 +190,10 @@ class SpatialEquations:
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the start, from where turns are counted."""
-        theta, rates = self._initial
+        return self.place(*self._initial)
+
+    def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the undeformed mechanism, from where turns are counted."""
         self._counted = np.array(theta, dtype=float)
         poses = self._kinematics.poses(theta)
         turning = self._kinematics.rates(poses)[..., 0] @ rates

@@ -16,11 +16,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, force_and_tangent
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
 from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.runtime.compiled import njit
 
 
 class Elements(NamedTuple):

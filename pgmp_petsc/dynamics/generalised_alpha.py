@@ -31,6 +31,7 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -58,6 +59,8 @@ class GeneralisedAlpha:
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
+        if system.settled is not None:
+            self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
         self._step = step
         self._auxiliary = self.state.a.copy()
@@ -175,7 +178,8 @@ def integrate(
             ts.setMonitor(
                 lambda _, number, *__: observer(number, instant(number, simulation.duration, n_steps), stepper.state)
             )
-        ts.setFromOptions()
+        with petsc_solver(prefix, "time integration"):
+            ts.setFromOptions()
         ts.solve(solution)
         check_end(ts, n_steps, simulation.duration)
     finally:

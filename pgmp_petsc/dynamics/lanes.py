@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from pgmp_petsc.runtime.compiled import njit
 
 LANES = 32  # samples side by side: enough to make the compiler's check for overlap cheap, few enough for the cache
 CACHE_LINE = 64  # bytes

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.bodies.beam2d import (
     N_PACKED,
@@ -20,6 +19,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import element_dofs, touching
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.lumped_masses import lumped_masses
+from pgmp_petsc.runtime.compiled import njit
 
 
 @dataclass(frozen=True, eq=False)

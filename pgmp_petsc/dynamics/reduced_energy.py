@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.reduction.second_order import unpacked
 
 
 def reduced_energy(
@@ -47,6 +48,26 @@ def reduced_energy(
     return kinetic, strain
 
 
+def least_stiffness(
+    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray
+) -> np.ndarray:
+    """Return the least share of the stiffness at rest that is left in the deformed state, shape (n,).
+
+    The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K: 1 without terms of second
+    order, and negative where their cubic energy, which has no lower bound, has pulled the state over its crest.
+    """
+    layout = terms.layout
+    if not layout.second_order:
+        return np.ones(len(q))
+    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
+    r = len(layout.rigid)
+    entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
+    stiffness = unpacked(entries[:, layout.stiffness : layout.cubic])
+    bent = np.einsum("nijk,nk->nij", _unpacked_cubic(entries[:, layout.cubic : layout.swing]), q[:, r:])
+    lower = np.linalg.inv(np.linalg.cholesky(stiffness))
+    return 1.0 + np.linalg.eigvalsh(lower @ bent @ np.swapaxes(lower, 1, 2))[:, 0]
+
+
 def load_powers(
     terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray, v: np.ndarray
 ) -> dict[str, np.ndarray]:
@@ -83,6 +104,14 @@ def _form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return ``x^T A x`` for packed symmetric matrices (n, n_packed) and x (n, m)."""
     i, j = np.tril_indices(x.shape[1])
     return np.sum(packed * np.where(i == j, 1.0, 2.0) * x[:, i] * x[:, j], axis=1)
+
+
+def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
+    """Return tensors packed over ``i >= j >= k``, k fastest, as symmetric ones (n, m, m, m)."""
+    m = next(m for m in range(packed.shape[1] + 1) if m * (m + 1) * (m + 2) == 6 * packed.shape[1])
+    indices = np.indices((m, m, m))
+    i, j, k = np.sort(indices, axis=0)[::-1]
+    return packed[:, i * (i + 1) * (i + 2) // 6 + j * (j + 1) // 2 + k]
 
 
 def _cubic_form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -28,9 +28,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.dynamics.lanes import LANES, multiply
+from pgmp_petsc.runtime.compiled import njit
 
 
 class Layout(NamedTuple):

@@ -13,13 +13,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.dynamics.action_kernel import add_tangents
 from pgmp_petsc.dynamics.cells import Grid, evaluate, evaluate_directly, evaluate_values, locate_all, refill
 from pgmp_petsc.dynamics.lanes import LANES, eliminate_border, solve_bordered
 from pgmp_petsc.dynamics.reduced_equations import Layout, add_damping, allocate, iteration_matrix, residual
 from pgmp_petsc.dynamics.second_order_kernel import add_second_order, add_second_order_tangent
+from pgmp_petsc.runtime.compiled import njit
 
 
 class Tables(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED, Acting, evaluate_local
+from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting, evaluate_local
 from pgmp_petsc.dynamics.cells import Cache
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
@@ -18,6 +18,7 @@ from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual, fill_tangents
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
@@ -62,6 +63,7 @@ class ReducedSystem:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
         self.n_samples = n_samples
+        self.settled: Settled | None = None
         self._initial = initial
         self._terms, self._motions = terms, motions
         self._values = values
@@ -94,7 +96,7 @@ class ReducedSystem:
         self._local = self._actions.of_samples(values, n_samples)
         n_actions = len(self._actions.actions)
         self._acting = Acting.empty(n_blocks if n_actions else 0, layout.n_eta)
-        self._known = np.empty((n_samples, 3, n_actions))
+        self._known = np.empty((n_samples, 4, n_actions))
         self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
         self._size = np.empty(n_samples)
 
@@ -104,20 +106,23 @@ class ReducedSystem:
         return self.tables.n_coordinates + self.tables.n_modes
 
     def start(self) -> State:
-        """Return the undeformed start with the accelerations that the equations of motion give."""
+        """Return the start, undeformed or settled, with the accelerations that the equations of motion give."""
         r = self.tables.n_coordinates
         q = np.zeros((self.n_samples, self.n_eta))
         v = np.zeros_like(q)
-        q[:, :r], v[:, :r] = self._initial
+        if self.settled is None:
+            q[:, :r], v[:, :r] = self._initial
+        else:
+            q[:] = self.settled.unknowns.T
         state = State(q, v, np.zeros_like(q), np.zeros(0))
-        # with gain_a = 1 and stiffness left out of the balance (delta = 0), a correction solves M a = -r
+        # accelerations enter linearly: with stiffness negligible in the matrix, a correction solves M a = -r
         trial = state.copy()
         only_mass = Scheme(0.0, 0.0, 0.0, 0.0, gain_v=0.0, gain_a=LARGE)
         everyone = np.ones(self.n_samples, dtype=bool)
         self.correct(0.0, trial, only_mass, everyone, fresh=True)
         state.a = trial.a
         self._prescribe(0.0, state, everyone)
-        return state
+        return state if self.settled is None else self.settled.at_rest(state, len(self._motions))
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
@@ -136,6 +141,54 @@ class ReducedSystem:
             self._size,
         )
         return self._size.copy()
+
+    def settle(self, settled: Settled) -> None:
+        """Let the samples start at rest in static equilibria."""
+        self.settled = settled
+
+    def correct_at_rest(
+        self, state: State, force: np.ndarray, active: np.ndarray, share: float, longest: float
+    ) -> np.ndarray:
+        """Do one Newton correction of the flexible coordinates at rest, under the loads at time zero, in place.
+
+        Parameters
+        ----------
+        state
+            At rest.
+        force
+            What else is in balance with the residual, shape (n_samples, n_eta): ``r + force = 0``.
+        active
+            Samples to correct, shape (n_samples,).
+        share
+            What part of the loads and local effects acts.
+        longest
+            Longer corrections are shortened to it, in units of the mechanism's size or of 1 rad.
+
+        Returns
+        -------
+        ndarray, shape (n_samples,)
+            Size of the correction before it was shortened.
+        """
+        layout, before = self._equations.layout, state.q.copy()
+        acting = Acting.empty(len(self._factors[0]), layout.n_eta)
+        if self._actions.actions:
+            self._act(0.0, state, 0.0, active, True)
+            acting.balance[:], acting.tangent[:] = share * self._acting.balance, share * self._acting.tangent
+        samples = np.arange(self.n_samples)
+        acting.balance[samples // LANES, :, samples % LANES] += force
+        equations = self._equations._replace(prescribed=np.ones(len(layout.rigid), dtype=bool))
+        factors, size = tuple(np.zeros_like(part) for part in self._factors), np.empty(self.n_samples)
+        correct(
+            equations, share * self._amplitudes(0.0), acting, (state.q, state.v, state.a), (0.0, 0.0), active, True,
+            factors, self._cache, size,
+        )  # fmt: skip
+        shortened = np.where(size > longest, longest / np.maximum(size, longest), 1.0)
+        state.q[:] = np.where(shortened[:, None] < 1.0, before + shortened[:, None] * (state.q - before), state.q)
+        return size
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the kinetic energy of the samples in a state, shape (n_samples,), J."""
+        return reduced_energy(self._terms, self._values, q, v)[0]
 
     def residual(self, time: float, state: State) -> np.ndarray:
         """Return the residual of the equations of motion, shape (n_samples, n_eta).
@@ -175,6 +228,16 @@ class ReducedSystem:
         for k, motion in self._motions.items():
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
         return energies
+
+    def load_amplitudes(self, time: float) -> np.ndarray:
+        """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
+        weights = self._equations.weights
+        return weights.loads * self._amplitudes(time)[weights.effects]
+
+    def action_forces(self, time: float, state: State) -> np.ndarray:
+        """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
+        self._act_on_all(time, state)
+        return self._known[:, FORCE].copy()
 
     def close(self) -> None:
         """Nothing is to be given back."""

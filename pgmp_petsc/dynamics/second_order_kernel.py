@@ -18,9 +18,8 @@ what vanishes at the nominal parameters, where chi is M-orthogonal to the basis 
 
 from __future__ import annotations
 
-from numba import njit
-
 from pgmp_petsc.dynamics.lanes import contract, multiply
+from pgmp_petsc.runtime.compiled import njit
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -10,6 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from pgmp_petsc.dynamics.static_equilibrium import Settled
+
 
 @dataclass
 class State:
@@ -69,6 +71,7 @@ class SecondOrderSystem(Protocol):
 
     comm: MPI.Comm
     n_samples: int
+    settled: Settled | None  # static equilibria that the samples start from
     n_events: int  # edges of laws whose crossing is to be found in time; 0 where there are none
 
     def start(self) -> State:

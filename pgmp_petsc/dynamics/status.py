@@ -15,6 +15,7 @@ class Status(IntEnum):
     NOT_FINITE = 4
     SOLVER_FAILED = 5
     BROKE_DOWN = 6
+    NO_EQUILIBRIUM = 7
 
     @property
     def meaning(self) -> str:
@@ -37,6 +38,7 @@ _MEANINGS = {
     Status.SOLVER_FAILED: "the linear solver failed within a time step",
     Status.BROKE_DOWN: "its deformation left what the reduced model holds for: stiffness or inertia are no longer "
     "positive there, and the motion ran away",
+    Status.NO_EQUILIBRIUM: "no static equilibrium was found to start from",
 }
 _CURES = {
     Status.FINE: "",
@@ -46,4 +48,5 @@ _CURES = {
     Status.NOT_FINITE: "look at the loads and the start of these samples",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps; the full-order model (--full) holds there, or loads and parameters that bend less",
+    Status.NO_EQUILIBRIUM: "hold the coordinates (initial.coordinates = \"held\"), or look at the loads at time zero",
 }

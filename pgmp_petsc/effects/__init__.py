@@ -15,11 +15,11 @@ from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.joint_damping import joint_damping
 from pgmp_petsc.effects.joint_friction import joint_friction
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.motion import Motion, driven
+from pgmp_petsc.effects.motion import Held, Motion, driven
 from pgmp_petsc.effects.patterns import Patterns
 from pgmp_petsc.effects.spring_damper import spring_damper
 from pgmp_petsc.effects.structural_damping import StructuralDamping
-from pgmp_petsc.effects.torque import Torque
+from pgmp_petsc.effects.torque import HoldingTorque, Torque
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.schema import Scene
 
@@ -37,16 +37,18 @@ _MAKERS = {
 
 
 def effects_of(scene: Scene, mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Return the effects that a scene names and that act by forces, in its order.
+    """Return the effects that a scene names and that act by forces, in its order, and what holds coordinates at first.
 
     Raises
     ------
     InputError
         If an effect names a point that its body's mesh does not have.
     """
-    return tuple(
+    named = [
         _MAKERS[entry.type](name, entry, mechanism) for name, entry in scene.effects.items() if entry.type in _MAKERS
-    )
+    ]
+    held = scene.initial.equilibrium and scene.initial.coordinates == "held"
+    return (*named, *(HoldingTorque(c) for c in mechanism.coordinates if held and not c.prescribed))
 
 
 def motions_of(scene: Scene, mechanism: Mechanism) -> dict[int, Motion]:
@@ -76,6 +78,7 @@ def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns
 __all__ = [
     "Action",
     "Effect",
+    "Held",
     "Load",
     "Motion",
     "Patterns",

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.laws import N_PARAMETERS, STOP, depth, law
 from pgmp_petsc.effects.measures import COLUMNS, measure
 from pgmp_petsc.mechanism.joints import N_FRAME, N_PAIR
 from pgmp_petsc.mechanism.mechanism import Attachment
+from pgmp_petsc.runtime.compiled import njit
 
 
 @dataclass(frozen=True, eq=False)

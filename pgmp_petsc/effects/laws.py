@@ -16,7 +16,8 @@ The stop's damping is that of Hunt and Crossley (1975): its force begins at zero
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from pgmp_petsc.runtime.compiled import njit
 
 SOURCE, SPRING_DAMPER, FRICTION, STOP = range(4)
 N_PARAMETERS = 4

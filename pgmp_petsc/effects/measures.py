@@ -16,7 +16,8 @@ the power is ``F s'`` in every model alike.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from pgmp_petsc.runtime.compiled import njit
 
 ROTATION, SLIDE, DISTANCE, FOLLOWING = range(4)
 #: Frame unknowns (x_a, y_a, phi_a, x_b, y_b, phi_b) that each measure depends on.

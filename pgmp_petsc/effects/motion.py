@@ -52,7 +52,26 @@ class Motion:
         return Instant(*self._at(time))
 
 
-def driven(motions: Sequence[Motion], time: float) -> Instant:
+class Held:
+    """A coordinate that is held where it is, as `Motion`.
+
+    Attributes
+    ----------
+    angle
+        Where, rad.
+    """
+
+    name = "held"
+
+    def __init__(self, angle: float) -> None:
+        self.angle = angle
+
+    def at(self, time: float) -> Instant:
+        """Return the angle, at rest."""
+        return Instant(self.angle, 0.0, 0.0)
+
+
+def driven(motions: Sequence[Motion | Held], time: float) -> Instant:
     """Return several motions at a time (s)."""
     return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
 

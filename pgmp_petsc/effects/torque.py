@@ -9,7 +9,8 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 from pgmp_petsc.scene import effects as schema
 
@@ -22,16 +23,10 @@ class Torque(Effect):
         self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._connection = mechanism.connection(entry.joint)
-        spatial = isinstance(self._connection, SpatialConnection)
-        self._axes = [axes[:, 0] for axes in self._connection.axes] if spatial else [np.ones(1)] * 2
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return one term: unit couples about the joint's axis at its nodes; the axis is fixed in both bodies."""
-        vector = np.zeros(len(matrices.rows))
-        for sign, side, axis in zip((-1.0, 1.0), self._connection.sides, self._axes):
-            for dof, component in zip(side.dofs[-axis.size :], axis):
-                if not side.on_ground and dof in matrices.rows:
-                    vector[dof - matrices.rows.start] += sign * component * self._scale.coefficient
+        vector = self._scale.coefficient * _couples(self._connection, matrices)
         return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
     def couple(self) -> tuple[SpatialConnection, Quantity]:
@@ -45,3 +40,27 @@ class Torque(Effect):
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the torque, N m."""
         return self._amplitude(time)
+
+
+class HoldingTorque(Effect):
+    """What holds a coordinate until a run starts: no load in the run, but the static basis answers it."""
+
+    def __init__(self, coordinate: Coordinate) -> None:
+        super().__init__(f"hold {coordinate.name}")
+        self._connection = coordinate.connection
+
+    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
+        """Return the couples on the coordinate's joint."""
+        return [_couples(self._connection, matrices)]
+
+
+def _couples(connection: Connection | SpatialConnection, matrices: AffineMatrices) -> np.ndarray:
+    """Return unit couples about a joint's axis at its nodes, on the rows of `matrices`."""
+    spatial = isinstance(connection, SpatialConnection)
+    every_axis = [axes[:, 0] for axes in connection.axes] if spatial else [np.ones(1)] * 2
+    vector = np.zeros(len(matrices.rows))
+    for sign, side, axis in zip((-1.0, 1.0), connection.sides, every_axis):
+        for dof, component in zip(side.dofs[-axis.size :], axis):
+            if not side.on_ground and dof in matrices.rows:
+                vector[dof - matrices.rows.start] += sign * component
+    return vector

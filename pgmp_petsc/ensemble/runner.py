@@ -24,9 +24,11 @@ from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.ensemble.watchers import ErrorWatcher, Found, Watcher, together
-from pgmp_petsc.indicator.coverage import is_indicated
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.watchers import ErrorWatcher, Found, ValidityWatcher, Watcher, together
+from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
+from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -63,8 +65,8 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
         watchers = _watchers(model)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm) as bar:
-        bar.update(plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing))
+    taken_up = plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing)
+    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
         for start in range(0, len(missing), comm.size):
             turn = missing[start : start + comm.size]
             batch = None
@@ -113,12 +115,12 @@ def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence
         samples = attempt.samples
         some = {name: value[samples] for name, value in safe.items()}
         chosen = [np.flatnonzero(mask[samples]) for mask in wanted]
-        watched = [
-            (places, watcher.watch(some, places, attempt.simulation))
-            for watcher, places in zip(watchers, chosen)
-            if places.size
-        ]
         with closing(model.batch(some, samples.size)) as system:
+            watched = [
+                (places, watcher.watch(system, some, places, attempt.simulation))
+                for watcher, places in zip(watchers, chosen)
+                if places.size
+            ]
             observer = together([watch for _, watch in watched])
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer)
             done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
@@ -157,10 +159,34 @@ def _with_outputs(
 
 def _watchers(model: Model) -> list[Watcher]:
     """Return what looks at the runs of a model."""
+    if not isinstance(model, ReducedModel):
+        return []
     share = model.scene.ensemble.checked_share
-    if isinstance(model, ReducedModel) and is_indicated(model.scene) and share > 0.0:
-        return [ErrorWatcher(ErrorIndicator(model), share)]
-    return []
+    validity = ValidityWatcher(model)
+    if is_indicated(model.scene) and share > 0.0:
+        return [ErrorWatcher(ErrorIndicator(model), share), validity]
+    return [validity]
+
+
+def _remarks(
+    model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray
+) -> tuple[Remark, ...]:
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
+    if not isinstance(model, ReducedModel):
+        return ()
+    scene = model.scene
+    remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
+    chosen = checked(scene.ensemble.checked_share, 0, status.size) & (status == Status.FINE)
+    if estimates["errors"]:
+        unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
+        if unknown:
+            remarks.append(
+                note(
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
+                    f"full-order equations could not be solved about their motion; {CURE}"
+                )
+            )
+    return tuple(remarks)
 
 
 def describe_ensemble(
@@ -188,10 +214,11 @@ def describe_ensemble(
         *step_remarks(status, divisors, scene.simulation.step),
         *draw_remarks(scene),
         *_single(int(fine.sum())),
+        *_remarks(model, estimates, status),
     )
     return Ensemble(
         model=model.name,
-        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), remarks),
+        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), (*scene.remarks, *remarks)),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import Observer
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
+from pgmp_petsc.indicator.validity import Validity
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.errors import VALIDITY
 
 if TYPE_CHECKING:
@@ -46,8 +48,14 @@ class Watcher(Protocol):
     def chosen(self, first: int, last: int) -> np.ndarray:
         """Return which of the samples first to last - 1 are watched, shape (last - first,)."""
 
-    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray, simulation: Simulation) -> Watch:
-        """Begin to watch a run: parameter values of all its samples, numbers of those watched, and its steps."""
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run of a system: values of all its samples, numbers of those watched, and its steps."""
 
 
 class ErrorWatcher:
@@ -64,13 +72,19 @@ class ErrorWatcher:
     def __init__(self, indicator: ErrorIndicator, share: float) -> None:
         self._indicator, self._share = indicator, share
         outputs = list(indicator.model.outputs.functions)
-        self.names = {"errors": outputs, "errors_at_end": outputs, "validity": list(VALIDITY)}
+        self.names = {"errors": outputs, "errors_at_end": outputs}
 
     def chosen(self, first: int, last: int) -> np.ndarray:
         """Return which samples are checked; see `checked`."""
         return checked(self._share, first, last)
 
-    def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray, simulation: Simulation) -> Watch:
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
         """Begin to watch a run with steps of its own."""
         return _ErrorWatch(self._indicator.stepped(simulation).watch(values, samples))
 
@@ -83,7 +97,46 @@ class _ErrorWatch:
     def found(self, status: np.ndarray) -> Found:
         """Return the estimate."""
         estimate = self._run.estimate(status)
-        return {"errors": estimate.largest, "errors_at_end": estimate.at_end, "validity": estimate.validity}
+        return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
+
+
+class ValidityWatcher:
+    """Keeps how far every sample leaves small deformations.
+
+    Parameters
+    ----------
+    model
+        The reduced model.
+    """
+
+    names = {"validity": list(VALIDITY)}
+
+    def __init__(self, model: ReducedModel) -> None:
+        self._model = model
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return that all samples are watched."""
+        return np.ones(last - first, dtype=bool)
+
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run."""
+        return _ValidityWatch(Validity(self._model, system, values, simulation), samples)
+
+
+class _ValidityWatch:
+    def __init__(self, validity: Validity, samples: np.ndarray) -> None:
+        self._validity, self._samples = validity, samples
+        self.observe = validity.observe
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the extremes."""
+        return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
 
 
 def together(watches: Sequence[Watch]) -> Observer | None:

@@ -1,23 +1,60 @@
-"""Which scenes the error indicator covers: one free coordinate, and effects that are loads or masses."""
+"""Whose errors are estimated: scenes with one free coordinate, flexible beams, and effects that are loads or masses.
+
+The full-order equations of the error (`residual_error`) know nothing else. What keeps a scene out is named, so that
+every run without an estimate can say why.
+"""
 
 from __future__ import annotations
 
+from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Effect
 
 #: Effects that the full-order equations of the error know as they stand.
-COVERED = ("torque", "gravity", "point_mass", "geometric_stiffening", "mode_inertia")
+COVERED = ("torque", "gravity", "point_mass", "gyroscopic", "geometric_stiffening", "mode_inertia")
+NOT_LOCAL = {"prescribed_motion": "a prescribed motion", "structural_damping": "damping within the bodies"}
+CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
 
 
-def is_covered(scene: Scene) -> bool:
-    """Return whether the errors of a scene's reduced runs can be estimated."""
-    flexible = all(body.flexible and not body.continuum for body in scene.bodies.values())
-    return len(scene.coordinates) == 1 and flexible and all(map(_is_known, scene.effects.values()))
+def why_not_covered(scene: Scene) -> str:
+    """Return what of a scene the estimate does not know, by entry; empty where it knows all of it."""
+    reasons = []
+    if len(scene.coordinates) > 1:
+        reasons.append(
+            f"coordinates: {', '.join(scene.coordinates)} are {len(scene.coordinates)}, and the estimate is for one"
+        )
+    for name, body in scene.bodies.items():
+        if body.continuum:
+            reasons.append(f"bodies.{name} is of continuum elements, and the estimate is for beams")
+        elif not body.flexible:
+            reasons.append(f"bodies.{name} is rigid, and the estimate is for flexible beams")
+    reasons += [
+        f"effects.{name} ({effect.type}) is {NOT_LOCAL.get(effect.type, 'a local force')}, which the estimate does not know"
+        for name, effect in scene.effects.items()
+        if not _is_known(effect)
+    ]
+    return "; ".join(reasons)
 
 
 def is_indicated(scene: Scene) -> bool:
     """Return whether the errors of a scene's reduced runs are to be estimated, and can be."""
-    return scene.simulation.error_indicator and is_covered(scene)
+    return scene.simulation.error_indicator and not why_not_covered(scene)
+
+
+def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, ...]:
+    """Return why the errors of a scene's reduced run or ensemble are not estimated; nothing where they are."""
+    if not scene.simulation.error_indicator:
+        return (_absent("simulation.error_indicator = false switches the estimate off"),)
+    reason = why_not_covered(scene)
+    if reason:
+        return (_absent(reason),)
+    if ensemble and scene.ensemble.checked_share == 0.0:
+        return (_absent("ensemble.checked_share = 0 switches the estimate off"),)
+    return ()
+
+
+def _absent(reason: str) -> Remark:
+    return note(f"errors were not estimated: {reason}; {CURE}")
 
 
 def _is_known(effect: Effect) -> bool:

@@ -28,15 +28,13 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
-from pgmp_petsc.indicator.reference_motion import LARGEST, ReferenceMotion
+from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
-from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.model import start_of
-from pgmp_petsc.results.errors import VALIDITY
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -49,7 +47,7 @@ LOOK = 10  # steps that are taken in together
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated errors and validity of n samples; NaN where a sample failed or has no estimate.
+    """Estimated errors of n samples; NaN where a sample failed or has no estimate.
 
     Attributes
     ----------
@@ -57,15 +55,12 @@ class Estimate:
         Largest size of the error of every output over the run, shape (n,).
     at_end
         Error of every output at the end, reduced less full-order, shape (n,).
-    validity
-        See `validity`; each of shape (n,).
     histories
         Of every sample: instants (s), and errors of every output at these, each of shape (n_e,).
     """
 
     largest: dict[str, np.ndarray]
     at_end: dict[str, np.ndarray]
-    validity: dict[str, np.ndarray]
     histories: tuple[tuple[np.ndarray, dict[str, np.ndarray]], ...]
 
 
@@ -179,7 +174,6 @@ class WatchedRun:
         """
         n, names = self._samples.size, self._indicator.model.outputs.functions
         largest, at_end = ({name: np.full(n, np.nan) for name in names} for _ in range(2))
-        validity = {name: np.full(n, np.nan) for name in VALIDITY}
         fine = (status[self._samples] == Status.FINE) & self._placeable()
         with np.errstate(all="ignore"):
             bent, missing = (np.max(np.abs(self._states[:, part, :, 1:]), axis=(0, 2)) for part in (0, 3))
@@ -193,23 +187,19 @@ class WatchedRun:
             chosen = np.flatnonzero(~settled & ((number >= needed) | compared))
             if not chosen.size:
                 continue
-            errors, found = self._evaluate(schedule, chosen, fine[chosen])
+            errors = self._evaluate(schedule, chosen, fine[chosen])
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
             agreed = agree({name: values[chosen] for name, values in largest.items()}, now)
             settled[chosen] = (number >= needed[chosen]) & (agreed | schedule.complete | ~fine[chosen])
             for name, error in errors.items():
                 largest[name][chosen], at_end[name][chosen] = now[name], error[-1]
-            for name, values in found.items():
-                validity[name][chosen] = values
             time = schedule.steps * self._indicator.step
             for column, sample in enumerate(chosen):
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
-        return Estimate(largest, at_end, validity, tuple(histories))
+        return Estimate(largest, at_end, tuple(histories))
 
-    def _evaluate(
-        self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Return errors (n_e, n) and validity (n,) of some samples at the instants of a schedule."""
+    def _evaluate(self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray) -> dict[str, np.ndarray]:
+        """Return errors (n_e, n) of some samples at the instants of a schedule."""
         model, n = self._indicator.model, chosen.size
         states = self._states[schedule.places][:, :, chosen]
         # what cannot be placed stands still at the start, and is never advanced
@@ -221,18 +211,11 @@ class WatchedRun:
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
         motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval)
-        validity = Validity(model.scene, model.kinematics.mechanism, values, n)
-        nodes, waiting, corrected = list(model.outputs.nodes), [], []
+        nodes, corrected = list(model.outputs.nodes), []
 
         def record(number: int, time: float, state: State) -> None:
             nodal = motion.at(number).shaken + system.unpack(state.q)
-            waiting.append(nodal.reshape(-1, DOFS_PER_NODE, n))
-            corrected.append(waiting[-1][nodes])
-            if len(waiting) * nodal.size > LARGEST or number == len(states) - 1:
-                theta = states[number + 1 - len(waiting) : number + 1, 0, :, 0]
-                poses = model.kinematics.poses(theta.ravel())
-                validity.add(np.stack(waiting, axis=2), poses.reshape(*poses.shape[:2], *theta.shape))
-                waiting.clear()
+            corrected.append(nodal.reshape(-1, DOFS_PER_NODE, n)[nodes])
 
         simulation = self._indicator.simulation.model_copy(
             update={
@@ -244,10 +227,7 @@ class WatchedRun:
         run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
         known = run.status == Status.FINE
         errors = self._errors(plain, np.array(corrected))
-        return (
-            {name: np.where(known, error, np.nan) for name, error in errors.items()},
-            {name: np.where(known, values, np.nan) for name, values in validity.largest.items()},
-        )
+        return {name: np.where(known, error, np.nan) for name, error in errors.items()}
 
     def _complete(self, numbers: np.ndarray) -> np.ndarray:
         """Return whether schedules, given by their numbers, evaluate every step."""

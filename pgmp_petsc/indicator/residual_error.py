@@ -33,6 +33,7 @@ class ErrorSystem:
     """
 
     n_events = 0
+    settled = None
 
     def __init__(self, full: FullBatch, motion: ReferenceMotion, interval: float) -> None:
         self.comm = full.comm

@@ -19,10 +19,10 @@ solution yet, because the accelerations belong to the integrator's angles; `resi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.indicator.flexible_modes import Modes
 from pgmp_petsc.indicator.quadrature import N_VALUES, WEIGHTS
+from pgmp_petsc.runtime.compiled import njit
 
 SOFTEST = 1e-3  # of omega h: below, a mode is taken for this stiff, and nothing is divided by zero
 

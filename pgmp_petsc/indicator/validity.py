@@ -1,10 +1,18 @@
-"""How far a run leaves the small deformations that a linear reduced basis assumes.
+"""How far a reduced run leaves what a linear reduced basis assumes; looked at in every run and every sample.
 
-**Elastic rotation**: the largest rotation of a node less that of its rigid body, rad; `results.errors` says from where
-on it is too large.
+At every tenth step, of long runs at about a hundred instants, so that shorter peaks may be missed (`Validity`):
+
+**Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
 
 **Elastic strain**: the largest strain along the outermost fibre of a beam, ``|eps| + c |kappa|`` with c half its
-height. Steel yields at about 0.002.
+height; of a section given by coefficients, which has no height, c is that of the circle with the same radius of
+gyration. Not known of continuum bodies.
+
+**Stiffness gained and lost**: the largest and the least share by which the forces in the bodies change the stiffness of
+a mode (`reduction.stiffness_changes`), from loads, local forces and the inertia forces of the rigid motion at that
+instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Known of beams.
+
+`remarks_of` says in words what is beyond its limit, and what to do.
 """
 
 from __future__ import annotations
@@ -13,52 +21,218 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.stiffness_changes import loading_of
+from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.numerics import Simulation
+
+# A look costs about as much as a step of a single run, less in a batch: at most a tenth of the run.
+N_INSTANTS = 100
+SHORTEST = 10  # steps between two looks
 
 
 class Validity:
-    """Largest elastic rotations and strains of n samples, gathered over a run.
+    """The observer of a batch that keeps the largest values of every sample.
+
+    Parameters
+    ----------
+    model, system, values
+        The model, its batch, and the batch's parameter values, each of shape (n_samples,).
+    simulation
+        Of the run.
 
     Attributes
     ----------
-    largest
-        ``elastic_rotation`` (rad) and ``elastic_strain``, each of shape (n,).
+    extremes
+        By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
 
-    def __init__(self, scene: Scene, mechanism: Mechanism, values: Mapping[str, np.ndarray], n: int) -> None:
-        self._mechanism = mechanism
-        self._half_heights = [half_height(scene, body.name, values) for body in mechanism.bodies]
-        self.largest = {name: np.zeros(n) for name in VALIDITY}
+    def __init__(
+        self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray], simulation: Simulation
+    ) -> None:
+        self._model, self._system = model, system
+        self._n_steps = count_steps(simulation.duration, simulation.step)
+        self._stride = max(SHORTEST, -(-self._n_steps // N_INSTANTS))
+        self._strains = BodyStrains(
+            model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order
+        )
+        n, tables = system.n_samples, model.terms.tables
+        self._weights = [
+            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
+            for weights in (tables.mass_weights, tables.stiffness_weights)
+        ]
+        self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
 
-    def add(self, frames: np.ndarray, poses: np.ndarray) -> None:
-        """Take in some instants.
+    def observe(self, number: int, time: float, state: State) -> None:
+        """Look at a state, if it is its turn; the observer of the run."""
+        if number % self._stride and number != self._n_steps:
+            return
+        # a sample that fails may overflow here before it is given up
+        with np.errstate(all="ignore"):
+            local = self._model.local_displacements(state.q)
+            rotation, strain = self._strains.largest(local)
+            self._keep("elastic_rotation", rotation, np.fmax)
+            self._keep("elastic_strain", strain, np.fmax)
+            if self._model.stiffness_changes is not None:
+                shares = self._shares(time, state)
+                self._keep("stiffness_gained", np.maximum(shares.max(axis=1), 0.0), np.fmax)
+                self._keep("stiffness_lost", np.minimum(shares.min(axis=1), 0.0), np.fmin)
+
+    def _keep(self, name: str, found: np.ndarray, larger: np.ufunc) -> None:
+        self.extremes[name] = larger(self.extremes[name], np.where(np.isfinite(found), found, np.nan))
+
+    def _shares(self, time: float, state: State) -> np.ndarray:
+        """Return by which share the stiffness of every mode has changed, shape (n_samples, n_modes)."""
+        samples = self._model.terms.tables.samples
+        r = samples.n_coordinates
+        of_mass, of_stiffness = self._weights
+        loading = loading_of(
+            self._system.load_amplitudes(time),
+            self._system.action_forces(time, state),
+            of_mass,
+            state.v[:, :r],
+            state.a[:, :r],
+        )
+        return self._model.stiffness_changes.shares(samples.nearest(state.q[:, :r]), loading, of_stiffness)
+
+
+class BodyStrains:
+    """Elastic rotations and strains from displacements in body frames.
+
+    Parameters
+    ----------
+    scene, mechanism
+        The scene and its mechanism.
+    values
+        Parameter values, each a number or of shape (n,).
+    curved
+        Whether displacements are of second order in the deformation, so that bending shortens a beam: strains are then
+        geometrically exact. Without, the linear ones are what the model has.
+    """
+
+    def __init__(
+        self, scene: Scene, mechanism: Mechanism, values: Mapping[str, np.ndarray | float], curved: bool
+    ) -> None:
+        self._curved = curved
+        self._spatial = mechanism.space is SPATIAL
+        self._flexible = [body for body in mechanism.bodies if body.flexible]
+        self._half_heights = {
+            body.name: np.reshape(half_height(scene, body.name, values), (-1, 1))
+            for body in self._flexible
+            if body.is_beam
+        }
+
+    def largest(self, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the largest rotation (rad), and strain of n states, each of shape (n,); NaN where there is no beam.
 
         Parameters
         ----------
-        frames
-            Of all nodes, shape (n_nodes, 3, n_instants, n).
-        poses
-            Of the rigid bodies, shape (n_bodies, 3, n_instants, n).
+        local
+            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6).
         """
-        rotations, strains = [], []
-        for body, pose, half in zip(self._mechanism.bodies, poses, self._half_heights):
-            rotations.append(np.max(np.abs(frames[body.nodes, 2] - pose[2]), axis=(0, 1)))
-            ends = frames[body.elements]  # (n_elements, 2, 3, n_instants, n)
-            length = body.mesh.lengths[:, None, None]
-            angle = 0.5 * (ends[:, 0, 2] + ends[:, 1, 2]) + body.directions[:, None, None]
-            change = ends[:, 1] - ends[:, 0]
-            axial = (np.cos(angle) * change[:, 0] + np.sin(angle) * change[:, 1]) / length - 1.0
-            bending = change[:, 2] / length
-            strains.append(np.max(np.abs(axial) + half * np.abs(bending), axis=(0, 1)))
-        for name, found in zip(VALIDITY, (rotations, strains)):
-            self.largest[name] = np.maximum(self.largest[name], np.max(found, axis=0))
+        rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
+        for body in self._flexible:
+            moved = local[:, body.nodes]
+            turned = np.linalg.norm(moved[..., 3:], axis=2) if self._spatial else np.abs(moved[..., 2])
+            rotation = np.maximum(rotation, np.max(turned, axis=1))
+            if body.is_beam:
+                strain = np.fmax(strain, self._strain(body, moved))
+        return rotation, strain
+
+    def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
+        """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
+        ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, 3)
+        change = ends[:, :, 1] - ends[:, :, 0]
+        lengths, angles = body.mesh.lengths, body.directions
+        along = lengths * np.cos(angles) + change[..., 0], lengths * np.sin(angles) + change[..., 1]
+        if self._curved:
+            angles = angles + 0.5 * (ends[:, :, 0, 2] + ends[:, :, 1, 2])
+        axial = (np.cos(angles) * along[0] + np.sin(angles) * along[1]) / lengths - 1.0
+        bending = self._half_heights[body.name] * np.abs(change[..., 2] / lengths)
+        return np.max(np.abs(axial) + bending, axis=1)
 
 
-def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray]) -> np.ndarray | float:
-    """Return the distance of a beam's outermost fibre from its axis, m."""
+def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+    """Return the distance of a beam's outermost fibre from its axis, m.
+
+    A section given by coefficients has none; ``2 sqrt(EI / EA)`` is that of a circle with its radius of gyration.
+    """
     section = scene.bodies[body].section
+    if section.shape == "coefficients":
+        return 2.0 * np.sqrt(scene.number(section.bending, values) / scene.number(section.axial, values))
     if section.shape == "circle":
         return scene.number(section.radius, values)
     return 0.5 * scene.number(section.height, values)
+
+
+def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tuple[Remark, ...]:
+    """Return warnings of what is beyond its limit in a run or in some samples, and notes on what is not known.
+
+    Parameters
+    ----------
+    validity
+        By the names of `VALIDITY`, each a number or of shape (n,).
+    """
+    found = {name: np.atleast_1d(values) for name, values in validity.items()}
+    remarks = []
+    for name, text in _beyond(scene).items():
+        values = found[name]
+        too_far = beyond_limit(name, values, scene.second_order)
+        if too_far.any():
+            whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "
+            worst = values[too_far][np.argmax(np.abs(values[too_far]))]
+            remarks.append(warning(whose + text.format(f"{worst:.2g}")))
+    continuum = [name for name, body in scene.bodies.items() if body.continuum and body.flexible]
+    if continuum:
+        remarks.append(
+            note(
+                f"strain and change of stiffness are not computed with continuum bodies ({', '.join(continuum)}): "
+                "their condensed model holds no stresses; rotations are those of their frames only"
+            )
+        )
+    by_coefficients = [
+        name
+        for name, body in scene.bodies.items()
+        if body.flexible and body.section is not None and body.section.shape == "coefficients"
+    ]
+    if by_coefficients:
+        remarks.append(
+            note(
+                f"strain of {', '.join(by_coefficients)}: sections given by coefficients have no height; that of a "
+                "circle with the same EI/EA is taken"
+            )
+        )
+    return tuple(remarks)
+
+
+def _beyond(scene: Scene) -> dict[str, str]:
+    """Return what to say where a value is beyond its limit, by name."""
+    full = "compare with the full-order model (pgmp simulate SCENE --full)"
+    limits = limits_of(scene.second_order)
+    rotation, strain, share = (limits[name] for name in ("elastic_rotation", "elastic_strain", "stiffness_lost"))
+    texts = {
+        "elastic_rotation": f"elastic rotations of {{}} rad, beyond {rotation}: linear strains are wrong by more than "
+        f"1 %; deformations of this size call for the full-order model (pgmp simulate SCENE --full)",
+        "elastic_strain": f"elastic strains of {{}}, beyond {strain}: few materials are linear there; {full}",
+    }
+    if scene.second_order:
+        texts["stiffness_lost"] = (
+            f"forces in the bodies change the stiffness of a mode by {{}} of it, beyond {share}: close to buckling or "
+            f"beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; {full}"
+        )
+        return texts
+    several = len(scene.coordinates) > 1
+    cure = f"it is for one coordinate only; {full}" if several else f"name it in [effects] and build again, or {full}"
+    what = "the effect geometric_stiffening, which the model leaves out, changes the stiffness of a mode by {} of it"
+    texts["stiffness_gained"] = f"{what}: {cure}"
+    texts["stiffness_lost"] = f"{what} (-1 is buckling): {cure}"
+    return texts

@@ -107,12 +107,10 @@ def connections_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Connection, ..
         for name, entry in scene.joints.items()
     }
     kinds = {name: entry.type for name, entry in scene.joints.items()}
-    for name, effect in scene.effects.items():
-        index = next((i for i, body in enumerate(bodies) if body.name == _welded(name)), None)
-        if isinstance(effect, PointMass) and index is not None:
-            carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
-            particle = Attachment(index, bodies[index].first_node, bodies[index].mesh.nodes[0])
-            sides[_welded(name)], kinds[_welded(name)] = (carrier, particle), "fixed"
+    for name, (effect, index) in welded_masses(scene, bodies).items():
+        carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
+        particle = Attachment(index, bodies[index].first_node, bodies[index].mesh.nodes[0])
+        sides[_welded(name)], kinds[_welded(name)] = (carrier, particle), "fixed"
     connections, row = [], 0
     for name, (a, b) in sides.items():
         joint: Joint
@@ -166,6 +164,16 @@ def _placed_angle(scene: Scene, bodies: Sequence[Body], side: Attachment) -> flo
     """Return the angle that a body is placed at, rad; 0 for the ground."""
     entry = None if side.on_ground else scene.bodies[bodies[side.body].name]
     return 0.0 if entry is None or entry.placement is None else entry.placement.angle
+
+
+def welded_masses(scene: Scene, bodies: Sequence[Body]) -> dict[str, tuple[PointMass, int]]:
+    """Return the point masses on rigid bodies by their names, with the numbers of the bodies that they are."""
+    numbers = {body.name: number for number, body in enumerate(bodies)}
+    return {
+        name: (effect, numbers[_welded(name)])
+        for name, effect in scene.effects.items()
+        if isinstance(effect, PointMass) and _welded(name) in numbers
+    }
 
 
 def _lumps(effect: PointMass) -> dict[Monomial, LumpedMass]:

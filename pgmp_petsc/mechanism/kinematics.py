@@ -7,13 +7,15 @@ followed over the whole range once (`continuation`), and every later call starts
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from pgmp_petsc.mechanism.closure import LoopClosure
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
@@ -77,6 +79,13 @@ class RigidKinematics:
     def n_coordinates(self) -> int:
         """Number of independent rigid coordinates n_theta."""
         return len(self.mechanism.coordinates)
+
+    def held(self) -> RigidKinematics:
+        """Return the kinematics of the same mechanism with every coordinate prescribed."""
+        other = copy(self)
+        coordinates = tuple(replace(coordinate, prescribed=True) for coordinate in self.coordinates)
+        other.mechanism = replace(self.mechanism, coordinates=coordinates)
+        return other
 
     def configurations(self, theta: np.ndarray | Sequence[float]) -> np.ndarray:
         """Return configurations as an array (n, n_theta)."""

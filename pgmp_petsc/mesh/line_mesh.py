@@ -1,6 +1,6 @@
 """Line meshes of planar beams: two-node cells in the plane z = 0, with the named points where joints attach.
 
-Any format that meshio reads is accepted. A point is named by a physical group of dimension 0 (gmsh) or by a
+Formats of meshio are accepted (`pgmp_petsc.mesh.reading.SUFFIXES`). A point is named by a physical group of dimension 0 (gmsh) or by a
 node set (Abaqus and others) that holds exactly one node.
 """
 
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh, usable
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
     import meshio
@@ -91,7 +91,7 @@ class LineMesh:
 
 
 def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
-    """Read a line mesh from any format that meshio reads.
+    """Read a line mesh from a file of one of meshio's formats.
 
     Nodes that are on no line cell are dropped; the others keep the file's order.
 
@@ -108,13 +108,14 @@ def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
         If the file is missing or unreadable, holds cells that the element beam2d cannot use, leaves the plane
         z = 0, has cells of zero length or twice the same cell, or is not connected.
     """
-    received = f'{entry} = "{path}"'
+    received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
-    all_cells = _line_cells(mesh, received)
-    used, cells = np.unique(all_cells, return_inverse=True)
-    nodes = _planar(mesh.points, used, received)
-    line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
-    _check_cells(line_mesh, all_cells, received)
+    with usable(received):
+        all_cells = _line_cells(mesh, received)
+        used, cells = np.unique(all_cells, return_inverse=True)
+        nodes = _planar(mesh.points, used, received)
+        line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
+        _check_cells(line_mesh, all_cells, received)
     return line_mesh
 
 

@@ -16,10 +16,10 @@ from pgmp_petsc.mesh.cell_checks import check_cells, shown
 from pgmp_petsc.mesh.face_groups import named_groups
 from pgmp_petsc.mesh.msh_groups import complete_physical_groups
 from pgmp_petsc.mesh.node_order import renumbered
-from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh
+from pgmp_petsc.mesh.reading import RELATIVE_TOLERANCE, read_mesh, usable
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, shortened
 
 if TYPE_CHECKING:
     import meshio
@@ -28,7 +28,7 @@ KINDS = {2: PLANE_KINDS, 3: SOLID_KINDS}
 
 
 def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
-    """Read the mesh of a plane or solid body from any format that meshio reads.
+    """Read the mesh of a plane or solid body from a file of one of meshio's formats.
 
     Nodes are numbered anew from one end of the body to the other, cells in the order of their lowest node. Cells of
     lower dimension serve as the faces of named groups only.
@@ -47,11 +47,12 @@ def read_solid_mesh(path: Path | str, dimension: int, entry: str) -> SolidMesh:
     InputError
         If the file is missing or unreadable, has sets that meshio misreads, or `solid_mesh` refuses what it holds.
     """
-    received = f'{entry} = "{path}"'
+    received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
-    complete_physical_groups(mesh, Path(path))
-    check_sets(Path(path), received)
-    return solid_mesh(mesh, dimension, received)
+    with usable(received):
+        complete_physical_groups(mesh, Path(path))
+        check_sets(Path(path), received)
+        return solid_mesh(mesh, dimension, received)
 
 
 def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:

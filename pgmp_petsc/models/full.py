@@ -12,12 +12,14 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.full_equations import full_equations
+from pgmp_petsc.dynamics.full_statics import FullStatics
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.static_equilibrium import Settled, settle
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import start_of
+from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.scene import Scene
@@ -57,13 +59,39 @@ class FullModel:
         """Return a batch of samples on this rank, at most `largest_batch`."""
         if any(body.continuum for body in self.scene.bodies.values()):
             return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
-        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions)
+        settled = self._settled_batch(values, n_samples) if self.scene.initial.equilibrium else None
+        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions, settled)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""
         sized = self._sized(values)
-        equations = full_equations(sized.kinematics, sized._effects, values, sized._start, comm)
-        return FullDistributed(equations, comm, sized._motions)
+        settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
+        start = sized._start if settled is None else (settled.theta[0], np.zeros_like(sized._start[1]))
+        equations = full_equations(sized.kinematics, sized._effects, values, start, comm)
+        return FullDistributed(equations, comm, sized._motions, settled)
+
+    def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
+        """Return the static equilibrium of one sample. Collective on `comm`."""
+        theta = self._start[0]
+        held = self.kinematics.held()
+        equations = full_equations(held, self._effects, values, (theta, np.zeros_like(theta)), comm)
+        with FullStatics(equations, theta.size, comm) as statics:
+            return settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
+
+    def _settled_batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:
+        """Return the static equilibria of samples, each found by itself."""
+        each = [
+            self._settled({name: float(value[k]) for name, value in values.items()}, MPI.COMM_SELF)
+            for k in range(n_samples)
+        ]
+        return Settled(
+            np.concatenate([one.theta for one in each]),
+            np.concatenate([one.unknowns for one in each], axis=1),
+            {k: one.reasons[0] for k, one in enumerate(each) if one.reasons},
+            np.concatenate([one.unstable for one in each]),
+            each[0].names,
+            each[0].free,
+        )
 
     def _sized(self, values: Mapping[str, float]) -> Self:
         """Return the model whose meshes have the cross-sections that parameter values give."""

@@ -8,10 +8,12 @@ from typing import Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.dynamics.static_equilibrium import Search
 from pgmp_petsc.effects import motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
@@ -45,7 +47,13 @@ class Model(Protocol):
 
 
 def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,)."""
+    """Return positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+
+    Raises
+    ------
+    InputError
+        If the run is to start at rest, and a prescribed motion does not.
+    """
     motions = motions_of(scene, mechanism)
     start = []
     for number, coordinate in enumerate(mechanism.coordinates):
@@ -55,4 +63,26 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
             state = scene.initial_state(coordinate.name)
             start.append((state.position, state.velocity))
     positions, velocities = np.array(start).T
+    for number, motion in motions.items():
+        if scene.initial.equilibrium and velocities[number] != 0.0:
+            raise InputError(
+                f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} rad/s at time zero, "
+                "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
+                "(spin_up, a table, or a harmonic with phase = 1.5707963267948966), or leave initial.equilibrium out"
+            )
     return positions, velocities
+
+
+def search_of(scene: Scene, mechanism: Mechanism) -> Search:
+    """Return how far a scene's coordinates may go to find their static equilibrium."""
+    coordinates = mechanism.coordinates
+    free = scene.initial.coordinates == "free"
+    bounds = [(-np.inf, np.inf) if c.periodic else (c.lower, c.upper) for c in coordinates]
+    lower, upper = np.array(bounds).T
+    return Search(
+        tuple(k for k, coordinate in enumerate(coordinates) if free and not coordinate.prescribed),
+        tuple(coordinate.name for coordinate in coordinates),
+        lower,
+        upper,
+        scene.simulation.duration,
+    )

@@ -13,10 +13,12 @@ from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import start_of
+from pgmp_petsc.models.model import search_of, start_of
+from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -41,6 +43,8 @@ class ReducedModel:
         Effects that act by forces.
     start
         Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+    stiffness_changes
+        How loads change the stiffness of the modes; None where that is not known.
 
     Raises
     ------
@@ -65,6 +69,8 @@ class ReducedModel:
         self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic)
         self._actions = ReducedActions.of(actions_of(self.effects), self.kinematics, rom, scheme)
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
+        self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
+        self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
 
     def _check_start(self, grid: SampleGrid) -> None:
@@ -88,7 +94,13 @@ class ReducedModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
         """Return a batch of samples on this rank."""
-        return ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)
+        system = ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)
+        if self.scene.initial.equilibrium:
+            free = self.scene.initial.coordinates == "free"
+            statics = ReducedStatics(system, None if free else self._angles)
+            theta = np.tile(self.start[0], (n_samples, 1))
+            system.settle(settle(statics, theta, search_of(self.scene, self.kinematics.mechanism)))
+        return system
 
     def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
         """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
@@ -97,6 +109,10 @@ class ReducedModel:
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""
         return self._of_all.frames(eta)
+
+    def local_displacements(self, eta: np.ndarray) -> np.ndarray:
+        """Return displacements and rotations of all nodes in body frames, (n, n_nodes, 3), in space (n, n_nodes, 6)."""
+        return self._of_all.local(eta)
 
     def output_frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of ``outputs.nodes`` for reduced coordinates of shape (n, n_eta)."""

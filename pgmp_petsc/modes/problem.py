@@ -24,13 +24,15 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from pgmp_petsc.modes.mode_set import ModeSet
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
 
 if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
 
+PREFIX = "pgmp_modes_"
+SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
 ROUND_OFF = 1e-15
@@ -80,13 +82,18 @@ class ModalProblem:
         self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
         self._signature: bytes = b""
         self._solver: ShiftInvertSolver | None = None
-        self._check_size()
-        self._solver = self._scaled_solver()
+        try:
+            self._check_size()
+            self._solver = self._scaled_solver()
+        except PgmpError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
         self._drop_reduced()
-        self._solver.close()
+        if self._solver is not None:
+            self._solver.close()
         self.mass.destroy()
         self.stiffness.destroy()
 
@@ -291,10 +298,12 @@ class ModalProblem:
         n_free, lowest = self.free.size, self._lowest()
         self._project(self.kinematics.poses(lowest)[..., 0])
         guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
-        trial = ShiftInvertSolver(self.mass.getComm(), -guess)
-        pairs = trial.solve(*self._reduced, n_free, 1, self.kinematics.describe(lowest))
-        trial.close()
-        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free])
+        trial = ShiftInvertSolver(self.mass.getComm(), -guess, SCALE_PREFIX)
+        try:
+            pairs = trial.solve(*self._reduced, n_free, 1, self.kinematics.describe(lowest))
+        finally:
+            trial.close()
+        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free], PREFIX)
 
     def _lowest(self) -> np.ndarray:
         """Return the configuration at the lower end of every coordinate, shape (n_theta,)."""

@@ -83,7 +83,7 @@ def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:
     return side.ground_frame((n,)) if side.on_ground else side.frame_of(frames[side.node])
 
 
-def _joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+def joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
     """Return the relative rotation b - a of a joint.
 
     In space a joint that is a coordinate counts its turns as the coordinate does; another one is in (-pi, pi].
@@ -105,7 +105,7 @@ def _joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Fra
 
 
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
-    return *_joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
+    return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
 
 
 def _rotation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
@@ -126,7 +126,7 @@ def _displacement(name: str, entry, start: np.ndarray, kinematics: RigidKinemati
 
 def _deformation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     point, axis = kinematics.mechanism.attachment(entry.point, f"{name}.point"), AXES[entry.axis]
-    measures = [_joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.mechanism.coordinates]
+    measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.mechanism.coordinates]
 
     def deformation(frames: Frames) -> np.ndarray:
         measured = np.stack([angle(frames) for angle, _ in measures], axis=1)

@@ -16,17 +16,18 @@ import numpy as np
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Load, Patterns, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Action, Load, Patterns, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
-from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
@@ -37,15 +38,19 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe, StiffnessChanges
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.spanning_values import spanning_values
+
+POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
 
 
 def build_rom(
@@ -82,12 +87,23 @@ def build_rom(
     """
     timings = Timings()
     with timings.phase("components"):
-        check_features(scene)
+        check_capabilities(scene, Purpose.BUILD, meshes)
         meshes = condensed(scene, meshes, group, checkpoint)
-        group = angle_group(meshes, group)
+    with angle_group(meshes, group) as angles:
+        return _built(scene, meshes, angles, scramble, checkpoint, timings)
+
+
+def _built(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    scramble: Callable[[ModeSet], ModeSet],
+    checkpoint: BuildCheckpoint | None,
+    timings: Timings,
+) -> ReducedOrderModel | None:
+    """As `build_rom`, with condensed bodies."""
     with timings.phase("kinematics"), agreed(group.world, "rigid kinematics"):
         mechanism = Mechanism.from_scene(scene, meshes)
-        check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
@@ -95,7 +111,9 @@ def build_rom(
     with timings.phase("points"):
         points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, patterns, points, group, scramble, checkpoint)
+    setting = _Setting(
+        scene, kinematics, loads, actions_of(effects), patterns, points, group, scramble, checkpoint
+    )
     n_redundant, joined, basis = 0, None, None
     compression: Compression | None = None
     while True:
@@ -126,8 +144,12 @@ def build_rom(
     if scene.second_order:
         changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
-    remarks = () if checkpoint is None else checkpoint.remarks
     indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
+    remarks = (
+        *scene.remarks,
+        *(() if checkpoint is None else checkpoint.remarks),
+        *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
+    )
     return ReducedOrderModel(
         tables=tables,
         projection=basis.projection,
@@ -139,7 +161,25 @@ def build_rom(
         curvature=basis.curvature,
         points=points,
         indefinite=indefinite,
+        stiffness_changes=_stiffness_changes(store.samples, joined, basis),
     )
+
+
+def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, ...]:
+    """Return what is doubtful about a basis and its tables, and which constraints are not in it."""
+    found = []
+    if cosine < POOR_COSINE:
+        found.append(
+            warning(
+                f"the space of modes turns away between neighbouring angles (least cosine {cosine:.2g}); take more "
+                "reduction.angles, or another number of reduction.modes if the last mode crosses the next one"
+            )
+        )
+    if indefinite:
+        found.append(warning(indefinite))
+    if n_redundant:
+        found.append(note(f"{n_redundant} redundant constraints were dropped: others say the same"))
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -149,6 +189,7 @@ class _Setting:
     scene: Scene
     kinematics: RigidKinematics
     loads: tuple[Load, ...]
+    actions: tuple[Action, ...]
     patterns: Patterns
     points: ParameterPoints
     group: RankGroup
@@ -165,7 +206,9 @@ class _Setting:
             self._problem() as problem,
             ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
-            sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots)
+            sampler = Sampler(
+                problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem)
+            )
             try:
                 for number, theta in missing.items():
                     store.put(number, self._sample(sampler, theta))
@@ -210,8 +253,25 @@ class _Setting:
     def _problem(self) -> ModalProblem:
         return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)
 
+    def _probe(self, problem: ModalProblem) -> InfluenceProbe | None:
+        """Return what probes the stiffness of modes; None with continuum bodies, whose K3 is not known."""
+        beams = all(body.is_beam or not body.flexible for body in problem.mechanism.bodies)
+        return InfluenceProbe(problem, self.actions) if beams else None
+
     def _static_loads(self, problem: ModalProblem) -> StaticLoads:
         return StaticLoads.of(problem, self.patterns, self.scene.reduction)
+
+
+def _stiffness_changes(
+    samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis
+) -> StiffnessChanges | None:
+    influence = joined.tables["influence"]
+    if not influence.size:
+        return None
+    n_modes = influence.shape[1]
+    stiffness = np.diagonal(joined.tables["stiffness"], axis1=2, axis2=3)[..., :n_modes]
+    axes = np.flatnonzero(basis.flipped.any(axis=1))
+    return StiffnessChanges(influence, np.array(stiffness)).over_two_turns(samples, axes)
 
 
 def _wanted(

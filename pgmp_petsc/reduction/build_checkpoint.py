@@ -30,7 +30,7 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 2
+FORMAT = 3
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows

@@ -22,7 +22,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 from scipy.signal import resample
@@ -30,6 +29,7 @@ from scipy.signal import resample
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.stencil import B_SPLINE, N_ROWS, OVERHAUSER, Axis, cell_stencil, count_rows, stencil
+from pgmp_petsc.runtime.compiled import njit
 
 # coefficients of s^0 to s^3 from value and slope at s = 0, value and slope at s = 1
 _HERMITE = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-3.0, -2.0, 3.0, -1.0], [2.0, 1.0, -2.0, 1.0]])

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from scipy.spatial.transform import Rotation
 
@@ -21,6 +20,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
+from pgmp_petsc.runtime.compiled import njit
 
 BLOCK = 64
 
@@ -63,16 +63,23 @@ class Reconstruction:
 
         In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n).
         """
-        n_theta = self._kinematics.n_coordinates
-        theta, delta = eta[:, :n_theta], eta[:, n_theta:]
-        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        local = self._shapes.product(theta, factors)
+        theta, local = eta[:, : self._kinematics.n_coordinates], self._displacements(eta)
         poses = self._kinematics.poses(theta)
         if self._space is SPATIAL:
             return self._in_space(theta, poses, local)
         frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
         _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
         return frames
+
+    def local(self, eta: np.ndarray) -> np.ndarray:
+        """Return displacements and rotations in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6)."""
+        return self._displacements(eta).reshape(len(eta), self._nodes.size, self._space.n_dofs)
+
+    def _displacements(self, eta: np.ndarray) -> np.ndarray:
+        n_theta = self._kinematics.n_coordinates
+        delta = eta[:, n_theta:]
+        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
+        return self._shapes.product(eta[:, :n_theta], factors)
 
     def _in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Return frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""

@@ -18,6 +18,7 @@ from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
+from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.shape_files import put_shape, take_shape
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
@@ -59,6 +60,8 @@ class ReducedOrderModel:
         Parameter points whose modes the basis takes up.
     indefinite
         Where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere.
+    stiffness_changes
+        How loads change the stiffness of the modes; None with continuum bodies.
     """
 
     tables: ReducedTables
@@ -71,6 +74,7 @@ class ReducedOrderModel:
     curvature: np.ndarray | None = None
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
     indefinite: str = ""
+    stiffness_changes: StiffnessChanges | None = None
 
     @cached_property
     def identity(self) -> str:
@@ -108,6 +112,11 @@ class ReducedOrderModel:
                 about = "their second derivatives chi, (theta, unknown, pair of modes i >= j, each once)"
                 put(file, "curvature", self.curvature, CURVATURE_UNITS, about)
             put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
+            if self.stiffness_changes is not None:
+                changes, group = self.stiffness_changes, file.create_group("stiffness_changes")
+                about = "change of the modes' stiffness by unit loads and motions, (theta, mode, load)"
+                put(group, "influence", changes.influence, "SI", about)
+                put(group, "stiffness", changes.stiffness, "SI, weight taken out", "(theta, term, mode)")
             if self.points.values:
                 points = file.create_group("parameter_points")
                 about = "share of the energy missed at the worst parameters tried: at first, with each point more"
@@ -171,6 +180,7 @@ class ReducedOrderModel:
             curvature=curvature,
             points=_points(file),
             indefinite=str(file.attrs.get("indefinite", "")),
+            stiffness_changes=_stiffness_changes(file, samples.n),
         )
 
 
@@ -207,6 +217,16 @@ def _points(file) -> ParameterPoints:
     group = file["parameter_points"]
     values = {name: take(group["values"], name, 1) for name in group["values"]}
     return ParameterPoints(values, take(group, "missed", 1), int(group.attrs["n_vectors"]))
+
+
+def _stiffness_changes(file, n: int) -> StiffnessChanges | None:
+    if "stiffness_changes" not in file:
+        return None
+    group = file["stiffness_changes"]
+    changes = StiffnessChanges(take(group, "influence", 3), take(group, "stiffness", 3))
+    if len(changes.influence) != n or len(changes.stiffness) != n:
+        raise InputError(f"file '{file.filename}': stiffness_changes are not those of {n} samples; build it again")
+    return changes
 
 
 def _check_shapes(tables: ReducedTables, filename: str) -> None:

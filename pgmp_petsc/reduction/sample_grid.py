@@ -50,6 +50,10 @@ class SampleGrid:
         inside = [axis.contains(theta[..., k]) for k, axis in enumerate(self.axes)]
         return np.logical_and.reduce([np.broadcast_to(part, theta.shape[:-1]) for part in inside])
 
+    def nearest(self, theta: np.ndarray) -> np.ndarray:
+        """Return the numbers of the samples next to configurations (n, n_theta), shape (n,)."""
+        return np.ravel_multi_index([axis.nearest(part) for axis, part in zip(self.axes, theta.T)], self.shape)
+
     @property
     def periodic(self) -> tuple[bool, ...]:
         """Whether each coordinate is periodic."""

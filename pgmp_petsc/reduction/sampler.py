@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,10 +14,11 @@ from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.static_modes import static_modes
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
+from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
-TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical")
+TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "influence")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,9 @@ class Sample:
         Flexible vectors V in body frames, local rows, shape (n_local, n_kept + n_snapshots).
     mass_kept
         M times the kept vectors, local rows, shape (n_local, n_kept).
+    influence
+        Of loads on the stiffness of the eigenmodes (`stiffness_changes`), shape (n_modes, n_columns); without columns
+        where it is not wanted.
     """
 
     eigenvalues: np.ndarray
@@ -49,6 +53,7 @@ class Sample:
     canonical: np.ndarray
     shape: np.ndarray
     mass_kept: np.ndarray
+    influence: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def n_modes(self) -> int:
@@ -79,6 +84,8 @@ class Sampler:
         Loads whose static answers extend the basis.
     snapshots
         Snapshots at other parameter values, or None.
+    probe
+        Of the influence of loads on the stiffness of modes, or None.
     """
 
     def __init__(
@@ -87,6 +94,7 @@ class Sampler:
         loads: Sequence[Load],
         static_loads: StaticLoads,
         snapshots: ParameterSnapshots | None = None,
+        probe: InfluenceProbe | None = None,
     ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
@@ -95,6 +103,7 @@ class Sampler:
         self._loads = loads
         self._static_loads = static_loads
         self._snapshots = snapshots
+        self._probe = probe
 
     def sample(self, theta: np.ndarray, scramble: Scramble) -> Sample:
         """Sample one configuration (n_theta,), rad.
@@ -124,6 +133,7 @@ class Sampler:
             canonical=self._canonical(modes, kept.shape[1]),
             shape=shape,
             mass_kept=problem.times_mass(kept),
+            influence=np.zeros((0, 0)) if self._probe is None else self._probe.at(modes, loads),
         )
 
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:

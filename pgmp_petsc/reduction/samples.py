@@ -56,3 +56,12 @@ class Samples:
     def contains(self, theta: np.ndarray | float) -> np.ndarray | bool:
         """Return whether values lie in the range; always, if it is periodic."""
         return self.periodic | ((theta >= self.lower) & (theta <= self.upper))
+
+    def nearest(self, theta: np.ndarray) -> np.ndarray:
+        """Return the numbers of the samples next to values, of their shape."""
+        turn = self.upper - self.lower
+        known, numbers = self.theta, np.arange(self.n)
+        if self.periodic:
+            theta = self.lower + np.mod(theta - self.lower, turn)
+            known, numbers = np.append(known, known[0] + turn), np.append(numbers, 0)
+        return numbers[np.searchsorted(0.5 * (known[1:] + known[:-1]), theta)]

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from pgmp_petsc.runtime.compiled import njit
 
 N_ROWS = 4
 OVERHAUSER, B_SPLINE = 0, 1

@@ -15,7 +15,8 @@ dataset                                  shape           content
                                                          run; this and the two below for the reduced model only, NaN
                                                          where it was not estimated
 ``/errors_at_end/<name>``                (N)             estimated error at the end time, reduced less full-order
-``/validity/<name>``                     (N)             largest elastic rotation (rad) and strain over the run
+``/validity/<name>``                     (N)             how far each run left small deformations (`errors.VALIDITY`),
+                                                         NaN where not known; of every sample of the reduced model
 ``/statistics/<name>/count``             ()              how many values the statistics are of: for an output the
                                                          samples that are fine, for a parameter all
 ``.../mean``, ``std``                    ()              NaN where there are too few

@@ -1,4 +1,4 @@
-"""Estimated errors of one reduced run, and how far it left small deformations.
+"""Estimated errors of one reduced run; and limits of what says how far a run left small deformations.
 
 Layout within the file of a trajectory:
 
@@ -9,7 +9,6 @@ dataset                       shape      content
 ``/errors/<output>``          (n_e)      estimated error of the output, reduced less full-order; attributes
                                          ``maximum``, its largest size, and ``share``, that of the output's
                                          largest size over the run
-``/validity/<name>``          ()         largest elastic rotation (rad) and strain over the run
 ============================= ========== ======================================================================
 
 NaN where there is no estimate.
@@ -29,15 +28,39 @@ TIME = "time"
 # rad. Displacements linear in the deformation turn a length by phi and make it longer by phi^2 / 2 of itself, which is
 # the relative error of a linear strain measure: one per cent here.
 ROTATION_LIMIT = 0.14
+# Metals yield at 0.002 to 0.007 and glass fibre breaks at about 0.02: beyond this none but rubber is linear.
+STRAIN_LIMIT = 0.01
+# A share of a mode's stiffness: static deflections change by as much, frequencies by half of it.
+SHARE_LIMIT = 0.1
+# With geometric stiffening, of first order in the forces: what it leaves out is about the square of the share.
+SHARE_LIMIT_WITH_STIFFENING = 0.5
 VALIDITY = {
     "elastic_rotation": ("rad", "largest rotation of a node less that of its rigid body"),
     "elastic_strain": ("1", "largest strain along an outermost fibre"),
+    "stiffness_gained": ("1", "largest share by which forces in the bodies stiffen a mode"),
+    "stiffness_lost": ("1", "largest share by which forces in the bodies soften a mode, negative; -1 is buckling"),
 }
 
 
-def beyond_limit(rotations: np.ndarray | float) -> np.ndarray:
-    """Return which elastic rotations exceed `ROTATION_LIMIT`; NaN, where nothing is known, does not."""
-    return np.asarray(rotations) > ROTATION_LIMIT
+def limits_of(second_order: bool) -> dict[str, float]:
+    """Return the largest size of every value of `VALIDITY` that is not worth a warning.
+
+    Parameters
+    ----------
+    second_order
+        Whether the model has geometric stiffening.
+    """
+    return {
+        "elastic_rotation": ROTATION_LIMIT,
+        "elastic_strain": STRAIN_LIMIT,
+        "stiffness_gained": float("inf") if second_order else SHARE_LIMIT,
+        "stiffness_lost": SHARE_LIMIT_WITH_STIFFENING if second_order else SHARE_LIMIT,
+    }
+
+
+def beyond_limit(name: str, values: np.ndarray | float, second_order: bool = False) -> np.ndarray:
+    """Return which values of a name of `VALIDITY` exceed their limit; NaN, where nothing is known, does not."""
+    return np.abs(values) > limits_of(second_order)[name]
 
 
 @dataclass(frozen=True)
@@ -52,14 +75,11 @@ class EstimatedErrors:
         Error of every output, reduced less full-order, in the output's unit.
     largest : dict of str to float
         Largest size of every output over the run, of which errors are a share.
-    validity : dict of str to float
-        Names of `VALIDITY`.
     """
 
     time: np.ndarray
     outputs: dict[str, np.ndarray]
     largest: dict[str, float]
-    validity: dict[str, float]
 
     def __post_init__(self) -> None:
         check_shape("time of the errors", self.time, (None,))
@@ -76,7 +96,7 @@ class EstimatedErrors:
         return self.maximum(output) / largest if largest > 0.0 else float("nan")
 
     def write(self, file: h5py.File, units: dict[str, str]) -> None:
-        """Write both groups."""
+        """Write the group."""
         group = file.create_group("errors", track_order=True)
         put(group, TIME, self.time, "s", "instants at which the errors are estimated")
         for name, values in self.outputs.items():
@@ -84,12 +104,10 @@ class EstimatedErrors:
             put(group, name, values, units.get(name, "1"), words).attrs.update(
                 maximum=self.maximum(name), share=self.share(name), largest=self.largest[name]
             )
-        for name, value in self.validity.items():
-            put(file, f"validity/{name}", float(value), *VALIDITY[name])
 
     @classmethod
     def read(cls, file: h5py.File) -> EstimatedErrors | None:
-        """Read both groups, None where there are none."""
+        """Read the group, None where there is none."""
         if "errors" not in file:
             return None
         group = file["errors"]
@@ -98,5 +116,4 @@ class EstimatedErrors:
             time=take(group, TIME, 1),
             outputs={name: take(group, name, 1) for name in names},
             largest={name: float(group[name].attrs["largest"]) for name in names},
-            validity={name: float(take(file["validity"], name, 0)) for name in file["validity"]},
         )

@@ -1,6 +1,8 @@
 """One run over time: outputs, states and frames of the mechanism's shape.
 
-Layout of the file (kind ``trajectory``, root attribute ``model``: ``full`` or ``reduced``):
+Layout of the file (kind ``trajectory``; root attributes ``model``: ``full`` or ``reduced``, and ``status``: 0 where the
+run reached its end, else the number of the reason (`dynamics.status`) for which it stopped. The file then holds the run
+up to there, and a remark says why):
 
 ============================= ==================== ========================================================
 dataset                       shape                content
@@ -19,7 +21,10 @@ dataset                       shape                content
 ``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
                                                    ``rigid`` (JSON, the names of those that do not deform)
 ``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
-``/errors``, ``/validity``    see `errors`         estimated errors; reduced model only, unless turned off
+``/errors``                   see `errors`         estimated errors; of a reduced model where they can be estimated, else
+                                                   a remark says why not
+``/validity/<name>``          ()                   how far the run left small deformations (`errors.VALIDITY`), NaN where
+                                                   not known; reduced model only
 ============================= ==================== ========================================================
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three
@@ -37,7 +42,7 @@ import numpy as np
 import h5py
 
 from pgmp_petsc.results.balance import Balance
-from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.errors import VALIDITY, EstimatedErrors
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
@@ -107,6 +112,10 @@ class Trajectory:
     frames : Frames, optional
     errors : EstimatedErrors, optional
         Of the reduced model.
+    validity : dict of str to float
+        By the names of `VALIDITY`; of the reduced model.
+    status : int
+        0 where the run reached its end; see the module.
     balance : Balance, optional
         Balance of energy.
     """
@@ -122,6 +131,8 @@ class Trajectory:
     frames: Frames | None = None
     errors: EstimatedErrors | None = None
     balance: Balance | None = None
+    validity: dict[str, float] = field(default_factory=dict)
+    status: int = 0
 
     def __post_init__(self) -> None:
         n_times = len(self.time)
@@ -135,7 +146,7 @@ class Trajectory:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        with write_file(path, "trajectory", {"model": self.model}) as file:
+        with write_file(path, "trajectory", {"model": self.model, "status": self.status}) as file:
             self.record.write(file)
             put(file, "time", self.time, "s", "time")
             put_named(file, "outputs", self.outputs, self.units, "output '{name}' over time")
@@ -148,6 +159,8 @@ class Trajectory:
                 _write_frames(file, self.frames)
             if self.errors is not None:
                 self.errors.write(file, self.units)
+            for name, value in self.validity.items():
+                put(file, f"validity/{name}", float(value), *VALIDITY[name])
             if self.balance is not None:
                 self.balance.write(file)
 
@@ -169,6 +182,8 @@ class Trajectory:
                 frames=_read_frames(file) if "frames" in file else None,
                 errors=EstimatedErrors.read(file),
                 balance=Balance.read(file),
+                validity={name: float(take(file["validity"], name, 0)) for name in file.get("validity", {})},
+                status=int(file.attrs.get("status", 0)),
             )
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, plain_reason
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -82,7 +82,10 @@ def on_root(comm: MPI.Comm, function: Callable[..., Result], *args: Any) -> Resu
 
 
 def _unexpected(error: Exception, activity: str, rank: int) -> RunError:
-    """Print the traceback of a programming or system error and return what the user is told instead."""
+    """Return what the user is told of an error; the traceback of one that may be a mistake of ours is printed."""
+    plain = plain_reason(error)
+    if plain is not None:
+        return RunError(f"{activity} failed on rank {rank}: {plain}")
     text = "".join(traceback.format_exception(error))
     print(f"pgmp: rank {rank}, {activity}:\n{text}", file=sys.stderr, end="", flush=True)
     failure = RunError(f"{activity} failed on rank {rank}: {type(error).__name__}: {error}")

@@ -27,6 +27,7 @@ from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.seal import SIZE, BrokenSeal, check_seal, seal
+from pgmp_petsc.runtime.signals import keep, keep_no_longer
 
 LABEL = "run.json"
 PROGRAM = "pgmp_petsc"
@@ -73,6 +74,7 @@ class CheckpointFolder:
         found = self._label()
         if found is not None and resume:
             self._check(found)
+            keep(self.path)
             return remarks
         if found is not None:
             n_pieces = len(self.pieces())
@@ -86,6 +88,7 @@ class CheckpointFolder:
             raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
         with replacing(self.path / LABEL, "checkpoint") as waiting:
             waiting.write_text(json.dumps({"program": PROGRAM, **self._run}))
+        keep(self.path)
         return remarks
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -148,6 +151,7 @@ class CheckpointFolder:
 
     def remove(self) -> None:
         """Remove the folder where it is this program's; files that are not are left, in it."""
+        keep_no_longer(self.path)
         with suppress(InputError, OSError):
             if self._label() is not None:
                 for pattern in _OWN[::-1]:  # the label last: without it the folder is nobody's

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+LONGEST_QUOTE = 300  # characters of what was received, in a message
+
 
 class PgmpError(Exception):
     """Base of every error that a user is meant to read; never shown with a traceback."""
@@ -25,6 +27,23 @@ class RunError(PgmpError):
     """The input was accepted but the computation failed (exit status 1)."""
 
 
+def plain_reason(error: BaseException) -> str | None:
+    """Return what to say of an error that the system or the machine's size causes, None for a mistake of ours.
+
+    The latter deserves its traceback.
+    """
+    if isinstance(error, MemoryError):
+        detail = f": {error}" if str(error) else ""
+        return f"not enough memory{detail}; take a smaller problem or more ranks on more nodes"
+    if isinstance(error, RecursionError):
+        return "something is nested too deeply to be worked on"
+    if isinstance(error, UnicodeError):
+        return f"a text or a name is not valid in its encoding: {error}"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return None
+
+
 def nearest_name(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known name closest to ``name``, or the list of known names."""
     known = sorted(known)
@@ -32,3 +51,9 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     if close:
         return f"; did you mean '{close[0]}'?"
     return f"; known: {', '.join(known)}" if known else "; none is defined"
+
+
+def shortened(text: str, most: int = LONGEST_QUOTE) -> str:
+    """Return a text for a message, cut if it is long, on one line."""
+    text = text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0")
+    return text if len(text) <= most else text[: most - 4] + " ..."

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RankGroup:
-    """This rank's place among groups of ranks.
+    """This rank's place among groups of ranks; in a ``with`` block, which frees the groups' communicators.
 
     Attributes
     ----------
@@ -39,6 +41,8 @@ class RankGroup:
     def split(cls, world: MPI.Comm, ranks_per_group: int) -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
+        Who splits closes.
+
         Raises
         ------
         InputError
@@ -48,11 +52,26 @@ class RankGroup:
             raise InputError(
                 f"--ranks-per-angle = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
             )
+        from mpi4py import MPI
+
         count = world.size // ranks_per_group
         index = min(world.rank // ranks_per_group, count - 1)
         comm = world.Split(color=index, key=world.rank)
-        roots = world.Split(color=0 if comm.rank == 0 else 1, key=index)
+        # ranks that are no roots get no communicator
+        roots = world.Split(color=0 if comm.rank == 0 else MPI.UNDEFINED, key=index)
         return cls(world, comm, roots if comm.rank == 0 else None, index, count)
+
+    def close(self) -> None:
+        """Free the communicators of this rank. Collective on each of them."""
+        for comm in (self.roots, self.comm):
+            if comm is not None:
+                comm.Free()
+
+    def __enter__(self) -> RankGroup:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def arcs(self, n: int) -> list[range]:
         """Return the groups' contiguous shares of n configurations; groups beyond the n-th have none."""
@@ -63,3 +82,16 @@ class RankGroup:
         """Return this group's share; empty where it has none."""
         arcs = self.arcs(n)
         return arcs[self.index] if self.index < len(arcs) else range(0)
+
+
+@contextmanager
+def first_ranks(comm: MPI.Comm, n: int) -> Iterator[MPI.Comm]:
+    """Yield a communicator of the first n ranks, and one of the others on those. Collective on `comm`.
+
+    It is freed at the end of the block, whatever happens there: freeing waits for nobody in MPI's usual implementations.
+    """
+    part = comm.Split(color=int(comm.rank >= n), key=comm.rank)
+    try:
+        yield part
+    finally:
+        part.Free()

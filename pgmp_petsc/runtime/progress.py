@@ -1,16 +1,28 @@
-"""A progress bar on rank 0 when a person is watching, silence otherwise."""
+"""How far long work has come, said by rank 0 on stderr.
+
+A person at a terminal sees a bar. Where stderr is no terminal (under mpirun, in the log of a batch job) there is a line
+after `FIRST` seconds and then every `EVERY` seconds, less often the longer the work takes; short work says nothing.
+A thread writes them, so that work of which no unit is done yet is seen to go on.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+FIRST = 5.0  # s, before the first line
+EVERY = 10.0  # s, between lines of work that began less than 100 s ago
+SHARE = 0.1  # of the time since the beginning, between later lines
+SELDOM = 60.0  # s, the longest time between lines
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 
@@ -29,7 +41,7 @@ class Progress(Protocol):
 
 
 class Silent:
-    """A progress bar that shows nothing."""
+    """A count that shows nothing."""
 
     def update(self, n: int = 1) -> None:
         """Do nothing."""
@@ -43,24 +55,114 @@ class Silent:
         return None
 
 
-def progress(total: int, description: str, comm: MPI.Comm) -> Progress:
-    """Return a bar over ``total`` units of work; not collective.
+class Lines:
+    """A count that writes a line now and then.
 
-    It is shown on rank 0 if stderr is a terminal; elsewhere (other ranks, batch jobs, pipes) nothing is
-    printed.
+    Parameters
+    ----------
+    total
+        Units of work.
+    description
+        What is counted.
+    stream
+        Where the lines go.
+    initial
+        Units that were done before; they do not tell how fast the others go.
+    clock
+        Seconds since any instant.
     """
-    if comm.rank > 0 or _quiet.get() or not sys.stderr.isatty():
+
+    def __init__(
+        self,
+        total: int,
+        description: str,
+        stream: TextIO,
+        initial: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._total, self._description, self._stream, self._clock = total, description, stream, clock
+        self._initial = self._done = initial
+        self._start = clock()
+        self._next = self._start + FIRST
+        self._said = -1  # the count of the last line
+        self._turn = threading.Lock()
+        self._ended = threading.Event()
+
+    def update(self, n: int = 1) -> None:
+        """Count ``n`` further units of work as done."""
+        self._done += n
+        self.look()
+
+    def look(self) -> None:
+        """Write a line if it is time."""
+        with self._turn:
+            now = self._clock()
+            if now < self._next:
+                return
+            elapsed = now - self._start
+            self._next = now + min(max(EVERY, SHARE * elapsed), SELDOM)
+            done = self._done - self._initial
+            left = self._total - self._done
+            rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
+            self._say(f"{_words(elapsed)}{rest}")
+
+    def __enter__(self) -> Lines:
+        threading.Thread(target=self._watch, daemon=True).start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        # the last line of a log says that the work came to its end
+        if 0 <= self._said < self._done >= self._total and kind is None:
+            self._say(_words(self._clock() - self._start))
+
+    def _watch(self) -> None:
+        while not self._ended.wait(FIRST):
+            self.look()
+
+    def _say(self, times: str) -> None:
+        self._said = self._done
+        try:
+            print(f"{self._description}: {self._done} of {self._total}, {times}", file=self._stream, flush=True)
+        except OSError:
+            # whoever read stderr has gone, or its disk is full: no reason to end the work
+            self._next = float("inf")
+
+
+def progress(total: int, description: str, comm: MPI.Comm, initial: int = 0) -> Progress:
+    """Return a count over ``total`` units of work, of which ``initial`` are done already; not collective.
+
+    Rank 0 shows a bar if stderr is a terminal, else a line now and then; the other ranks show nothing.
+    """
+    if comm.rank > 0 or _quiet.get():
         return Silent()
+    if not sys.stderr.isatty():
+        return Lines(total, description, sys.stderr, initial)
     from tqdm import tqdm
 
-    return tqdm(total=total, desc=description, leave=False, dynamic_ncols=True, file=sys.stderr)
+    return tqdm(
+        total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr
+    )
 
 
 @contextmanager
 def without_progress() -> Iterator[None]:
-    """Show no bar within the block: its work is a small part of what a bar outside counts."""
+    """Show nothing within the block: its work is a small part of what a count outside shows."""
     before = _quiet.set(True)
     try:
         yield
     finally:
         _quiet.reset(before)
+
+
+def _words(seconds: float) -> str:
+    """Return a time as a person reads it: 14 s, 3 min 20 s, 5 h 12 min."""
+    whole = round(seconds)
+    if whole < 180:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 180:
+        return f"{minutes} min {rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
+    Angle,
     Integer,
     Name,
     NotNegativeOrParameter,
@@ -17,9 +18,12 @@ from pgmp_petsc.scene.fields import (
     Table,
     Triple,
     Vector,
+    at_most,
     exactly_one,
     refusal,
 )
+
+MOST_ELEMENTS = 100_000
 
 
 class Material(Table):
@@ -67,7 +71,9 @@ class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
     length: PositiveNumber = Field(description="length (m)")
-    elements: Integer = Field(ge=1, description="number of elements")
+    elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and its matrices fill memory")] = (
+        Field(ge=1, description="number of elements")
+    )
     start: Number = Field(0.0, description="x of the hinge (m)")
 
 
@@ -75,7 +81,7 @@ class Placement(Table):
     """First guess of a body's place for the assembly: rotate about the mesh's origin, then move."""
 
     origin: Vector = Field((0.0, 0.0), description="where the mesh's origin goes (m)")
-    angle: Number = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise); in the plane")
+    angle: Angle = Field(0.0, description="rotation about the mesh's origin (rad, anticlockwise); in the plane")
     rotation: Triple | None = Field(None, description="rotation vector: axis times angle (rad); in space")
 
     def origin_in(self, dimension: int) -> np.ndarray:

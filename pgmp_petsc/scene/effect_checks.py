@@ -6,11 +6,10 @@ import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from pgmp_petsc.runtime.errors import nearest_name
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene.fields import GROUND, split_point
+from pgmp_petsc.scene.impulses import impulse_of
 from pgmp_petsc.scene.joints import PointOnLine, Revolute
 from pgmp_petsc.scene.messages import problem
 
@@ -26,17 +25,6 @@ ON_JOINTS = {
     kinds.JointFriction: (Revolute, PointOnLine),
     kinds.SpringDamper: (Revolute, PointOnLine),
     kinds.EndStop: (Revolute, PointOnLine),
-}
-#: Entries of an effect that may name a parameter, and whether it must be positive.
-NUMBERS = {
-    kinds.Torque: {"scale": False},
-    kinds.Force: {"scale": False},
-    kinds.Gravity: {"acceleration": False},
-    kinds.PointMass: {"mass": True},
-    kinds.JointDamping: {"coefficient": False},
-    kinds.JointFriction: {"limit": False},
-    kinds.SpringDamper: {"stiffness": False, "damping": False},
-    kinds.EndStop: {"stiffness": True},
 }
 #: Effects that a scene may have once.
 SINGLE = (kinds.Gyroscopic, kinds.GeometricStiffening, kinds.ModeInertia)
@@ -119,24 +107,17 @@ def _resolved_in_time(
 
 
 def _impulse(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[str]:
-    from scipy.integrate import trapezoid  # late: reading a scene without a table needs no scipy
-
     run = scene.simulation
     n_steps = max(1, math.ceil(run.duration / run.step * (1 - 1e-12)))
-    ends = np.linspace(0.0, run.duration, n_steps + 1)
-    times, values = np.array(effect.table, dtype=float).T
-    everywhere = np.union1d(ends, times[(times > 0.0) & (times < run.duration)])
-    exact = trapezoid(np.interp(everywhere, times, values), everywhere)
-    seen = trapezoid(np.interp(ends, times, values), ends)
-    whole = trapezoid(np.abs(np.interp(everywhere, times, values)), everywhere)
+    found = impulse_of(effect.table, run.duration, n_steps)
     # what sets in within a step is seen half a step early or late; that is as it should be
-    tolerated = max(LOST_IMPULSE * whole, 0.5 * run.step * np.max(np.abs(np.interp(ends, times, values))))
-    if abs(seen - exact) > tolerated:
+    tolerated = max(LOST_IMPULSE * found.whole, 0.5 * run.step * found.largest)
+    if abs(found.seen - found.exact) > tolerated:
         unit = "N m s" if isinstance(effect, kinds.Torque) else "N s"
         yield problem(
             entry,
-            f"has an impulse of {exact:.4g} {unit}, but {seen:.4g} with a {effect.type} read every {run.step:g} s; "
-            "take a smaller simulation.step, or a pulse that lasts several steps",
+            f"has an impulse of {found.exact:.4g} {unit}, but {found.seen:.4g} with a {effect.type} read every "
+            f"{run.step:g} s; take a smaller simulation.step, or a pulse that lasts several steps",
         )
 
 

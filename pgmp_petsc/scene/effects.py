@@ -92,7 +92,7 @@ class JointDamping(Table):
 
     type: Literal["joint_damping"]
     joint: str = Field(description="name of a revolute joint, or of one that slides")
-    coefficient: NumberOrParameter = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
+    coefficient: NotNegativeOrParameter = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
 
 
 class JointFriction(Table):
@@ -113,7 +113,7 @@ class SpringDamper(Table):
     joint: str | None = Field(None, description="name of a revolute joint, or of one that slides")
     points: Connection | None = Field(None, description='two points, "body:point" or "ground:point"')
     stiffness: NumberOrParameter = Field(0.0, description="Nm/rad or N/m, a number or a parameter's name")
-    damping: NumberOrParameter = Field(0.0, description="Nm s/rad or N s/m, a number or a parameter's name")
+    damping: NotNegativeOrParameter = Field(0.0, description="Nm s/rad or N s/m, a number or a parameter's name")
     rest: Number | None = Field(
         None, description="angle (rad), displacement or distance (m) without force; 0 for a joint if not given"
     )

@@ -10,6 +10,11 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 GROUND = "ground"
+#: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
+#: far within what a float can hold (1e-308 to 1e308).
+LARGEST, SMALLEST = 1e30, 1e-30
+MOST_RADIANS = 1e6  # beyond it an angle is rounded by more than 1e-10 rad
+LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
 class Table(BaseModel):
@@ -39,13 +44,46 @@ def is_number(value: object) -> TypeGuard[float]:
         return False
 
 
+def at_most(limit: float, reason: str) -> AfterValidator:
+    """Return a check that refuses numbers above `limit`, with the reason for it."""
+
+    def check(value: float) -> float:
+        if value > limit:
+            raise refusal(f"must be at most {limit:,}: {reason}")
+        return value
+
+    return AfterValidator(check)
+
+
 def split_point(point: str) -> tuple[str, str]:
     """Split ``"rod:tip"`` into the body's name (or ``"ground"``) and the name of the point on it."""
     owner, _, name = point.partition(":")
     return owner, name
 
 
+def _of_sensible_size(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise refusal(f"0 or a magnitude from {SMALLEST:g} to {LARGEST:g} is needed")
+    return value
+
+
+def _sensible_numbers(value: object) -> object:
+    """Check the size of a number, or of each in a tuple; names of parameters pass."""
+    for number in value if isinstance(value, tuple) else (value,):
+        if not isinstance(number, str):
+            _of_sensible_size(number)
+    return value
+
+
+def _no_more_turns(value: float) -> float:
+    if abs(value) > MOST_RADIANS:
+        raise refusal(f"must be within {MOST_RADIANS:,.0f} rad of 0; larger angles are rounded")
+    return value
+
+
 def _name(value: str) -> str:
+    if len(value) > LONGEST_NAME:
+        raise refusal(f"a name has at most {LONGEST_NAME} characters, this one has {len(value)}")
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", value):
         raise refusal("a name starts with a letter or _ and goes on with letters, digits, _ or -")
     return value
@@ -112,29 +150,31 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
 
 
 #: A finite number; text and booleans are refused.
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_of_sensible_size)]
+#: An angle (rad).
+Angle = Annotated[Number, AfterValidator(_no_more_turns)]
 #: An integer; numbers with a decimal point are refused.
 Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
-NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter)]
+NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter), AfterValidator(_sensible_numbers)]
 #: A positive number, or the name of a parameter.
-PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter)]
+PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter), AfterValidator(_sensible_numbers)]
 #: A number that is not negative, or the name of a parameter.
-NotNegativeOrParameter = Annotated[float | str, BeforeValidator(_not_negative_or_parameter)]
+NotNegativeOrParameter = Annotated[float | str, BeforeValidator(_not_negative_or_parameter), AfterValidator(_sensible_numbers)]
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
 #: A number that is not negative.
 NotNegative = Annotated[Number, Field(ge=0.0)]
 #: Two finite numbers (x, y).
-Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers)]
+Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers), AfterValidator(_sensible_numbers)]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
-Vector = Annotated[tuple[float, ...], BeforeValidator(_two_or_three_numbers)]
+Vector = Annotated[tuple[float, ...], BeforeValidator(_two_or_three_numbers), AfterValidator(_sensible_numbers)]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 #: Three finite numbers (x, y, z).
-Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers), AfterValidator(_sensible_numbers)]
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
 #: Name of a table that the user chooses; it becomes the name of a data set.

@@ -10,10 +10,11 @@ from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 MAX_LINES = 8
 MAX_RECEIVED = 60
+DEEPEST = 16  # tables and lists within each other; a scene needs six
 
 #: What is allowed, by the type of pydantic's error, with the fields of its context.
 ALLOWED = {
@@ -53,8 +54,7 @@ def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
 
 def toml_text(value: object) -> str:
     """Return `value` as it would stand in a scene, shortened if it is long."""
-    text = _toml_text(value)
-    return text if len(text) <= MAX_RECEIVED else text[: MAX_RECEIVED - 4] + " ..."
+    return shortened(_toml_text(value), MAX_RECEIVED)
 
 
 def dotted_name(keys: Sequence[str | int]) -> str:
@@ -168,6 +168,7 @@ def _tag(model: type[BaseModel]) -> str:
 
 
 def _toml_key(key: str) -> str:
+    key = shortened(key, MAX_RECEIVED)
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
 
 

@@ -6,10 +6,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Integer, Number, Table, refusal
+from pgmp_petsc.scene.fields import Angle, Integer, Number, Table, at_most, refusal
 
 Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
+
+MOST_STEPS = 1e8
+
+Angles = Annotated[Integer, at_most(1_000_000, "each has its own eigenproblem and tables, of 10 kB and more")]
+Vectors = Annotated[Integer, at_most(10_000, "tables grow by the square of it, to 0.8 GB at every angle")]
+Frames = Annotated[Integer, at_most(1_000_000, "each holds the whole mechanism, 10 kB and more")]
+Bins = Annotated[Integer, at_most(1_000_000, "every instant of every output has as many, of 8 bytes each")]
+Batch = Annotated[Integer, at_most(1_000_000, "a rank holds the states and tables of so many samples at once")]
 
 
 class Reduction(Table):
@@ -20,8 +28,8 @@ class Reduction(Table):
         description="largest error of any output by the reduction, as a share of its largest value over time; pgmp "
         "build chooses what is not given of modes, static_modes, second_order, angles and interpolation",
     )
-    modes: Integer = Field(15, ge=1, description="number of flexible modes kept at every configuration")
-    angles: Integer = Field(
+    modes: Vectors = Field(15, ge=1, description="number of flexible modes kept at every configuration")
+    angles: Angles = Field(
         629, ge=4, description="number of sampled configurations along each coordinate; 24 with several"
     )
     sampling_tolerance: Number | None = Field(
@@ -30,12 +38,12 @@ class Reduction(Table):
         description="add angles until interpolated tables differ from fresh ones by no more than this share; `angles` "
         "is then the number to begin with; needs interpolation = spline",
     )
-    max_angles: Integer = Field(2000, ge=4, description="where adaptive sampling gives up")
+    max_angles: Angles = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     inertia_modes: bool = Field(
         False, description="extend the basis by the static answer to the inertia forces of the mechanism's rigid motion"
     )
-    parameter_modes: Integer = Field(
+    parameter_modes: Vectors = Field(
         0,
         ge=0,
         description="number of further vectors for parameters far from nominal: modes and static answers at parameter "
@@ -68,8 +76,29 @@ class Reduction(Table):
 class InitialState(Table):
     """Where a coordinate starts."""
 
-    position: Number = Field(0.0, description="angle at the start (rad)")
+    position: Angle = Field(0.0, description="angle at the start (rad)")
     velocity: Number = Field(0.0, description="angular velocity at the start (rad/s)")
+
+
+class Initial(Table):
+    """Whether runs start at rest in a static equilibrium, with the loads at time zero."""
+
+    equilibrium: bool = Field(
+        False,
+        strict=True,
+        description="start at rest in static equilibrium under the loads at time zero, instead of undeformed",
+    )
+    coordinates: Literal["held", "free"] = Field(
+        "held",
+        description='"held": coordinates start at simulation.initial, and are let go there; "free": they too go to '
+        "the equilibrium that the loads pull them to from there",
+    )
+
+    @model_validator(mode="after")
+    def _free_in_equilibrium(self) -> Self:
+        if self.coordinates == "free" and not self.equilibrium:
+            raise refusal("needs initial.equilibrium = true", "coordinates")
+        return self
 
 
 class Simulation(Table):
@@ -89,7 +118,7 @@ class Simulation(Table):
         description="of generalised-alpha at infinite frequency; 1 is without numerical damping, and "
         "the full-order model's multipliers then keep an alternating error",
     )
-    frames: Integer = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
+    frames: Frames = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(
         True,
         strict=True,
@@ -104,17 +133,23 @@ class Simulation(Table):
         chosen_later = self.tolerance is not None and "step" not in self.model_fields_set
         if self.step > self.duration and not chosen_later:
             raise refusal(f"must not exceed the duration, {self.duration} s", "step")
+        if self.duration / self.step > MOST_STEPS and not chosen_later:
+            raise refusal(
+                f"makes {self.duration / self.step:.3g} steps of simulation.duration = {self.duration:g} s; at most "
+                f"{MOST_STEPS:.0e} are taken, with which each output has 0.8 GB",
+                "step",
+            )
         return self
 
 
 class Ensemble(Table):
     """Many runs with parameters drawn from their distributions."""
 
-    bins: Integer = Field(50, ge=1, description="number of bins of the estimated densities")
+    bins: Bins = Field(50, ge=1, description="number of bins of the estimated densities")
     quantiles: tuple[Probability, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
-    batch: Integer = Field(512, ge=1, description="number of samples that a rank integrates together")
+    batch: Batch = Field(512, ge=1, description="number of samples that a rank integrates together")
     checked_share: Number = Field(
         0.02,
         ge=0.0,

@@ -57,7 +57,9 @@ class Parameter(Table):
     """A quantity that may differ between samples; materials, sections and effects name it."""
 
     nominal: Number = Field(description="value at which the reduced basis is built")
-    unit: str = Field("", description="unit of the values, for labels only")
+    unit: str = Field(
+        "", description="unit of the values, bounds, loc and scale, such as mm; SI if not given; converted to SI"
+    )
     description: str = Field("", description="what the parameter is, for reports")
     distribution: Distribution | None = Field(None, description="distribution that an ensemble draws from")
     bounds: Interval | None = Field(

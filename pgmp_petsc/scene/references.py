@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effect_checks import NUMBERS, effect_problems, joint_problems
+from pgmp_petsc.scene.effect_checks import effect_problems, joint_problems
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
 from pgmp_petsc.scene.outputs import Angle
 from pgmp_petsc.scene.space_checks import space_problems
+from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
+
+MOST_RADIANS_OF_RANGE = 100.0  # 5,000 configurations to be assembled one after the other: some seconds
 
 
 def reference_problems(scene: Scene) -> list[str]:
@@ -36,7 +40,10 @@ def reference_problems(scene: Scene) -> list[str]:
 
 
 def _bodies(scene: Scene) -> Iterator[str]:
+    connected = {split_point(point)[0] for joint in scene.joints.values() for point in joint.connect}
     for name, body in scene.bodies.items():
+        if name not in connected:
+            yield problem(f"bodies.{name}", "no joint connects it with the mechanism; add one, or leave the body out")
         if name == GROUND:
             yield problem(
                 "bodies.ground", "this name means the points fixed in space; give the body another one"
@@ -68,6 +75,15 @@ def _coordinates(scene: Scene) -> Iterator[str]:
     taken: dict[str, str] = {}
     for name, coordinate in scene.coordinates.items():
         entry = f"coordinates.{name}.joint"
+        low, high = coordinate.range
+        if high - low > MOST_RADIANS_OF_RANGE:
+            yield problem(
+                f"coordinates.{name}.range",
+                f"is {(high - low) / (2 * math.pi):.4g} turns long, and each is followed in small steps; at most "
+                f"{MOST_RADIANS_OF_RANGE:g} rad are taken. What turns for ever has range = [0.0, {2 * math.pi!r}] and "
+                "periodic = true",
+                list(coordinate.range),
+            )
         yield from _revolute(scene, entry, coordinate.joint)
         if coordinate.joint in taken:
             yield problem(
@@ -96,6 +112,13 @@ def _outputs(scene: Scene) -> Iterator[str]:
 
 
 def _initial_states(scene: Scene) -> Iterator[str]:
+    for name, state in scene.simulation.initial.items():
+        if scene.initial.equilibrium and state.velocity != 0.0:
+            yield problem(
+                f"simulation.initial.{name}.velocity",
+                "with initial.equilibrium = true a run starts at rest; leave the velocity out, or the equilibrium",
+                state.velocity,
+            )
     for name in scene.simulation.initial:
         if name not in scene.coordinates:
             yield problem(
@@ -114,36 +137,24 @@ def _initial_states(scene: Scene) -> Iterator[str]:
 
 
 def _parameter_uses(scene: Scene) -> Iterator[str]:
-    for entry, used, positive in numbers_of(scene):
-        if not isinstance(used, str):
+    for use in uses_of(scene):
+        if use.parameter is None:
             continue
-        if used not in scene.parameters:
-            yield _unknown(entry, "parameter", used, scene.parameters)
-        elif positive:
-            parameter = scene.parameters[used]
+        if use.parameter not in scene.parameters:
+            yield _unknown(use.entry, "parameter", use.parameter, scene.parameters)
+        else:
+            parameter = scene.parameters[use.parameter]
             for key in ("nominal", "value"):
                 number = getattr(parameter, key)
-                if number is not None and number <= 0.0:
-                    yield problem(
-                        f"parameters.{used}.{key}", f"must be positive, because {entry} uses it", number
-                    )
+                if number is not None:
+                    yield from _sign(use, f"parameters.{use.parameter}.{key}", number)
 
 
-def numbers_of(scene: Scene) -> Iterator[tuple[str, float | str, bool]]:
-    """Yield every entry that may name a parameter, what it holds, and whether it must be positive."""
-    for name, material in scene.materials.items():
-        yield f"materials.{name}.E", material.E, True
-        yield f"materials.{name}.rho", material.rho, True
-    for name, body in scene.bodies.items():
-        for key in ("thickness", "section_scale"):
-            if getattr(body, key) is not None:
-                yield f"bodies.{name}.{key}", getattr(body, key), True
-        for key, size in body.section or ():
-            if key != "shape":
-                yield f"bodies.{name}.section.{key}", size, key != "rotary_density" or body.flexible
-    for name, effect in scene.effects.items():
-        for key, positive in NUMBERS.get(type(effect), {}).items():
-            yield f"effects.{name}.{key}", getattr(effect, key), positive
+def _sign(use: Use, entry: str, number: float) -> Iterator[str]:
+    if use.sign == "positive" and number <= 0.0:
+        yield problem(entry, f"must be positive, because {use.entry} uses it", number)
+    elif use.sign == "not negative" and number < 0.0:
+        yield problem(entry, f"must not be negative, because {use.entry} uses it", number)
 
 
 def _revolute(scene: Scene, entry: str, joint: str) -> Iterator[str]:

@@ -6,17 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene.bodies import Body, Material
 from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import Ensemble, InitialState, Reduction, Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Initial, InitialState, Reduction, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
-from pgmp_petsc.scene.references import numbers_of, reference_problems
+from pgmp_petsc.scene.references import reference_problems
+from pgmp_petsc.scene.units import unit_problems
+from pgmp_petsc.scene.uses import uses_of
 
 ANGLES_OF_SEVERAL = 24  # along each of several coordinates, where a scene does not say
 
@@ -44,11 +47,13 @@ class Scene(Table):
     )
     effects: dict[Name, Effect] = Field({}, description="what acts on the mechanism")
     reduction: Reduction = Field(Reduction(), description="the reduced model")
+    initial: Initial = Field(Initial(), description="start from static equilibrium")
     simulation: Simulation = Field(Simulation(), description="a run over time")
     ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
     _directory: Path = PrivateAttr(default=Path("."))
+    _remarks: tuple[Remark, ...] = PrivateAttr(default=())
 
     @property
     def name(self) -> str:
@@ -59,6 +64,17 @@ class Scene(Table):
     def directory(self) -> Path:
         """Directory that the paths of meshes are relative to; no part of the TOML."""
         return self._directory
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What is doubtful about the scene, as its reader found out; results keep it. No part of the TOML."""
+        return self._remarks
+
+    def with_remarks(self, remarks: tuple[Remark, ...]) -> Self:
+        """Return the scene with what is doubtful about it."""
+        remarked = self.model_copy()
+        remarked._remarks = remarks
+        return remarked
 
     @property
     def dimension(self) -> int:
@@ -100,7 +116,7 @@ class Scene(Table):
     @property
     def positive_parameters(self) -> frozenset[str]:
         """Parameters that only make sense where they are positive: those of materials and sections."""
-        return frozenset(used for _, used, positive in numbers_of(self) if positive and isinstance(used, str))
+        return frozenset(use.parameter for use in uses_of(self) if use.sign == "positive" and use.parameter is not None)
 
     def path_of(self, mesh: str) -> Path:
         """Return the path of a body's mesh file, which a scene gives relative to its own directory."""
@@ -145,8 +161,9 @@ class Scene(Table):
             self._directory = Path(context["directory"])
 
     @model_validator(mode="after")
-    def _references_hold(self) -> Self:
-        problems = reference_problems(self)
+    def _references_hold(self, info: ValidationInfo) -> Self:
+        given = (info.context or {}).get("units", {})
+        problems = [*reference_problems(self), *unit_problems(self, given)]
         if problems:
             raise input_error(problems)
         return self

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from pgmp_petsc.scene.fields import Number, Pair, Table, refusal
+from pgmp_petsc.scene.fields import Angle, Number, Pair, Table, refusal
 
 
 def _times_increase(table: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -26,7 +26,7 @@ class Harmonic(Table):
 
     amplitude: Number = Field(description="amplitude, in the unit of what it drives")
     frequency_hz: Number = Field(gt=0.0, description="frequency (Hz)")
-    phase: Number = Field(0.0, description="phase at time 0 (rad)")
+    phase: Angle = Field(0.0, description="phase at time 0 (rad)")
     mean: Number = Field(0.0, description="mean value")
 
 
@@ -35,11 +35,11 @@ class SpinUp(Table):
 
     speed: Number = Field(description="speed at the end (rad/s)")
     time: Number = Field(gt=0.0, description="time it takes (s)")
-    start: Number = Field(0.0, description="angle at time 0 (rad)")
+    start: Angle = Field(0.0, description="angle at time 0 (rad)")
 
 
 class ConstantSpeed(Table):
     """A rotation at constant speed."""
 
     speed: Number = Field(description="speed (rad/s)")
-    start: Number = Field(0.0, description="angle at time 0 (rad)")
+    start: Angle = Field(0.0, description="angle at time 0 (rad)")

@@ -5,7 +5,8 @@ is singular. SLEPc does not raise when it has not converged and cannot know of a
 solve is followed by its residuals and by Sylvester's law of inertia: the number of negative pivots of ``A - tau B`` is
 the number of eigenvalues below tau.
 
-Options prefix: ``pgmp_modes_`` (e.g. ``-pgmp_modes_eps_ncv 60``).
+The options prefix is the caller's, for every problem its own (e.g. ``-pgmp_modes_eps_ncv 60``); the factorisation that
+counts has ``count_`` after it.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import PgmpError, RunError
 from pgmp_petsc.runtime.matrices import solve_columns
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
-PREFIX = "pgmp_modes_"
+MUMPS = "mumps"
 SOLVER_TOLERANCE = 1e-13
 RESIDUAL_TOLERANCE = 1e-6  # of |lambda| |B x|; the eigenvalue's own error is of the order of its square
 SPARE_PAIRS = 3  # computed beyond those asked for, to find a gap for the count
@@ -47,15 +49,30 @@ class EigenPairs:
 
 
 class ShiftInvertSolver:
-    """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices."""
+    """SLEPc solver that is set up once and reused for matrices of one nonzero pattern. Collective on the matrices.
 
-    def __init__(self, comm: PETSc.Comm, shift: float) -> None:
+    Parameters
+    ----------
+    comm
+        That of the matrices.
+    shift
+        sigma.
+    prefix
+        Of the options that reach this solver.
+
+    Raises
+    ------
+    InputError
+        If PETSc refuses an option with the prefix.
+    """
+
+    def __init__(self, comm: PETSc.Comm, shift: float, prefix: str) -> None:
         from petsc4py import PETSc
         from slepc4py import SLEPc
 
-        self._shift = shift
+        self._shift, self._prefix = shift, prefix
         self._eps = SLEPc.EPS().create(comm)
-        self._eps.setOptionsPrefix(PREFIX)
+        self._eps.setOptionsPrefix(prefix)
         self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
         self._eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         self._eps.setTarget(shift)
@@ -65,15 +82,18 @@ class ShiftInvertSolver:
         st.setShift(shift)
         st.setMatStructure(PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         _use_cholesky(st.getKSP())
-        self._eps.setFromOptions()
-        self._user_subspace = PETSc.Options(PREFIX).getInt("eps_ncv", 0)
         self._count = PETSc.KSP().create(comm)
-        self._count.setOptionsPrefix(f"{PREFIX}count_")
+        self._count.setOptionsPrefix(f"{prefix}count_")
         _use_cholesky(self._count)
-        # MUMPS reports its inertia only with null-pivot detection on
-        PETSc.Options().setValue(f"{PREFIX}count_mat_mumps_icntl_24", 1)
-        self._count.setFromOptions()
         self._shifted: PETSc.Mat | None = None
+        try:
+            with petsc_solver(prefix, "eigensolver"):
+                self._eps.setFromOptions()
+                self._user_subspace = PETSc.Options(prefix).getInt("eps_ncv", 0)
+                self._count.setFromOptions()
+        except PgmpError:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
@@ -105,7 +125,7 @@ class ShiftInvertSolver:
         Raises
         ------
         RunError
-            If the solver did not converge, a residual is too large, or eigenvalues are missing.
+            If a factorisation fails, the solver did not converge, a residual is too large, or eigenvalues are missing.
         """
         size, n_pairs = a.getSize()[0], n_rigid + n_flexible
         wanted = min(size, n_pairs + SPARE_PAIRS)
@@ -117,7 +137,8 @@ class ShiftInvertSolver:
             start.set(1.0)
             eps.setInitialSpace(start)
             start.destroy()
-            eps.solve()
+            with petsc_solver(self._prefix, f"eigenproblem at {where}"):
+                eps.solve()
             try:
                 return self._checked(a, b, n_rigid, n_pairs, where)
             except RunError as error:
@@ -137,12 +158,13 @@ class ShiftInvertSolver:
     def _checked(self, a: PETSc.Mat, b: PETSc.Mat, n_rigid: int, n_pairs: int, where: str) -> EigenPairs:
         """Fetch the pairs of the last solve and check convergence, residuals and completeness."""
         eps = self._eps
-        converged = eps.getConverged()
+        converged, reason = eps.getConverged(), eps.getConvergedReason()
+        # stopped early with all that is wanted, and some spare pairs missing, it has converged for our purpose
         if converged < n_pairs:
             raise RunError(
                 f"eigenproblem at {where}: {converged} of {n_pairs} eigenpairs converged in "
-                f"{eps.getIterationNumber()} iterations (reason {eps.getConvergedReason()}); "
-                f"a larger -{PREFIX}eps_ncv may help"
+                f"{eps.getIterationNumber()} iterations (reason {reason}) with the tolerance {eps.getTolerances()[0]:.2g}; "
+                f"a larger -{self._prefix}eps_ncv may help"
             )
         values, vectors = self._fetch(a, converged)
         self._check_residuals(a, b, values[:n_pairs], vectors[:, :n_pairs], values[n_rigid], where)
@@ -150,25 +172,38 @@ class ShiftInvertSolver:
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
     def factor(self, a: PETSc.Mat, b: PETSc.Mat) -> None:
-        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs."""
+        """Factor ``A - sigma B`` for `apply_inverse`, without solving for eigenpairs.
+
+        Raises
+        ------
+        RunError
+            If the factorisation fails.
+        """
         self._eps.setOperators(a, b)
-        self._eps.setUp()
-        self._eps.getST().getKSP().setUp()
+        ksp = self._eps.getST().getKSP()
+        with petsc_solver(self._prefix, f"factorisation with the shift {self._shift:.6g}"):
+            self._eps.setUp()
+            ksp.setUp()
+        check_factor(ksp, f"factorisation with the shift {self._shift:.6g}")
 
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
-        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor."""
-        ksp = self._eps.getST().getKSP()
-        if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
-            # all columns at once: many times faster than one by one, above all on several ranks
-            return solve_columns(ksp.getPC().getFactorMatrix(), columns)
-        x, y = ksp.getOperators()[0].createVecs()
-        result = np.empty_like(columns)
-        for i in range(columns.shape[1]):
-            x.setArray(columns[:, i])
-            ksp.solve(x, y)
-            result[:, i] = y.getArray(readonly=True)
-        x.destroy()
-        y.destroy()
+        """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.
+
+        Raises
+        ------
+        RunError
+            If a solve fails.
+        """
+        ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self._shift:.6g}"
+        with petsc_solver(self._prefix, what):
+            if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
+                # all columns at once: many times faster than one by one, above all on several ranks
+                result = solve_columns(ksp.getPC().getFactorMatrix(), columns)
+                check_factor(ksp, what)
+            else:
+                result = _solve_each(ksp, columns, what)
+        if not _finite_everywhere(result, ksp):
+            raise RunError(f"{what}: the solution is not finite; the mesh may be too fine for double precision")
         return result
 
     def _fetch(self, a: PETSc.Mat, n_pairs: int) -> tuple[np.ndarray, np.ndarray]:
@@ -220,21 +255,37 @@ class ShiftInvertSolver:
         if below != found:
             raise RunError(
                 f"eigenproblem at {where}: {below} eigenvalues lie below {tau:.6g} (rad/s)^2 but {found} were found; "
-                f"a larger -{PREFIX}eps_ncv may help"
+                f"a larger -{self._prefix}eps_ncv may help"
             )
 
     def count_below(self, a: PETSc.Mat, b: PETSc.Mat, tau: float) -> int:
-        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``."""
+        """Return the number of eigenvalues below tau, from the inertia of ``A - tau B``.
+
+        Raises
+        ------
+        RunError
+            If the factorisation fails.
+        """
         from petsc4py import PETSc
 
-        if self._shifted is None:
+        fresh = self._shifted is None
+        if fresh:
             self._shifted = a.duplicate(copy=True)
         else:
             a.copy(self._shifted, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
         self._shifted.axpy(-tau, b, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self._count.setOperators(self._shifted)
-        self._count.setUp()
-        negative, _, _ = self._count.getPC().getFactorMatrix().getInertia()
+        what = f"count of the eigenvalues below {tau:.6g}"
+        with petsc_solver(f"{self._prefix}count_", what):
+            self._count.setOperators(self._shifted)
+            pc = self._count.getPC()
+            if fresh and pc.getFactorSolverType() == MUMPS:
+                pc.setFactorSetUpSolverType()
+                factor = pc.getFactorMatrix()
+                factor.setOptionsPrefix(self._count.getOptionsPrefix())  # else it gets one too late for its options
+                factor.setMumpsIcntl(24, 1)  # MUMPS reports its inertia only with null-pivot detection on
+            self._count.setUp()
+            check_factor(self._count, what)
+            negative, _, _ = pc.getFactorMatrix().getInertia()
         return int(negative)
 
 
@@ -242,4 +293,60 @@ def _use_cholesky(ksp: PETSc.KSP) -> None:
     ksp.setType("preonly")
     pc = ksp.getPC()
     pc.setType("cholesky")
-    pc.setFactorSolverType("mumps")
+    pc.setFactorSolverType(MUMPS)
+
+
+def check_factor(ksp: PETSc.KSP, what: str) -> None:
+    """Raise where a direct solver's last factorisation, or its last solve, failed. Collective on the solver.
+
+    Raises
+    ------
+    RunError
+        With MUMPS' own error and the size of the system.
+    """
+    pc = ksp.getPC()
+    factor = pc.getFactorMatrix() if pc.getType() in ("cholesky", "lu") else None
+    if factor and factor.handle and pc.getFactorSolverType() == MUMPS and factor.getMumpsInfog(1) < 0:
+        raise RunError(
+            f"{what}: MUMPS failed on {factor.getSize()[0]} unknowns with INFOG(1) = {factor.getMumpsInfog(1)}, "
+            f"INFOG(2) = {factor.getMumpsInfog(2)}{_meaning(factor.getMumpsInfog(1))}"
+        )
+    if ksp.getConvergedReason() < 0:
+        raise RunError(f"{what}: the linear solver failed (reason {ksp.getConvergedReason()})")
+
+
+def _meaning(infog: int) -> str:
+    """Say what the usual errors of MUMPS come from."""
+    if infog in (-9, -13, -17, -20):
+        return ": not enough memory; take more ranks for an angle (--ranks-per-angle) or a coarser mesh"
+    if infog == -10:
+        return ": the matrix is singular"
+    return ""
+
+
+def _solve_each(ksp: PETSc.KSP, columns: np.ndarray, what: str) -> np.ndarray:
+    """Solve for local columns one by one, with any Krylov method and preconditioner."""
+    x, y = ksp.getOperators()[0].createVecs()
+    result = np.empty_like(columns)
+    try:
+        for i in range(columns.shape[1]):
+            x.setArray(columns[:, i])
+            ksp.solve(x, y)
+            if ksp.getConvergedReason() <= 0:
+                raise RunError(
+                    f"{what}: the linear solver ({ksp.getType()}) stopped after {ksp.getIterationNumber()} iterations "
+                    f"with the residual {ksp.getResidualNorm():.2g} (reason {ksp.getConvergedReason()})"
+                )
+            result[:, i] = y.getArray(readonly=True)
+    finally:
+        x.destroy()
+        y.destroy()
+    return result
+
+
+def _finite_everywhere(columns: np.ndarray, ksp: PETSc.KSP) -> bool:
+    """Return whether the local columns of all ranks are finite. Collective on the solver."""
+    from mpi4py import MPI
+
+    finite = bool(np.isfinite(columns).all())
+    return finite if ksp.getComm().size == 1 else ksp.getComm().tompi4py().allreduce(finite, op=MPI.LAND)

@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.reduced_energy import load_powers
 from pgmp_petsc.effects import loads_of
 from pgmp_petsc.mechanism.body_frames import rigid_positions, to_body
 from pgmp_petsc.models import ReducedModel
@@ -37,17 +38,21 @@ def balance_of(time: np.ndarray, instants: Sequence[Energies]) -> Balance:
     return Balance(kinetic, strain, potential, work)
 
 
-def with_weights(balance: Balance, model: ReducedModel) -> Balance:
+def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:
     """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
 
-    It is that of the undeformed start less the work done since: the same integral as in the residual, which does not
-    change.
+    It is that at the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in the
+    residual, which does not change.
     """
     effects = [effect for effect in model.effects if effect.conservative]
     if not effects:
         return balance
     mechanism = model.kinematics.mechanism
-    poses = model.kinematics.poses(model.start[0])[..., 0]
+    r, values = model.kinematics.n_coordinates, {k: np.array([v]) for k, v in model.scene.values.items()}
+    poses = model.kinematics.poses(start[:r])[..., 0]
+    # from the undeformed bodies to the start, halfway: the work is of second degree in the deformation
+    deformed = np.where(np.arange(start.size) < r, 0.0, start)
+    bent = load_powers(model.terms, values, (start - 0.5 * deformed)[None], deformed[None])
     places = rigid_positions(mechanism, poses)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     potential = balance.potential
@@ -57,5 +62,6 @@ def with_weights(balance: Balance, model: ReducedModel) -> Balance:
             weight, field = load.body_force
             force = matrices.mass[weight] @ to_body(mechanism, poses, field)
             lifted += float(load.weight.evaluate(model.scene.values)) * float(force @ places)
+        lifted += float(bent[effect.name][0])
         potential = potential - float(effect.amplitude(0.0)) * lifted - balance.work[effect.name]
     return replace(balance, potential=potential)

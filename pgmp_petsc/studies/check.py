@@ -8,13 +8,14 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
-from pgmp_petsc.reduction.limits import check_count, check_features
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -38,9 +39,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     InputError
         If the mechanism cannot be closed or controlled, or points are missing.
     """
+    check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
-    check_features(scene)
-    check_count(scene, mechanism)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
     continuum = any(body.is_continuum for body in mechanism.bodies)
@@ -64,6 +64,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
+    start_of(scene, mechanism)
+    if scene.initial.equilibrium:
+        how = scene.initial.coordinates
+        lines.append(f"  start         static equilibrium under the loads at time zero, coordinates {how}")
     flexible = _flexible(scene, mechanism, n_patterns)
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
@@ -76,9 +80,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     lines += _parameters(scene, mechanism)
     lines += _effects(scene, effects, loads)
     lines.append(f"  outputs       {', '.join(f'{n} ({u})' for n, u in outputs.units.items()) or 'none'}")
-    if continuum:
+    if any(body.meshed is not None for body in mechanism.bodies):
         lines += _condensing(mechanism)
-    elif not left_open and reducible:
+    elif not continuum and not left_open and reducible:
         lines += _memory(scene, mechanism, matrices, len(loads), sum(flexible.values()))
     return "\n".join(lines)
 

@@ -28,6 +28,7 @@ from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -132,7 +133,8 @@ def of_reduced(scene: Scene) -> dict[str, dict[str, str]]:
 
 def reduced_model(scene: Scene, meshes: Mapping[str, LineMesh]) -> ReducedModel:
     """Build the reduced model of a scene on this process."""
-    return ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return ReducedModel(scene, build_rom(scene, meshes, group))
 
 
 def table(costs: list[EffectCost]) -> str:
@@ -159,9 +161,7 @@ def main() -> int:
     if len(sys.argv) != 2:
         print("usage: python -m pgmp_petsc.studies.effect_cost SCENE", file=sys.stderr)
         return 2
-    import petsc4py
-
-    petsc4py.init([])
+    start_petsc()
     return guarded(lambda: print_tables(Path(sys.argv[1])))
 
 

@@ -25,19 +25,22 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.limits import check_beams
 from pgmp_petsc.reduction.sampler import turned_loads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
+from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
 
 N_INSTANTS = 16  # at which modes are computed
 DEFAULT_TOLERANCE = 1e-3
+SERIOUS = 0.1  # share from which on leaving an effect out is worth a warning
 STANDARD_GRAVITY = 9.81  # m/s2
 #: Effects that are what a scene is about; none is ever left out for being small.
 CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
@@ -53,7 +56,7 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     InputError, RunError
         If the mechanism is not sound, or its rigid run fails.
     """
-    check_beams(scene, "pgmp check --effects")
+    check_capabilities(scene, Purpose.SIZES)
     run = run_rigid(scene, meshes)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged
@@ -62,6 +65,42 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
     return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
+
+
+def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Remark, ...]:
+    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank."""
+    continuum = [name for name, body in scene.bodies.items() if body.continuum]
+    if continuum:
+        return (
+            note(
+                "sizes of effects were not estimated: the estimate is for beams, and "
+                f"{', '.join(f'bodies.{name}' for name in continuum)} of continuum elements"
+            ),
+        )
+    try:
+        sizes = estimate_effects(scene, meshes)
+    except PgmpError as error:
+        return (note(f"sizes of effects were not estimated: {error}"),)
+    missing = [size for size in sizes.sizes if _is_missing(scene, size)]
+    refused = "; it is for one coordinate only" if len(scene.coordinates) > 1 else ""
+    remarks = [
+        warning(
+            f"the scene leaves out {size.kind} ({size.measure}), whose share in the motion of the rigid mechanism is "
+            f"{size.share:.2g}: name it in [effects]"
+            + f"{refused}; compare with pgmp simulate SCENE --full"
+        )
+        for size in missing
+        if size.share > SERIOUS and size.kind != "gravity"
+    ]
+    small = [f"{size.kind} {size.share:.2g}" for size in missing if size.share <= SERIOUS or size.kind == "gravity"]
+    if small:
+        remarks.append(
+            note(
+                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(small)}; see pgmp check "
+                "--effects"
+            )
+        )
+    return tuple(remarks)
 
 
 def present_terms(scene: Scene) -> dict[str, bool]:
@@ -213,10 +252,14 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
 
 
 def _warnings(scene: Scene, sizes: list[EffectSize]) -> list[str]:
-    present = present_terms(scene)
-    found = []
-    for size in sizes:
-        left_out = not present[size.kind] if size.kind in TERMS else not size.name
-        if left_out and size.keeps and not np.isnan(size.share):
-            found.append(f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance")
-    return found
+    return [
+        f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
+        for size in sizes
+        if _is_missing(scene, size)
+    ]
+
+
+def _is_missing(scene: Scene, size: EffectSize) -> bool:
+    """Return whether an effect of known size matters and is not in the scene."""
+    left_out = not present_terms(scene)[size.kind] if size.kind in TERMS else not size.name
+    return bool(left_out and size.keeps and not np.isnan(size.share))

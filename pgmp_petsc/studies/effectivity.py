@@ -32,6 +32,7 @@ from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.paper_tables import Table
 
@@ -216,7 +217,8 @@ def measure(
             reduced, _ = read_scene(path, (*SETTINGS[setting], load), (), comm)
             first = setting not in roms
             if first:
-                roms[setting] = build_rom(reduced, meshes, RankGroup.split(comm, 1))
+                with RankGroup.split(comm, 1) as group:
+                    roms[setting] = build_rom(reduced, meshes, group)
             model = ReducedModel(reduced, roms[setting])
             for output, found in compare(model, reference, values).items():
                 results.append(Effectivity(setting, torque, output, *found))
@@ -280,9 +282,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.refinement < 2 or given.refinement % 2:
         parser.error(f"--refinement {given.refinement}: must be even, because runs with half of it are compared")
-    import petsc4py
-
-    petsc4py.init([])
+    start_petsc()
     return guarded(lambda: print_tables(given))
 
 

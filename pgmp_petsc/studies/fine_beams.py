@@ -30,6 +30,7 @@ from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_scene
 
 COARSE = (40, 80, 160)
@@ -151,9 +152,7 @@ def run(arguments: argparse.Namespace) -> None:
 def main() -> int:
     """Measure the scene on the command line."""
     arguments = parse_arguments()
-    import petsc4py
-
-    petsc4py.init([])
+    start_petsc()
     return guarded(lambda: run(arguments))
 
 

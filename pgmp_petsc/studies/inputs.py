@@ -10,12 +10,13 @@ from mpi4py import MPI
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.reduction.limits import check_features
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.studies.plausibility import plausibility
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
@@ -32,13 +33,25 @@ OF_EFFECTS = {
 
 
 def read_scene(
-    path: Path, overrides: Sequence[str], settings: Sequence[str], comm: MPI.Comm
+    path: Path,
+    overrides: Sequence[str],
+    settings: Sequence[str],
+    comm: MPI.Comm,
+    purpose: Purpose = Purpose.CHECK,
 ) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
-    """Read a scene and its meshes. Collective on `comm`."""
+    """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot do with it.
+    """
 
     def read() -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
         scene = load_scene(path, overrides, settings)
-        return scene, {name: _mesh_of(scene, name) for name in scene.bodies}
+        meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
+        check_capabilities(scene, purpose, meshes)
+        return scene.with_remarks(plausibility(scene, meshes)), meshes
 
     return on_root(comm, read)
 
@@ -72,8 +85,8 @@ def read_rom(
         built = scene_from_toml(rom.record.scene_toml, path.parent)
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
-        check_features(scene)
-        return _step_left_open(built, scene), rom
+        check_capabilities(scene, Purpose.REDUCED)
+        return _step_left_open(built, scene).with_remarks(plausibility(scene)), rom
 
     return on_root(comm, read)
 
@@ -106,6 +119,6 @@ def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
 def _refuse(entry: str, path: Path) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
-        "With a reduced model, simulation, ensemble, outputs, distributions and bounds of parameters, and the "
+        "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, and the "
         "numbers of loads, joints' forces and motions may be changed"
     )

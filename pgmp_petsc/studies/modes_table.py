@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.limits import check_count, check_flexible
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -49,17 +49,27 @@ def tabulate_modes(
         On the first rank, None elsewhere.
     """
     timings = Timings()
-    own = np.empty((0, scene.reduction.modes))
     with timings.phase("components"):
         meshes = condensed(scene, meshes, group)
-        group = angle_group(meshes, group)
+    with angle_group(meshes, group) as angles:
+        return _tabulated(scene, meshes, rom, n_angles, angles, timings)
+
+
+def _tabulated(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    rom: ReducedOrderModel | None,
+    n_angles: int,
+    group: RankGroup,
+    timings: Timings,
+) -> ModesTable | None:
+    """As `tabulate_modes`, with condensed bodies."""
+    own = np.empty((0, scene.reduction.modes))
     with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
         n_angles ** len(scene.coordinates), "eigenproblems", group.world
     ) as bar:
         _check_same_mechanism(scene, rom)
         mechanism = Mechanism.from_scene(scene, meshes)
-        check_flexible(scene)
-        check_count(scene, mechanism)
         kinematics = RigidKinematics(mechanism)
         coordinates = kinematics.coordinates
         samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))
@@ -85,7 +95,7 @@ def tabulate_modes(
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
     return ModesTable(
-        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict()),
+        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), scene.remarks),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=np.concatenate(arcs),
         reduced_hz=reduced,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.paper_results import PaperResults
 from pgmp_petsc.studies.paper_tables import Table, number
 
@@ -112,9 +113,7 @@ def main() -> int:
     if len(sys.argv) != 2:
         print("usage: python -m pgmp_petsc.studies.paper DIRECTORY", file=sys.stderr)
         return 2
-    import petsc4py
-
-    petsc4py.init([])
+    start_petsc()
     return guarded(lambda: write(Path(sys.argv[1]) / "summary.md"))
 
 

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.paper_published import LARGEST_ERROR_PERCENT, NOMINAL
 from pgmp_petsc.studies.paper_results import PaperResults
@@ -22,6 +23,8 @@ def inertia_table(results: PaperResults) -> Table:
     scene, rom = read_rom(results.directory / "rom.h5", (), (), MPI.COMM_SELF)
     tables = uncoupled(rom.tables, scene.reduction.interpolation)
     without = simulate_reduced(ReducedModel(scene, replace(rom, tables=tables)), MPI.COMM_SELF)
+    if without.status:
+        raise RunError(without.record.remarks[0].text)
     rows = []
     for output in LARGEST_ERROR_PERCENT:
         exact = results.nominal_run.outputs[output]

@@ -38,6 +38,7 @@ from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
@@ -203,9 +204,9 @@ def run(arguments: argparse.Namespace) -> None:
     """Measure, and write the reduced model and the record beside each other."""
     comm = MPI.COMM_WORLD
     on_root(comm, check_output, arguments.output, "scaling", (arguments.scene,))
-    group = RankGroup.split(comm, arguments.ranks_per_angle)
     rom_path = arguments.output.with_suffix(".h5")
-    case = measure(arguments.scene, arguments.override, group, rom_path, arguments.fresh_up_to)
+    with RankGroup.split(comm, arguments.ranks_per_angle) as group:
+        case = measure(arguments.scene, arguments.override, group, rom_path, arguments.fresh_up_to)
     if case is not None:
         case.write(arguments.output)
         print(
@@ -219,9 +220,7 @@ def run(arguments: argparse.Namespace) -> None:
 def main() -> int:
     """Measure the scene on the command line."""
     arguments = parse_arguments()
-    import petsc4py
-
-    petsc4py.init([])
+    start_petsc()
     return guarded(lambda: run(arguments))
 
 

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
@@ -98,9 +99,8 @@ class _Runs:
         return history
 
     def _on_all_ranks(self, n_steps: int) -> History:
-        history, workers = None, self._comm.Dup()
-        with agreed(self._comm, "runs for the step"):
+        history = None
+        with first_ranks(self._comm, self._comm.size) as workers, agreed(self._comm, "runs for the step"):
             with self._model.distributed(self._model.scene.values, workers) as system:
                 history = run_history(self._model, self.training.values, 1, n_steps, system)
-        workers.Free()
         return history

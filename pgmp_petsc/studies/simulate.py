@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
+from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coverage import is_indicated
+from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
+from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, with_weights
+from pgmp_petsc.studies.settled_start import require_settled, start_remarks
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
+LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
 def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
@@ -37,7 +46,7 @@ def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
     Raises
     ------
     RunError
-        If the integration fails or leaves the sampled range.
+        Where the computation itself breaks. A run that stops before its end is a trajectory with its status.
     """
     trajectory = None
     with agreed(comm, "simulation"):
@@ -53,12 +62,10 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
     several takes longer than on one. The others wait.
     """
     n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
-    workers = comm.Split(color=int(comm.rank >= n_workers), key=comm.rank)
     trajectory = None
-    with agreed(comm, "full-order simulation"):
+    with first_ranks(comm, n_workers) as workers, agreed(comm, "full-order simulation"):
         if comm.rank < n_workers:
             trajectory = _full_on_all_ranks(model, workers, comm.size)
-    workers.Free()
     return trajectory
 
 
@@ -69,6 +76,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     times, histories, measured, frames, energies = [], [], [], [], []
     with timings.phase("assembly"):
         system = model.distributed(values, comm)
+        require_settled(system)
     with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
@@ -82,15 +90,21 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             bar.update(step > 0)
 
         run = integrate(system, simulation, observer=record)
-    _check(run, model)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
     mechanism = model.kinematics.mechanism
-    stored = np.array(frames).reshape(len(frames), mechanism.n_nodes, -1 if frames else mechanism.space.n_pose)
-    return _trajectory(
-        model, np.array(times), np.concatenate(histories, axis=-1), np.array(measured), None,
-        stored, np.array(times)[sorted(wanted)], n_ranks, timings, balance_of(np.array(times), energies),
+    kept = _computed(times, run, simulation)
+    time, shown = np.array(times[:kept]), [step for step in sorted(wanted) if step < kept]
+    stored = np.array(frames[: len(shown)])
+    stored = stored.reshape(len(shown), mechanism.n_nodes, -1 if shown else mechanism.space.n_pose)
+    return Trajectory(
+        coordinates=np.array(measured[:kept]),
+        balance=balance_of(time, energies[:kept]),
+        **_described(
+            model, run, time, np.concatenate(histories[:kept], axis=-1), stored, time[shown], n_ranks, timings,
+            (*_why_stopped(model, run, ""), *start_remarks(system)),
+        ),
     )
 
 
@@ -100,43 +114,64 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     times, etas, energies = [], [], []
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
     system = model.batch(values, 1)
+    require_settled(system)
     watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
+    validity = Validity(model, system, values, simulation)
     with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
 
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
             etas.append(state.q[0].copy())
             energies.append(system.energies(time, state))
+            validity.observe(step, time, state)
             if watched is not None:
                 watched.observe(step, time, state)
             bar.update(step > 0)
 
         run = integrate(system, simulation, observer=record)
-    _check(run, model)
-    time, eta = np.array(times), np.array(etas)
-    wanted = sorted(frame_steps(simulation))
+    kept = _computed(times, run, simulation)
+    time, eta = np.array(times[:kept]), np.array(etas[:kept])
+    wanted = [step for step in sorted(frame_steps(simulation)) if step < kept]
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[wanted]), 2, 0)
         outputs = model.output_frames_of(eta)
-    estimate = None
-    if watched is not None:
+    remarks, estimate, n_theta = [], None, model.kinematics.n_coordinates
+    if run.status[0] != Status.FINE:
+        remarks += _why_stopped(model, run, lost_definiteness(model, values, time, eta))
+        remarks.append(note("errors were not estimated: the run stopped before its end"))
+    elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(run.status)
-    n_theta = model.kinematics.n_coordinates
-    balance = with_weights(balance_of(time, energies), model)
-    return _trajectory(
-        model,
-        time,
-        outputs,
-        eta[:, :n_theta],
-        eta[:, n_theta:],
-        frames,
-        time[wanted],
-        comm.size,
-        timings,
-        balance,
-        estimate,
+        remarks += _not_estimated(estimate)
+    else:
+        remarks += absence_of_estimates(model.scene)
+    found = {name: float(value[0]) for name, value in validity.extremes.items()}
+    described = _described(
+        model, run, time, outputs, frames, time[wanted], comm.size, timings,
+        (*remarks, *start_remarks(system), *remarks_of(model.scene, found)),
     )
+    return Trajectory(
+        coordinates=eta[:, :n_theta],
+        modal=eta[:, n_theta:],
+        balance=with_weights(balance_of(time, energies[:kept]), model, eta[0]),
+        errors=None if estimate is None else _errors(estimate, described["outputs"]),
+        validity=found,
+        **described,
+    )
+
+
+def _not_estimated(estimate: Estimate) -> list[Remark]:
+    """Return which outputs have no estimate although the scene's errors can be estimated."""
+    unknown = [name for name, largest in estimate.largest.items() if not np.isfinite(largest[0])]
+    if not unknown:
+        return []
+    names = ", ".join(unknown)
+    return [
+        note(
+            f"errors were not estimated for {names}: the full-order equations could not be solved about this motion; "
+            f"{CURE}"
+        )
+    ]
 
 
 def frame_steps(simulation) -> set[int]:
@@ -158,33 +193,76 @@ def _coordinates(model: FullModel, every: np.ndarray) -> np.ndarray:
     return np.array([b - a for a, b in angles])
 
 
-def _check(run: Run, model: FullModel | ReducedModel) -> None:
+def _computed(times: list[float], run: Run, simulation: Simulation) -> int:
+    """Return how many of the recorded instants were computed: all, or those before a failure."""
+    if run.status[0] == Status.FINE:
+        return len(times)
+    # a time is a sum of steps: round-off must not keep the failed one
+    return max(1, int(np.sum(np.array(times) < run.failure_time[0] - 1e-6 * simulation.step)))
+
+
+def _why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
+    """Return why a run stopped, and what to do; nothing where it did not.
+
+    Parameters
+    ----------
+    reason
+        What is known beyond the status, with its cure.
+    """
     status = Status(run.status[0])
-    if status != Status.FINE:
-        raise RunError(
-            f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of "
-            f"{model.scene.simulation.duration:g} s: {status.meaning}"
-        )
-
-
-def _trajectory(
-    model, time, output_frames, coordinates, modal, frames, frame_times, n_ranks, timings, balance=None, estimate=None
-) -> Trajectory:
-    outputs = model.outputs.evaluate(output_frames)
-    stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
-    return Trajectory(
-        model=model.name,
-        record=RunRecord(scene_to_toml(model.scene), model.scene.values, None, n_ranks, timings.as_dict()),
-        time=time,
-        outputs=outputs,
-        units=model.outputs.units,
-        coordinates=coordinates,
-        coordinate_units={coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
-        modal=modal,
-        frames=stored if len(frame_times) else None,
-        errors=None if estimate is None else _errors(estimate, outputs),
-        balance=balance,
+    if status == Status.FINE:
+        return []
+    simulation = model.scene.simulation
+    what = (
+        f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of {simulation.duration:g} s: {status.meaning}"
     )
+    return [warning("; ".join(filter(None, (what, reason or status.cure))))]
+
+
+def lost_definiteness(
+    model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray
+) -> str:
+    """Return since when the stiffness of a model of second order was indefinite at the end; empty where it was not."""
+    looked_at = slice(-LOOK_BACK, None)
+    share = least_stiffness(model.terms, values, eta[looked_at])
+    lost = share <= 0.0
+    if not lost[-1]:
+        return ""
+    since = time[looked_at][lost.size - int(np.argmin(lost[::-1])) if not lost.all() else 0]
+    return (
+        f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
+        f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
+        "bound and runs away at deformations beyond what second order describes; smaller steps do not help. Take the "
+        "full-order model (pgmp simulate SCENE --full), or leave geometric_stiffening out and heed the warnings"
+    )
+
+
+def _described(
+    model: FullModel | ReducedModel,
+    run: Run,
+    time: np.ndarray,
+    output_frames: np.ndarray,
+    frames: np.ndarray,
+    frame_times: np.ndarray,
+    n_ranks: int,
+    timings: Timings,
+    remarks: Sequence[Remark],
+) -> dict[str, Any]:
+    """Return what trajectories of both models have in common, by the names of `Trajectory`."""
+    stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
+    scene = model.scene
+    return {
+        "model": model.name,
+        "record": RunRecord(
+            scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), (*remarks, *scene.remarks)
+        ),
+        "time": time,
+        "outputs": model.outputs.evaluate(output_frames),
+        "units": model.outputs.units,
+        "coordinate_units": {coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
+        "frames": stored if len(frame_times) else None,
+        "status": int(run.status[0]),
+    }
 
 
 def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErrors:
@@ -194,5 +272,4 @@ def _errors(estimate: Estimate, outputs: dict[str, np.ndarray]) -> EstimatedErro
         time=time,
         outputs=errors,
         largest={name: float(np.max(np.abs(values))) for name, values in outputs.items()},
-        validity={name: float(value[0]) for name, value in estimate.validity.items()},
     )

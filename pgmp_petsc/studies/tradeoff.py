@@ -23,7 +23,6 @@ from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
-from pgmp_petsc.reduction.limits import check_beams
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import RunRecord
@@ -78,7 +77,6 @@ def measure_tradeoff(
     RunError
         If the full-order model fails at a test value, so that there is nothing to compare with.
     """
-    check_beams(scene, "pgmp tradeoff")
     timings = Timings()
     with timings.phase("preparation"), agreed(comm, "preparing the study"), without_progress():
         outputs, n_dofs, limits = _examine(scene, meshes)
@@ -97,7 +95,7 @@ def measure_tradeoff(
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
-    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict())
+    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), scene.remarks)
     result = study.result(record, outputs.units, times)
     result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
     return replace(result, advice=advise(result))

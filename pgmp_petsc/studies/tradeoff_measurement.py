@@ -143,7 +143,6 @@ class Bench:
         self._meshes = meshes
         self._kept = n_instants(scene.simulation)
         self._toml = scene_to_toml(scene)
-        self._group = RankGroup.split(MPI.COMM_SELF, 1)
         self._prepared: dict[tuple, Prepared] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._ready: dict[Setting, Candidate] = {}
@@ -250,7 +249,8 @@ class Bench:
 
     def _build(self, setting: Setting) -> tuple[ReducedModel, int, float]:
         scene = scene_from_toml(self._toml, self.scene.directory, setting.overrides(self.scene))
-        rom = build_rom(scene, self._refined(setting.refinement), self._group)
+        with RankGroup.split(MPI.COMM_SELF, 1) as group:
+            rom = build_rom(scene, self._refined(setting.refinement), group)
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
         return ReducedModel(scene, rom), n_coordinates, float(rom.cosines.min())
 

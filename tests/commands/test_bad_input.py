@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import meshio
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from sealed import resealed
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.results import Ensemble
+from pgmp_petsc.results import Ensemble, Trajectory
 
 
 @dataclass(frozen=True)
@@ -322,7 +321,9 @@ def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, fold
     assert "pgmp: error: reduced simulation stopped at 0." in done.stderr
     assert done.stderr.count(Status.LEFT_RANGE.meaning) == 1
     assert "Traceback" not in done.stderr
-    assert not path.exists()
+    part = Trajectory.read(path)
+    assert part.status == Status.LEFT_RANGE and part.record.remarks[0].text.startswith("reduced simulation stopped at 0.")
+    assert part.time.size > 1 and all(np.isfinite(values).all() for values in part.outputs.values())
 
 
 def test_samples_that_leave_the_range_are_recorded_and_the_others_go_on(folder: Path) -> None:

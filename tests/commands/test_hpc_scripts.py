@@ -21,15 +21,37 @@ from pgmp_petsc.results import Ensemble
 
 SCRIPTS = ("build.slurm", "montecarlo.slurm", "build.pbs", "montecarlo.pbs")
 SLURM, PBS = SCRIPTS[:2], SCRIPTS[2:]
-SUBMITTED = {
-    "slurm": "sbatch --time=9 --dependency=afterany:17 scripts/hpc/",
-    "pbs": "qsub --time=9 -W depend=afterany:17 scripts/hpc/",
-}
 STUBS = {
-    "srun": '[ "$1" = --ntasks ] || exit 64\necho "srun $2" >>"$CALLS"\nexec mpirun -n "${@:2}"\n',
-    "sbatch": 'echo "sbatch $*" >>"$CALLS"\n',
-    "qsub": 'echo "qsub $*" >>"$CALLS"\n',
+    # as with MpiDefault=none where DEFAULT says so: the ranks do not find each other
+    "srun": """
+case $1 in --mpi=list) echo "MPI plugin types are... none ${PLUGINS:-pmi2 pmix}"; exit ;; esac
+default=${DEFAULT:-fine}
+case $1 in --mpi=*) [ "$1" = "--mpi=${WORKING:-pmix}" ] && default=fine || default=none; shift ;; esac
+[ "$1" = --ntasks ] || exit 64
+[ "$default" != none ] || { echo "not built with SLURM's PMI" >&2; exit 1; }
+[ "$3" = .venv/bin/python ] || echo "srun $2" >>"$CALLS"
+exec mpirun -n "${@:2}"
+""",
+    # of the number of a whole array it names all jobs
+    "squeue": """
+[ "$3" != "${SLURM_ARRAY_JOB_ID:-}" ] || echo 0:01
+[ "$5" = %L ] && echo "${LEFT:-1:00:00}" || echo 2:00:00
+""",
+    "scontrol": 'echo "scontrol $*" >>"$CALLS"\n[ "${REQUEUE:-yes}" = yes ]\n',
+    "sbatch": 'echo "sbatch $*" >>"$CALLS"\n[ "${QUEUE:-open}" = open ]\n',
+    "qsub": 'echo "qsub $*" >>"$CALLS"\n[ "${QUEUE:-open}" = open ]\n',
+    "qstat": '[ "$*" = "-f ${PBS_JOBID:-}" ] || exit 64\nprintf "%b" "Job Id: $PBS_JOBID\\n$JOB"\n',
 }
+# what qstat says of a job: long lines are folded
+JOB = (
+    "    Job_Name = many\\n    project = _pbs_project_default\\n    Account_Name = steel\\n"
+    "    Resource_List.ncpus = 4\\n    Resource_List.place = scatter\\n"
+    "    Resource_List.select = 2:ncpus=2:\\n\\tmpiprocs=2:mem=4gb\\n    Resource_List.walltime = 01:00:00\\n"
+)
+PBS_AGAIN = (
+    "qsub -V -l select=2:ncpus=2:mpiprocs=2:mem=4gb -l place=scatter -l walltime=01:00:00 -N many -A steel -q work "
+)
+STOPPED = 75
 PROGRAM = f'exec {sys.executable} -m pgmp_petsc.cli.main "$@"\n'
 # leaves a part of its work every tenth of a second, and has all with the fifth one
 WORKER = """
@@ -37,18 +59,22 @@ WORKER = """
 echo "pgmp $*" >>"$CALLS"
 while [ "$1" != -o ]; do shift; done
 output=$2
+[ ! -e "$output.partial/foreign" ] || exit 2
 mkdir -p "$output.partial"
 echo "{}" >"$output.partial/run.json"
 [ "${WORK:-}" != none ] || exec sleep 60
 [ "${WORK:-}" != failing ] || exit 3
-[ "${WORK:-}" != late ] || trap 'mv "$output.partial/1" "$output"; rm -r "$output.partial"; exit 1' TERM
+[ "${WORK:-}" != killed ] || kill -KILL $$
+[ "${WORK:-}" != late ] || trap 'mv "$output.partial/1.npz" "$output"; rm -r "$output.partial"; exit 1' USR1
+[ "${WORK:-}" != deaf ] || trap '' USR1 TERM
 for part in 1 2 3 4 5; do
-    [ ! -e "$output.partial/$part" ] || continue
+    [ ! -e "$output.partial/$part.npz" ] || continue
     sleep 0.1
-    touch "$output.partial/$part"
+    touch "$output.partial/$part.npz"
     [ "${WORK:-}" != slow ] || [ "$part" != 2 ] || exec sleep 60
+    [ "${WORK:-}" != deaf ] || [ "$part" != 2 ] || for i in {1..600}; do sleep 0.1; done
 done
-mv "$output.partial/5" "$output"
+mv "$output.partial/5.npz" "$output"
 rm -r "$output.partial"
 """
 
@@ -64,6 +90,7 @@ def checkout(tmp_path: Path) -> Path:
     for name, text in STUBS.items():
         executable(tmp_path / "bin" / name, text)
     executable(tmp_path / ".venv" / "bin" / "pgmp", PROGRAM)
+    executable(tmp_path / ".venv" / "bin" / "python", f'exec {sys.executable} "$@"\n')
     return tmp_path
 
 
@@ -75,6 +102,7 @@ def executable(path: Path, text: str) -> None:
 def start(checkout: Path, script: str, **variables: object) -> subprocess.Popen[str]:
     """Start a script as the scheduler would, in the directory that it was submitted from."""
     known = {key: value for key, value in os.environ.items() if not key.startswith(("SLURM_", "PBS_"))}
+    known |= {"SLURM_JOB_ID": "17"} if script in SLURM else {"PBS_JOBID": "17", "PBS_O_QUEUE": "work", "JOB": JOB}
     where = "SLURM_SUBMIT_DIR" if script in SLURM else "PBS_O_WORKDIR"
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     environment = known | MPI_ENVIRONMENT | {where: str(checkout), "PYTHONPATH": paths}
@@ -97,13 +125,13 @@ def ended(job: subprocess.Popen[str], status: int = 0) -> tuple[str, str]:
     return out, err
 
 
-def stop(job: subprocess.Popen[str], when: Path) -> None:
-    """Send the signal before the wall time's end to the script alone, once a file is there."""
+def stop(job: subprocess.Popen[str], when: Path, number: signal.Signals = signal.SIGUSR1) -> None:
+    """Send a signal to the script alone, once a file is there."""
     deadline = time.monotonic() + TIMEOUT_SECONDS
     while not list(when.parent.glob(when.name)):
         assert job.poll() is None and time.monotonic() < deadline, job.communicate()
         time.sleep(0.01)
-    job.send_signal(signal.SIGUSR1)
+    job.send_signal(number)
 
 
 def calls(checkout: Path) -> list[str]:
@@ -119,6 +147,13 @@ def worker(checkout: Path) -> dict[str, str]:
 
 def output_of(checkout: Path, script: str) -> Path:
     return checkout / ("rom.h5" if script.startswith("build") else "many.h5")
+
+
+def stopped(checkout: Path, script: str, status: int = STOPPED, **variables: object) -> tuple[str, str]:
+    """Run a script that is stopped after two parts of its work."""
+    job, output = start(checkout, script, WORK="slow", **variables), output_of(checkout, script)
+    stop(job, output.with_name(f"{output.name}.partial") / "2.npz")
+    return ended(job, status)
 
 
 @pytest.fixture(scope="module")
@@ -140,52 +175,184 @@ def test_a_job_with_enough_time_runs_once(checkout: Path, script: str) -> None:
 
 
 @pytest.mark.parametrize("script", SLURM)
-def test_a_job_stopped_by_the_signal_submits_itself(checkout: Path, script: str) -> None:
-    given = worker(checkout) | {"SUBMIT": "--time=9", "SLURM_JOB_ID": 17}
-    job, output = start(checkout, script, WORK="slow", **given), output_of(checkout, script)
-    stop(job, output.with_name(f"{output.name}.partial") / "2")
-    assert "stopped before the end of the wall time" in ended(job)[0]
-    assert calls(checkout)[1:] == [f"{SUBMITTED['slurm']}{script}"] and not output.exists()
-    run(checkout, script, **given)
+def test_a_stopped_job_is_queued_again_under_its_id(checkout: Path, script: str) -> None:
+    given, output = worker(checkout), output_of(checkout, script)
+    out, _ = stopped(checkout, script, **given)
+    assert "stopped before the end of the wall time" in out and "job 17 is queued again under its id" in out
+    assert calls(checkout)[1:] == ["scontrol requeue 17"] and not output.exists()
+    out, _ = run(checkout, script, SLURM_RESTART_COUNT=1, **given)
+    assert f"== {script}, job 17, restart 1, " in out and "goes on from it (--resume)" in out
     assert calls(checkout)[2].endswith(f"-o {output.name} --resume") and output.exists()
-    assert len(calls(checkout)) == 3, "not submitted again"
+    assert len(calls(checkout)) == 3, "not queued again"
+
+
+def test_one_job_of_an_array_is_queued_again_alone(checkout: Path) -> None:
+    """The id of an array's last job is that of the whole array."""
+    array = {"SLURM_ARRAY_JOB_ID": 17, "SLURM_ARRAY_TASK_ID": 3}
+    given = worker(checkout) | {"OUTPUT": "m%any.h5"}
+    job = start(checkout, "montecarlo.slurm", WORK="slow", **array, **given)
+    stop(job, checkout / "m3ny.h5.partial" / "2.npz")
+    assert "3600 s left" in ended(job, STOPPED)[0]
+    assert calls(checkout)[1:] == ["scontrol requeue 17_3"]
+    job = start(checkout, "montecarlo.slurm", WORK="slow", REQUEUE="no", **array, **given | {"OUTPUT": "n%a.h5"})
+    stop(job, checkout / "n3.h5.partial" / "2.npz")
+    ended(job, STOPPED)
+    assert calls(checkout)[-1].startswith("sbatch ")
+
+
+def test_where_slurm_queues_nothing_again_a_new_job_has_the_same_options(checkout: Path) -> None:
+    own = {"JOB_NAME": "press", "JOB_PARTITION": "long", "JOB_ACCOUNT": "steel", "JOB_QOS": "low", "JOB_NUM_NODES": 2}
+    own |= {"NTASKS": 6, "MEM_PER_CPU": 2000, "CPUS_PER_TASK": 1}
+    given = worker(checkout) | {"REQUEUE": "no", "SUBMIT": "--mail-type=END"}
+    given |= {f"SLURM_{name}": value for name, value in own.items()}
+    out, _ = stopped(checkout, "build.slurm", **given)
+    assert "Jobs that depend on the success of this one will not begin" in out
+    assert calls(checkout)[2] == (
+        "sbatch --ntasks=6 --time=2:00:00 --job-name=press --partition=long --account=steel --qos=low --nodes=2 "
+        "--cpus-per-task=1 --mem-per-cpu=2000 --mail-type=END --dependency=afterany:17 scripts/hpc/build.slurm"
+    )
 
 
 @pytest.mark.parametrize("script", PBS)
-def test_a_job_stopped_by_its_own_clock_submits_itself(checkout: Path, script: str) -> None:
-    given = worker(checkout) | {"SUBMIT": "--time=9", "PBS_JOBID": 17, "LEAD": 2, "WALLTIME": "0:03"}
-    out, _ = run(checkout, script, WORK="slow", **given)
-    assert "$ timeout 1 env" in out and "stopped before the end of the wall time" in out
-    assert calls(checkout)[1:] == [f"{SUBMITTED['pbs']}{script}"]
-    run(checkout, script, **given | {"WALLTIME": 60})
+def test_a_job_stopped_by_its_own_clock_is_followed_by_one_with_its_options(checkout: Path, script: str) -> None:
+    given = worker(checkout) | {"SUBMIT": "-m e", "LEAD": 56, "WALLTIME": "1:00"}
+    out, _ = run(checkout, script, STOPPED, WORK="slow", **given)
+    assert "60 s left; the command is stopped after 4 s" in out and "stopped before the end of the wall time" in out
+    assert calls(checkout)[1:] == [f"{PBS_AGAIN}-W depend=afterany:17 -m e scripts/hpc/{script}"]
+    run(checkout, script, **given | {"WALLTIME": 600})
     assert calls(checkout)[2].endswith("--resume") and len(calls(checkout)) == 3
     assert output_of(checkout, script).exists()
 
 
+def test_one_job_of_a_pbs_array_is_followed_by_one_that_knows_its_index(checkout: Path) -> None:
+    given = worker(checkout) | {"PBS_JOBID": "17[3].host", "PBS_ARRAY_INDEX": 3, "ROM": "r%a.h5"}
+    job = start(checkout, "build.pbs", WORK="slow", **given)
+    stop(job, checkout / "r3.h5.partial" / "2.npz")
+    ended(job, STOPPED)
+    assert calls(checkout)[1] == f"{PBS_AGAIN}scripts/hpc/build.pbs"
+    run(checkout, "build.pbs", PGMP_INDEX=3, **{k: v for k, v in given.items() if k != "PBS_ARRAY_INDEX"})
+    assert calls(checkout)[2] == "pgmp build scene.toml -o r3.h5 --resume"
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_what_cannot_be_queued_is_said(checkout: Path, script: str) -> None:
+    given = worker(checkout) | {"REQUEUE": "no", "QUEUE": "closed"}
+    _, err = stopped(checkout, script, status=1, **given)
+    output = output_of(checkout, script).name
+    assert f"{script}: the rest could not be queued; what was finished is in '{output}.partial'" in err
+
+
+def test_a_command_that_does_not_heed_the_signal_is_killed(checkout: Path) -> None:
+    given = worker(checkout) | {"LEAD": 4}
+    job = start(checkout, "build.slurm", WORK="deaf", **given)
+    stop(job, checkout / "rom.h5.partial" / "2.npz")
+    ended(job, STOPPED)
+    assert calls(checkout)[1:] == ["scontrol requeue 17"]
+
+
 def test_a_job_that_ends_when_it_is_stopped_is_done(checkout: Path) -> None:
     given = worker(checkout)
-    job = start(checkout, "build.slurm", WORK="late", **given)
-    stop(job, checkout / "rom.h5.partial" / "1")
+    job = start(checkout, "build.slurm", WORK="late", THEN="touch then", **given)
+    stop(job, checkout / "rom.h5.partial" / "1.npz")
     assert "done at the last moment" in ended(job)[0]
-    assert len(calls(checkout)) == 1, "not submitted again"
+    assert len(calls(checkout)) == 1, "not queued again"
+    assert (checkout / "then").exists()
 
 
 def test_a_job_that_finished_nothing_is_not_repeated(checkout: Path) -> None:
     given = worker(checkout) | {"WORK": "none"}
-    for _ in range(2):  # the second one is a resumed job
+    for script in ("build.slurm", "build.slurm", "build.pbs"):  # the second one is a resumed job
         (checkout / "calls").unlink(missing_ok=True)
-        job = start(checkout, "build.slurm", **given)
+        job = start(checkout, script, **given)
         stop(job, checkout / "calls")
-        _, err = ended(job, 143)
-        assert err.startswith("build.slurm: nothing was finished within the wall time")
-    assert run(checkout, "build.pbs", 124, LEAD=2, WALLTIME=3, **given)[1].startswith("build.pbs: nothing was finished")
-    assert all(line.startswith("pgmp build") for line in calls(checkout))
+        _, err = ended(job, 128 + signal.SIGUSR1)
+        assert err.startswith(f"{script}: nothing was finished within the wall time")
+        assert len(calls(checkout)) == 1
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_a_failure_ends_the_job(checkout: Path, script: str) -> None:
-    run(checkout, script, 3, WORK="failing", **worker(checkout))
-    assert len(calls(checkout)) == 1, "not submitted again"
+    _, err = run(checkout, script, 3, WORK="failing", THEN="touch then", **worker(checkout))
+    assert f"{script}: the command ended with status 3; its own message begins with 'pgmp:'" in err
+    assert len(calls(checkout)) == 1, "not queued again"
+    assert not (checkout / "then").exists()
+
+
+def test_a_killed_command_is_said(checkout: Path) -> None:
+    _, err = run(checkout, "build.slurm", 137, WORK="killed", **worker(checkout))
+    assert "a signal ended it (memory, perhaps); what was finished is in 'rom.h5.partial'" in err
+
+
+def test_a_job_that_is_cancelled_says_so(checkout: Path) -> None:
+    job = start(checkout, "build.slurm", WORK="slow", **worker(checkout))
+    stop(job, checkout / "rom.h5.partial" / "2.npz", signal.SIGTERM)
+    _, err = ended(job, 143)
+    assert "build.slurm: ended from outside (SIGTERM: cancelled, preempted, or out of time)" in err
+    assert "no further job is submitted, what was finished is in 'rom.h5.partial': the same job goes on" in err
+    assert len(calls(checkout)) == 1
+
+
+def test_a_signal_before_the_command_is_said(checkout: Path) -> None:
+    slow = "() { echo >>loading; for i in {1..20}; do sleep 0.1; done; }"
+    for number, status in ((signal.SIGUSR1, STOPPED), (signal.SIGTERM, 143)):
+        (checkout / "loading").unlink(missing_ok=True)
+        job = start(checkout, "build.slurm", MODULES="petsc", **worker(checkout), **{"BASH_FUNC_module%%": slow})
+        stop(job, checkout / "loading", number)
+        _, err = ended(job, status)
+        assert "build.slurm: a signal came before the command had begun" in err
+        assert calls(checkout) == []
+
+
+def test_what_belongs_to_another_run_can_be_removed(checkout: Path) -> None:
+    given = worker(checkout)
+    (checkout / "rom.h5.partial").mkdir()
+    (checkout / "rom.h5.partial" / "foreign").touch()
+    _, err = run(checkout, "build.slurm", 2, **given)
+    assert "If that belongs to another run that nobody needs any more: rm -r 'rom.h5.partial', and submit again" in err
+    shutil.rmtree(checkout / "rom.h5.partial")
+    run(checkout, "build.slurm", **given)
+
+
+def test_a_chain_goes_on_when_the_result_is_complete(checkout: Path) -> None:
+    given = worker(checkout) | {"THEN": "echo $ROM >then"}
+    stopped(checkout, "build.pbs", **given)
+    assert not (checkout / "then").exists()
+    run(checkout, "build.pbs", **given)
+    assert (checkout / "then").read_text() == "rom.h5\n"
+
+
+def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
+    given = {key: value for key, value in worker(checkout).items() if key != "OUTPUT"}
+    run(checkout, "montecarlo.slurm", **given)
+    run(checkout, "montecarlo.slurm", SEED=4, **given)
+    run(checkout, "montecarlo.slurm", SEED=4, SLURM_ARRAY_JOB_ID=1, SLURM_ARRAY_TASK_ID=3, **given)
+    run(checkout, "montecarlo.pbs", PBS_ARRAY_INDEX=8, EXTRA="--set r=0.%a", OUTPUT="a%a.h5", **given)
+    run(checkout, "montecarlo.pbs", **given | {"ROM": "s.toml", "EXTRA": "--full"})
+    assert [line.split(" ", 2)[2] for line in calls(checkout)] == [
+        "rom.h5 -n 9 --seed 0 -o rom_samples_seed0.h5",
+        "rom.h5 -n 9 --seed 4 -o rom_samples_seed4.h5",
+        "rom.h5 -n 9 --seed 7 -o rom_samples_seed7.h5",
+        "rom.h5 -n 9 --seed 8 -o a8.h5 --set r=0.8",
+        "s.toml -n 9 --seed 0 -o s_samples_seed0.h5 --full",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("script", "variables", "message"),
+    [
+        ("build.slurm", {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3}, "ROM = rom.h5: all jobs of the array would write this file"),
+        ("montecarlo.pbs", {"PBS_ARRAY_INDEX": 3}, "OUTPUT = many.h5: all jobs of the array would write this file"),
+        ("montecarlo.slurm", {"OUTPUT": "m%a.h5"}, "OUTPUT = m%a.h5: %a is the index in a job array, and this job is"),
+        ("montecarlo.slurm", {"SEED": "-1"}, "SEED = -1: needed: a whole number, 0 or more"),
+        ("build.slurm", {"LEAD": 60, "LEFT": "0:50"}, "LEAD = 60: the job has 50 s in all; give it more, or a smaller"),
+        ("build.slurm", {"LEAD": "2m"}, "LEAD = 2m: needed: a number of seconds"),
+        ("build.slurm", {"LEFT": "NOT_SET"}, "how long this job has is not understood: 'NOT_SET'; say it with WALLT"),
+        ("build.pbs", {"LEAD": 3600}, "LEAD = 3600: the job has 3600 s in all"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(checkout: Path, script: str, variables: dict, message: str) -> None:
+    assert f"{script}: {message}" in run(checkout, script, 2, **worker(checkout) | variables)[1]
+    assert calls(checkout) == []
 
 
 @pytest.mark.parametrize(
@@ -205,7 +372,11 @@ def test_what_is_not_set_is_named(checkout: Path, script: str, without: str, mes
 
 def test_what_is_not_there_is_named(checkout: Path) -> None:
     given = worker(checkout)
-    assert "a wall time of more than 120 s is needed" in run(checkout, "build.pbs", 2, WALLTIME=120, **given)[1]
+    for script, asked in (("build.slurm", "squeue"), ("build.pbs", "qstat")):
+        executable(checkout / "bin" / asked, "exit 1\n")
+        _, err = run(checkout, script, 2, **given)
+        assert f"{script}: {asked} does not say how long this job has; say it with WALLTIME=seconds" in err
+        run(checkout, script, WALLTIME=60, **given)
     (checkout / ".venv" / "bin" / "pgmp").unlink()
     assert "submit from the checkout, after scripts/setup" in run(checkout, "build.slurm", 2, **given)[1]
 
@@ -215,18 +386,58 @@ def test_modules_are_loaded(checkout: Path) -> None:
     assert "module load petsc slepc" in run(checkout, "build.slurm", **given)[0]
 
 
-def test_ranks_and_wall_time_are_those_of_the_scheduler(checkout: Path) -> None:
+def test_ranks_are_those_of_the_scheduler(checkout: Path) -> None:
     given = {key: value for key, value in worker(checkout).items() if key != "LAUNCH"}
     assert "$ srun --ntasks 1 .venv/bin/pgmp build" in run(checkout, "build.slurm", **given)[0]
     assert "$ srun --ntasks 3 " in run(checkout, "montecarlo.slurm", RANKS=3, SLURM_NTASKS=2, **given)[0]
     assert calls(checkout)[-1].startswith("pgmp") and "srun 3" in calls(checkout)
     nodes = checkout / "nodes"
     nodes.write_text("a\na\n")
-    executable(checkout / "bin" / "qstat", '[ "$*" = "-f 17" ] && echo "    Resource_List.walltime = 01:02:03"\n')
-    out, _ = run(checkout, "build.pbs", PBS_JOBID=17, PBS_NODEFILE=nodes, **given)
-    assert "$ timeout 3603 mpirun -n 2 .venv/bin/pgmp build" in out
-    executable(checkout / "bin" / "qstat", "exit 1\n")
-    assert "$ timeout 14280 mpirun -n 1 " in run(checkout, "build.pbs", RANKS=1, PBS_NODEFILE=nodes, **given)[0]
+    assert "$ mpirun -n 2 .venv/bin/pgmp build" in run(checkout, "build.pbs", PBS_NODEFILE=nodes, **given)[0]
+    assert "$ mpirun -n 1 " in run(checkout, "build.pbs", RANKS=1, PBS_NODEFILE=nodes, **given)[0]
+
+
+def test_what_starts_the_ranks_is_found(checkout: Path) -> None:
+    """SLURM's own default, MpiDefault=none, leaves every rank alone with all the work."""
+    given = {key: value for key, value in worker(checkout).items() if key != "LAUNCH"} | {"DEFAULT": "none", "RANKS": 2}
+    out, _ = run(checkout, "build.slurm", **given)
+    assert "started with 'srun --mpi=pmix': it works here, and 'srun' does not" in out
+    assert "$ srun --mpi=pmix --ntasks 2 .venv/bin/pgmp" in out
+    assert "$ srun --mpi=pmi2 --ntasks 2 .venv" in run(checkout, "build.slurm", WORKING="pmi2", **given)[0]
+    out, _ = run(checkout, "build.slurm", PLUGINS="cray", **given)
+    assert "started with 'mpirun'" in out and "$ mpirun -n 2 .venv" in out
+    executable(checkout / "bin" / "mpirun", "echo no such host >&2\nexit 1\n")
+    _, err = run(checkout, "build.slurm", 2, PLUGINS="cray", **given)
+    assert "build.slurm: nothing starts 2 rank(s) in one MPI; tried:\nsrun: not built with SLURM's PMI\nmpirun: no" in err
+    assert "say how with LAUNCH" in err
+
+
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        ("1-00:10:00", "87000 s left; the command is stopped after 86880 s"),
+        ("1:00", "60 s left; the command is stopped after 45 s"),
+        ("UNLIMITED", "the job has no wall time: the command runs to its end"),
+    ],
+)
+def test_the_time_is_the_job_s_own(checkout: Path, left: str, said: str) -> None:
+    assert said in run(checkout, "build.slurm", LEFT=left, **worker(checkout))[0]
+
+
+def test_a_pbs_job_without_a_wall_time_runs_to_its_end(checkout: Path) -> None:
+    given = worker(checkout)
+    assert "3600 s left; the command is stopped after 3480 s" in run(checkout, "build.pbs", **given)[0]
+    out, _ = run(checkout, "build.pbs", **given | {"JOB": "    Job_Name = many\\n"})
+    assert "the job has no wall time: the command runs to its end" in out
+
+
+def test_heads_leave_variables_to_the_one_who_submits() -> None:
+    """With -V in the head an exported variable beats the one given with qsub -v."""
+    for script in PBS:
+        assert "#PBS -V" not in (ROOT / "scripts" / "hpc" / script).read_text()
+    for script in SLURM:
+        text = (ROOT / "scripts" / "hpc" / script).read_text()
+        assert "--output=%x-%j.out" in text and "--requeue" in text and "--signal" not in text
 
 
 def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
@@ -236,8 +447,8 @@ def test_samples_are_taken_up_on_other_ranks(checkout: Path, rom: Path) -> None:
     given |= {"OUTPUT": checkout / "parts.h5"}
     job = start(checkout, "montecarlo.slurm", RANKS=2, **given)
     stop(job, checkout / "parts.h5.partial" / "*.npz")
-    ended(job)
-    assert calls(checkout)[-1].startswith("sbatch") and not (checkout / "parts.h5").exists()
+    assert "pgmp: stopped by SIGUSR1: what was finished is kept in" in ended(job, STOPPED)[1]
+    assert calls(checkout)[-1] == "scontrol requeue 17" and not (checkout / "parts.h5").exists()
     assert "120 samples" in run(checkout, "montecarlo.slurm", RANKS=1, **given)[0]
     assert calls(checkout)[-1] == "srun 1"
     whole, parts = (Ensemble.read(checkout / name) for name in ("whole.h5", "parts.h5"))
@@ -254,8 +465,8 @@ def test_a_build_is_taken_up_on_other_ranks(checkout: Path) -> None:
     run(checkout, "build.pbs", ROM="whole.h5", RANKS=1, **given)
     job = start(checkout, "build.slurm", ROM="parts.h5", SLURM_NTASKS=2, **given)
     stop(job, checkout / "parts.h5.partial" / "component-*.npz")
-    ended(job)
-    assert calls(checkout)[0] == "srun 2" and calls(checkout)[1].startswith("sbatch")
+    ended(job, STOPPED)
+    assert calls(checkout) == ["srun 2", "scontrol requeue 17"]
     assert "--resume" in run(checkout, "build.slurm", ROM="parts.h5", RANKS=1, **given)[0]
     assert calls(checkout)[2:] == ["srun 1"] and not (checkout / "parts.h5.partial").exists()
     whole, parts = (ReducedOrderModel.read(checkout / name) for name in ("whole.h5", "parts.h5"))

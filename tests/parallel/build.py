@@ -12,11 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import petsc4py
 from scenes import four_bar, meshes_of, slider_crank, trammel
 from two_coordinates import double_pendulum, five_bar, over
 
-petsc4py.init([])
+from pgmp_petsc.runtime.petsc import start_petsc
+
+start_petsc()
 
 from mpi4py import MPI  # noqa: E402
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import click
+import numpy as np
 
 from pgmp_petsc.cli import main as frame
 from pgmp_petsc.cli.lazy import LazyCommand
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.petsc import petsc_solver
 
 frame.GRACE_SECONDS = 1.0
 
@@ -73,6 +77,23 @@ def interrupted(context: click.Context) -> None:
 
 
 @click.command()
+@click.argument("output", required=False, type=click.Path(path_type=Path))
+@click.pass_context
+def waiting(context: click.Context, output: Path | None) -> None:
+    """Wait to be ended, rank 0 within MPI; with OUTPUT a piece of it is finished."""
+    comm = context.obj.comm
+    if output is not None and comm.rank == 0:
+        folder = CheckpointFolder(output, {"format": 1})
+        folder.open(resume=False)
+        folder.put("piece", {"a": np.zeros(3)})
+    comm.barrier()
+    print("waiting", flush=True)
+    if comm.rank == 0 and comm.size > 1:
+        comm.barrier()
+    time.sleep(600.0)
+
+
+@click.command()
 @click.pass_context
 def some_failed(context: click.Context) -> None:
     """End with status 1 without a message, as where some samples failed."""
@@ -86,6 +107,45 @@ def petsc(context: click.Context) -> None:
     from petsc4py import PETSc
 
     say(context, str(sorted(PETSc.Options().getAll().items())))
+
+
+@click.command()
+@click.pass_context
+def using(context: click.Context) -> None:
+    """Use an option on the last rank."""
+    from petsc4py import PETSc
+
+    comm = context.obj.comm
+    if comm.rank == comm.size - 1:
+        PETSc.Options("pgmp_ts_").getInt("used")
+
+
+@click.command()
+@click.pass_context
+def solving(context: click.Context) -> None:
+    """Make a solver."""
+    from petsc4py import PETSc
+
+    with agreed(context.obj.comm, "solving"), petsc_solver("pgmp_ts_", "solver"):
+        solver = PETSc.KSP().create(PETSc.COMM_SELF)
+        solver.setOptionsPrefix("pgmp_ts_")
+        try:
+            solver.setFromOptions()
+        finally:
+            solver.destroy()
+
+
+@click.command()
+@click.argument("kind")
+def refused(kind: str) -> None:
+    """Meet what the system refuses."""
+    errors = {
+        "memory": MemoryError("16 GiB"),
+        "permission": PermissionError(13, "Permission denied", "/data/x"),
+        "nesting": RecursionError("maximum recursion depth exceeded"),
+        "text": UnicodeEncodeError("utf-8", "\udcff", 0, 1, "surrogates not allowed"),
+    }
+    raise errors[kind]
 
 
 @click.command()
@@ -104,9 +164,11 @@ def modules(context: click.Context) -> None:
     say(context, f"petsc4py imported: {'petsc4py' in sys.modules}")
 
 
-for _command in (fine, agreeing, failing, alone, crashing, interrupted, some_failed, petsc, options, modules):
+STARTED = (petsc, using, solving)
+OTHERS = (fine, agreeing, failing, alone, crashing, interrupted, waiting, some_failed, options, modules, refused)
+for _command in (*STARTED, *OTHERS):
     _name = _command.callback.__name__
-    frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_name == "petsc")
+    frame.COMMANDS[_name] = LazyCommand(f"{__name__}:{_name}", "For a test.", uses_petsc=_command in STARTED)
 
 if __name__ == "__main__":
     frame.main()

@@ -9,9 +9,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import petsc4py
 
-petsc4py.init([])
+from pgmp_petsc.runtime.petsc import start_petsc
+
+start_petsc()
 
 from mpi4py import MPI  # noqa: E402
 from solids import rod  # noqa: E402

@@ -66,7 +66,7 @@ def test_endings_that_say_nothing_else(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("ending", ["csv", "toml", "msh", "xdmf", "png", "CSV", "npz", "partial"])
 def test_endings_of_other_formats(tmp_path: Path, ending: str) -> None:
-    cure = rf"a trajectory is written as HDF5: name it '.*/f\.h5'"
+    cure = r"a trajectory is written as HDF5: name it '.*/f\.h5'"
     with pytest.raises(InputError, match=rf"the ending \.{ending} is that of another format; {cure}"):
         check_output(tmp_path / f"f.{ending}", "trajectory")
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
 
 import pytest
 import synthetic
-from conftest import TIMEOUT_SECONDS
+from conftest import ROOT, TIMEOUT_SECONDS
 
 from pgmp_petsc.cli.main import split_arguments
+from pgmp_petsc.runtime.petsc import PREFIXES, option_names
 
 RANKS = (1, 3)
 PGMP = ("-m", "pgmp_petsc.cli.main")
@@ -90,9 +92,54 @@ def test_an_unexpected_exception_shows_its_traceback_and_ends_all_ranks(run, n):
     assert "ZeroDivisionError: a mistake" in done.stderr
 
 
+def test_open_mpi_can_be_told_to_add_nothing_to_the_message(run, monkeypatch):
+    """What docs/hpc.md says of mpirun's own lines."""
+    loud = run(3, "agreeing", check_status=2).stderr
+    assert loud.index("pgmp: error: bodies.rod.mesh") < loud.index("mpirun detected that one or more processes exited")
+    monkeypatch.setenv("OMPI_MCA_orte_execute_quiet", "1")
+    assert run(3, "agreeing", check_status=2).stderr == "pgmp: error: bodies.rod.mesh: not found\n"
+
+
 def test_a_failure_that_was_not_agreed_on_does_not_hang(run):
     done = run(3, "alone", check_status=2)
     assert messages(done) == ["pgmp: error: rank 2 failed alone: known to one rank"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("memory", "pgmp: error: not enough memory: 16 GiB; take a smaller problem or more ranks on more nodes"),
+        ("permission", "pgmp: error: /data/x: Permission denied"),
+        ("nesting", "pgmp: error: something is nested too deeply to be worked on"),
+        ("text", "pgmp: error: a text or a name is not valid in its encoding: "),
+    ],
+)
+def test_what_the_system_refuses_is_one_message(run, kind, message):
+    done = run(1, "refused", kind, check_status=1)
+    assert [line[: len(message)] for line in messages(done)] == [message]
+    assert "Traceback" not in done.stderr
+
+
+def test_standard_output_on_a_full_disk(parallel_scripts):
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = subprocess.run(
+            [sys.executable, parallel_scripts / "commands.py", "fine"],
+            stdout=full, stderr=subprocess.PIPE, text=True, timeout=300,
+        )
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "pgmp: error: standard output: No space left on device; what was printed is incomplete, files that were "
+        "written are complete"
+    ]
+
+
+def test_a_reader_that_takes_the_first_line(parallel_scripts):
+    process = subprocess.Popen(
+        [sys.executable, parallel_scripts / "commands.py", "fine"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdout.close()
+    assert (process.stderr.read(), process.wait(timeout=300)) == (b"", 1)
+    process.stderr.close()
 
 
 @pytest.mark.parametrize("n", RANKS)
@@ -105,6 +152,51 @@ def test_an_interrupted_run(run, n):
 def test_options_after_the_dashes_reach_petsc(run, n):
     done = run(n, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
     assert done.stdout.strip() == "[('flag', '1'), ('pgmp_modes_eps_tol', '1e-9')]"
+
+
+@pytest.mark.parametrize("n", RANKS)
+def test_options_that_nothing_used_are_named(run, n):
+    """Those of PETSc itself, which it reads when it ends, and those that one rank alone used are not."""
+    given = ("-eps_tol", "1e-3", "-pgmp_ts_used", "-2", "-pgmp_modes_x", "-log_view", ":/dev/null")
+    done = run(n, "using", "--", *given)
+    line = "pgmp: warning: PETSc options that nothing used: -eps_tol -pgmp_modes_x; prefixes here: pgmp_modes_, "
+    assert [message[: len(line)] for message in messages(done)] == [line]
+
+
+@pytest.mark.parametrize("n", RANKS)
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("eps_tol", "1e-3"), "after '--': 'eps_tol' is no option of PETSc; they begin with '-' and take one value"),
+        (("-eps_tol", "1", "2"), "after '--': '2' is no option of PETSc; they begin with '-' and take one value"),
+        (
+            ("-malloc_debug", "maybe"),
+            "options after '--': PETSc does not start with -malloc_debug maybe: Invalid argument: "
+            "Unknown logical value: maybe",
+        ),
+        (("-pgmp_ts_ksp_type", "x"), "PETSc options -pgmp_ts_ksp_type x: Unable to find requested KSP type x"),
+        (("-pgmp_ts_ksp_rtol", "x"), "PETSc options -pgmp_ts_ksp_rtol x: Input string x has no numeric value"),
+    ],
+)
+def test_a_wrong_option_for_petsc_is_one_message(run, n, given, message):
+    done = run(n, "solving", "--", *given, check_status=2)
+    assert messages(done) == [f"pgmp: error: {message}"]
+    assert "PETSC ERROR" not in done.stderr and "Traceback" not in done.stderr
+
+
+def test_names_of_options_are_those_that_petsc_stores():
+    given = "-a 1 --b -1e-3 -c -prefix_push x_ -d 2 -prefix_pop -e -inf".split()
+    assert option_names(given) == ["a", "b", "c", "x_d", "e"]
+
+
+def test_every_prefix_is_listed():
+    """In the table of the messages, and in the document."""
+    found = set()
+    for path in (ROOT / "pgmp_petsc").rglob("*.py"):
+        found |= set(re.findall(r'^\w*PREFIX = "(.*)"', path.read_text(encoding="utf-8"), re.MULTILINE))
+    assert found == set(PREFIXES)
+    text = (ROOT / "docs" / "petsc_options.md").read_text(encoding="utf-8")
+    assert all(f"| `{prefix}` |" in text for prefix in PREFIXES)
 
 
 def test_options_for_petsc_where_it_is_not_used(run):
@@ -177,7 +269,7 @@ def test_without_mpirun_an_interrupt_is_status_130(parallel_scripts):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
     assert done.returncode == 130 != -signal.SIGINT
-    assert done.stderr.strip() == "pgmp: interrupted"
+    assert done.stderr.strip() == "pgmp: interrupted: no part of an unfinished result is kept; start it again"
 
 
 @pytest.mark.parametrize("n", RANKS)

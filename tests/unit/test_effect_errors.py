@@ -469,7 +469,8 @@ def test_the_command_ends_with_one_message(mpirun: Callable, tmp_path: Path, n_r
     ]
     beyond = ["simulate", str(scene), "--full", "-o", str(tmp_path / "out.h5"), "--override", IN_THE_MESH["force"][0]]
     done = mpirun(n_ranks, "-c", IN_TURN, json.dumps([*commands, beyond]))
-    assert [json.loads(line) for line in done.stdout.splitlines()] == [[2] * n_ranks] * (len(commands) + 1)
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]  # beside warnings
+    assert statuses == [[2] * n_ranks] * (len(commands) + 1)
     messages = [line for line in done.stderr.splitlines() if line.startswith("pgmp: ")]
     assert messages[:-1] == [f"pgmp: error: {CASES[name][1][0]}" for name in COMMANDS]
     assert messages[-1].startswith("pgmp: error: effects.e.point = ")

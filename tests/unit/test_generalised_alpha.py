@@ -40,6 +40,7 @@ class LinearSystem:
     n_corrections: int = 0
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
     n_events: int = 0
+    settled: None = None
 
     @property
     def n_samples(self) -> int:
@@ -101,7 +102,7 @@ def exact(system: LinearSystem, time: float) -> tuple[np.ndarray, np.ndarray, np
 class Pendulum:
     """A unit mass on a massless rod of 1 m: index 3, one multiplier; it starts with a velocity away from rest."""
 
-    comm, n_samples, n_events = MPI.COMM_SELF, 1, 0
+    comm, n_samples, n_events, settled = MPI.COMM_SELF, 1, 0, None
     ANGLE, SPEED, GRAVITY = 0.8, 2.0, 9.81
 
     def start(self) -> State:
@@ -384,8 +385,8 @@ def test_a_batch_without_a_living_sample_takes_no_corrections() -> None:
 
 
 def test_every_status_has_its_words() -> None:
-    assert [int(status) for status in Status] == [0, 1, 2, 3, 4, 5, 6]
-    assert len({status.meaning for status in Status}) == 7
+    assert [int(status) for status in Status] == [0, 1, 2, 3, 4, 5, 6, 7]
+    assert len({status.meaning for status in Status}) == 8
     assert all(bool(status.cure) == (status is not Status.FINE) for status in Status)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.groups import RankGroup, first_ranks
 
 
 @dataclass
@@ -18,10 +18,16 @@ class World:
     size: int
     color: int = -1
     key: int = -1
+    freed: bool = False
 
     def Split(self, color: int, key: int) -> World:  # noqa: N802, mpi4py's name
         """Return this rank's part; groups are contiguous, so the rank within follows from the color."""
         return World(0 if color == 0 and key == 0 else self.rank, self.size, color, key)
+
+    def Free(self) -> None:  # noqa: N802, mpi4py's name
+        """Note that it is free; once is enough."""
+        assert not self.freed
+        self.freed = True
 
 
 def groups(size: int, ranks_per_group: int) -> list[RankGroup]:
@@ -74,6 +80,23 @@ def test_arcs_are_contiguous_even_and_complete(count: int, n: int) -> None:
 def test_a_group_of_one_process() -> None:
     from mpi4py import MPI
 
-    group = RankGroup.split(MPI.COMM_SELF, 1)
-    assert (group.index, group.count, group.comm.size, group.roots.size) == (0, 1, 1, 1)
-    assert group.arc(7) == range(7)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        assert (group.index, group.count, group.comm.size, group.roots.size) == (0, 1, 1, 1)
+        assert group.arc(7) == range(7)
+    assert group.comm == group.roots == MPI.COMM_NULL
+
+
+def test_who_splits_frees_also_when_an_error_ends_the_work() -> None:
+    with pytest.raises(InputError), RankGroup.split(World(0, 3), 2) as group:
+        raise InputError("bad")
+    assert group.comm.freed and group.roots.freed
+
+
+def test_the_first_ranks_and_the_others() -> None:
+    parts = []
+    for rank in range(3):
+        with pytest.raises(InputError), first_ranks(World(rank, 3), 2) as part:
+            parts.append(part)
+            raise InputError("bad")
+    assert [part.color for part in parts] == [0, 0, 1]
+    assert all(part.freed for part in parts)

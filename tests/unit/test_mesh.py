@@ -203,7 +203,7 @@ def test_unusable_meshes_are_refused(tmp_path: Path, points: list, cells: list, 
         ("broken.msh", "this is no mesh", "meshio cannot read this file"),
         ("broken.vtu", "<VTKFile", "meshio cannot read this file"),
         ("empty.inp", "", "cannot read this file|no cells"),
-        ("scene.toml", "a = 1", "meshio cannot read this file .*toml"),
+        ("scene.toml", "a = 1", "no format by this ending is taken .*convert"),
     ],
 )
 def test_unreadable_files_are_refused(

@@ -1,17 +1,14 @@
-"""The nodal motion behind a reduced state, its accelerations, and how far it leaves small deformations."""
+"""The nodal motion behind a reduced state, and its accelerations."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from runs import paper_scene, reduced_model
-from scenes import kinematics_of, mechanism_of, slider_crank
 
 import pgmp_petsc.indicator.reference_motion as module
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
-from pgmp_petsc.indicator.validity import Validity, half_height
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.results.errors import ROTATION_LIMIT, beyond_limit
 
 
 @pytest.fixture(scope="module")
@@ -83,49 +80,3 @@ def test_instants_do_not_depend_on_what_is_computed_together(
     for number in (0, 1, 5, 2):
         np.testing.assert_array_equal(alone.at(number).q, expected[number].q)
         np.testing.assert_allclose(alone.at(number).a, expected[number].a, rtol=1e-12)
-
-
-def test_rigid_bodies_are_neither_turned_nor_strained() -> None:
-    scene = slider_crank()
-    kinematics = kinematics_of(scene)
-    mechanism = kinematics.mechanism
-    theta = np.linspace(-9.0, 9.0, 24)
-    poses = kinematics.poses(theta)
-    frames = mechanism.place(poses).reshape(-1, 3, 6, 4)
-    validity = Validity(scene, mechanism, scene.values, 4)
-    validity.add(frames, poses.reshape(*poses.shape[:2], 6, 4))
-    for values in validity.largest.values():
-        np.testing.assert_allclose(values, np.zeros(4), rtol=0, atol=1e-12)
-
-
-def test_a_stretched_arc() -> None:
-    """A rod bent to an arc and stretched: rotation at its ends, and the strain of its outermost fibre."""
-    scene = slider_crank("bodies.rod.section={shape=\"rectangle\", width=0.01, height=0.02}")
-    mechanism = mechanism_of(scene)
-    crank, rod = mechanism.bodies
-    poses = np.zeros((2, 3, 2, 1))
-    frames = mechanism.place(poses[:, :, 0])[:, None].repeat(2, axis=1).reshape(-1, 3, 2, 1)
-    along = rod.mesh.nodes[:, 0] - rod.mesh.nodes[0, 0]
-    angle = 0.3 * along
-    chord = np.sin(0.15 * along) / 0.15
-    stretched = np.array([chord * np.cos(angle / 2), chord * np.sin(angle / 2)]).T * 1.001
-    frames[rod.nodes, :2, 1, 0] = stretched + frames[rod.nodes.start, :2, 0, 0]
-    frames[rod.nodes, 2, 1, 0] = angle
-    validity = Validity(scene, mechanism, scene.values, 1)
-    validity.add(frames, poses)
-    assert validity.largest["elastic_rotation"][0] == pytest.approx(0.3 * along.max(), rel=1e-12)
-    # a chord is shorter than its arc by (kappa h)^2 / 24
-    element = rod.mesh.lengths.max()
-    assert validity.largest["elastic_strain"][0] == pytest.approx(0.001 + 0.01 * 0.3, abs=(0.3 * element) ** 2 / 20)
-
-
-def test_half_heights_may_be_parameters() -> None:
-    scene = paper_scene()
-    radii = np.array([1e-3, 2e-3])
-    np.testing.assert_array_equal(half_height(scene, "crank", {"r1": radii}), radii)
-    assert half_height(scene, "rod", {"r1": radii}) == 5.6e-3
-
-
-def test_the_limit_of_small_rotations() -> None:
-    assert ROTATION_LIMIT**2 / 2 == pytest.approx(0.01, rel=0.03)
-    assert beyond_limit(np.array([0.1, 0.2, np.nan])).tolist() == [False, True, False]

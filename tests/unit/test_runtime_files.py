@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import resource
-import sys
 from types import SimpleNamespace
 
 import h5py
@@ -23,7 +22,6 @@ from pgmp_petsc.runtime.files import (
     take,
     write_file,
 )
-from pgmp_petsc.runtime.progress import Silent, progress
 from pgmp_petsc.runtime.timings import Timings
 
 RECORD = RunRecord('[scene]\nname = "x"\n', {"r1": 5.6e-3}, 7, 3, {"write": 0.5, "assemble": 1.0})
@@ -201,20 +199,3 @@ def test_timings_accumulate_also_where_a_phase_fails():
     assert timings.maximum(SimpleNamespace(size=1, rank=0)).as_dict() == seconds
     assert Timings({"tables": 1.25}).table() == "tables       1.250 s"
     assert Timings().table() == ""
-
-
-def test_progress_is_silent_without_a_terminal_and_on_other_ranks(capsys, monkeypatch):
-    with progress(3, "samples", SimpleNamespace(rank=0, size=2)) as bar:
-        bar.update(2)
-        assert isinstance(bar, Silent)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with progress(3, "samples", SimpleNamespace(rank=1, size=2)) as bar:
-        assert isinstance(bar, Silent)
-    assert capsys.readouterr().err == ""
-
-
-def test_progress_is_shown_on_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with progress(3, "samples", SimpleNamespace(rank=0, size=1)) as bar:
-        bar.update(3)
-    assert "samples" in capsys.readouterr().err

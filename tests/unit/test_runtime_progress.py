@@ -1,14 +1,28 @@
-"""The progress bar: on rank 0 with a terminal, and one at a time."""
+"""How far work has come: a bar for a terminal, lines elsewhere, on rank 0 and one at a time."""
 
 from __future__ import annotations
 
 import io
 import sys
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 
 import pytest
+from conftest import TIMEOUT_SECONDS, run_mpi
 
-from pgmp_petsc.runtime.progress import Silent, progress, without_progress
+from pgmp_petsc.runtime.progress import Lines, Silent, progress, without_progress
+
+# counts to 7, with the first line at once
+COUNTING = """
+import sys
+import time
+from mpi4py import MPI
+from pgmp_petsc.runtime import progress
+progress.FIRST = 0.0
+with progress.progress(7, "samples", MPI.COMM_WORLD) as bar:
+    for _ in range(7):
+        bar.update()
+"""
 
 
 @dataclass
@@ -18,6 +32,20 @@ class Rank:
     rank: int
 
 
+@dataclass
+class Clock:
+    """Seconds that a test moves."""
+
+    now: float = 100.0
+    stream: io.StringIO = field(default_factory=io.StringIO)
+
+    def lines(self) -> list[str]:
+        return self.stream.getvalue().splitlines()
+
+    def __call__(self) -> float:
+        return self.now
+
+
 class Terminal(io.StringIO):
     """A stream that a person watches."""
 
@@ -25,21 +53,110 @@ class Terminal(io.StringIO):
         return True
 
 
-def silent(rank: int = 0) -> bool:
-    """Return whether a bar of this rank would show nothing."""
-    return isinstance(progress(3, "samples", Rank(rank)), Silent)
+class Full(io.StringIO):
+    """A stream that cannot be written to."""
+
+    def write(self, text: str) -> int:
+        raise OSError(28, "No space left on device")
 
 
 def test_a_bar_is_shown_on_rank_0_where_a_person_is_watching(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert silent()
+    assert isinstance(progress(3, "samples", Rank(0)), Lines)
     # not in a fixture: pytest puts its own streams in place between set-up and test
     monkeypatch.setattr(sys, "stderr", Terminal())
-    assert not silent() and silent(rank=1)
+    with progress(3, "samples", Rank(0), initial=1) as bar:
+        bar.update(2)
+    assert not isinstance(bar, (Lines, Silent)) and "samples" in sys.stderr.getvalue()
 
 
-def test_parts_of_what_a_bar_counts_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_ranks_are_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(progress(3, "samples", Rank(1)), Silent)
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress(3, "settings", Rank(0)) as bar, without_progress():
-        assert silent()
+    with progress(3, "samples", Rank(1)) as bar:
+        bar.update(3)
+    assert isinstance(bar, Silent) and sys.stderr.getvalue() == ""
+
+
+def test_parts_of_what_is_counted_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for stream in (Terminal(), io.StringIO()):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with progress(3, "settings", Rank(0)) as bar, without_progress():
+            assert isinstance(progress(3, "samples", Rank(0)), Silent)
+            bar.update()
+        assert not isinstance(progress(3, "samples", Rank(0)), Silent), "it ends with the block"
+
+
+def test_short_work_says_nothing() -> None:
+    clock = Clock()
+    with Lines(10, "samples", clock.stream, clock=clock) as bar:
+        for _ in range(10):
+            clock.now += 0.49
+            bar.update()
+    assert clock.lines() == []
+
+
+def test_long_work_says_how_far_it_is() -> None:
+    clock = Clock()
+    with Lines(1000, "full samples", clock.stream, clock=clock) as bar:
+        for _ in range(100):
+            clock.now += 1.0
+            bar.update(10)
+    assert clock.lines()[:3] == [
+        "full samples: 50 of 1000, 5 s, about 95 s to go",
+        "full samples: 150 of 1000, 15 s, about 85 s to go",
+        "full samples: 250 of 1000, 25 s, about 75 s to go",
+    ]
+    assert clock.lines()[-1] == "full samples: 1000 of 1000, 100 s", "the log says that it came to its end"
+
+
+def test_lines_become_seldom_but_not_rarer_than_one_a_minute() -> None:
+    clock = Clock()
+    bar = Lines(100_000, "samples", clock.stream, clock=clock)
+    for _ in range(10_000):
+        clock.now += 1.0
         bar.update()
-    assert not silent(), "it ends with the block"
+    said = clock.lines()
+    assert 10_000 / 60 < len(said) < 10_000 / 60 + 40
+    assert said[-1].endswith("h to go") or "about 25 h" in said[-1], said[-1]
+    assert "min" in said[len(said) // 2]
+
+
+def test_what_was_done_before_does_not_count_as_speed() -> None:
+    clock = Clock()
+    bar = Lines(1000, "samples", clock.stream, initial=900, clock=clock)
+    clock.now += 10.0
+    bar.update(10)
+    assert clock.lines() == ["samples: 910 of 1000, 10 s, about 90 s to go"]
+
+
+def test_work_that_fails_does_not_say_that_it_is_done() -> None:
+    clock = Clock()
+    with pytest.raises(ZeroDivisionError), Lines(2, "samples", clock.stream, clock=clock) as bar:
+        clock.now += 6.0
+        bar.update()
+        raise ZeroDivisionError
+    assert clock.lines() == ["samples: 1 of 2, 6 s, about 6 s to go"]
+
+
+def test_a_stream_that_fails_does_not_end_the_work() -> None:
+    clock = Clock()
+    bar = Lines(2, "samples", Full(), clock=clock)
+    clock.now += 6.0
+    bar.update(2)
+
+
+def test_work_of_which_nothing_is_done_is_seen_to_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pgmp_petsc.runtime.progress.FIRST", 0.01)
+    stream = io.StringIO()
+    with Lines(3, "samples", stream):
+        deadline = time.monotonic() + TIMEOUT_SECONDS
+        while not stream.getvalue().endswith("\n") and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert stream.getvalue() == "samples: 0 of 3, 0 s\n"
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_one_rank_says_it_under_mpirun(n: int) -> None:
+    done = run_mpi(n, "-c", COUNTING)
+    said = [line.split(",")[0] for line in done.stderr.splitlines()]
+    assert all(line.startswith("samples: ") for line in said) and said.count("samples: 7 of 7") == 1

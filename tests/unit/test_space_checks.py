@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from conftest import ROOT
 
-from pgmp_petsc.reduction.limits import check_features
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import load_scene
 
@@ -369,7 +369,7 @@ def test_what_fits_is_taken(scene: str, override: str) -> None:
 def test_what_only_beams_have_is_refused_before_a_build(scene: str, override: str, entry: str) -> None:
     loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
     with pytest.raises(InputError) as caught:
-        check_features(loaded)
+        check_capabilities(loaded, Purpose.BUILD)
     assert str(caught.value) == f"{entry}: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
 
 
@@ -377,5 +377,5 @@ def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
     overrides = ["effects.a.type='geometric_stiffening'", "effects.b.type='mode_inertia'"]
     loaded = load_scene(ROOT / "scenes" / f"{PLANE}.toml", overrides)
     with pytest.raises(InputError) as caught:
-        check_features(loaded)
+        check_capabilities(loaded, Purpose.BUILD)
     assert str(caught.value) == "effects.a: for bodies of beams only, but crank, rod are of continuum elements; leave it out"

@@ -25,7 +25,7 @@ class Oscillators:
 
     comm = None
     n_samples = 1
-    n_events = 0
+    n_events, settled = 0, None
 
     def __init__(self, modes: Modes, force: np.ndarray) -> None:
         self.modes, self.force = modes, force

@@ -199,7 +199,7 @@ def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> N
     together = estimated(model, values, 5)
     for k in range(5):
         alone = estimated(model, {name: value[k : k + 1] for name, value in values.items()}, 1)
-        for kind in ("largest", "at_end", "validity"):
+        for kind in ("largest", "at_end"):
             for name, found in getattr(alone, kind).items():
                 np.testing.assert_allclose(
                     found[0], getattr(together, kind)[name][k], rtol=1e-6, err_msg=f"{kind} {name}"
@@ -213,7 +213,7 @@ def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
     integrate(model.batch(values, 3), model.scene.simulation, observer=watched.observe)
     watched._states[1:, :, 2] = np.nan  # noqa: SLF001 (a motion that cannot be placed)
     found = watched.estimate(np.array([Status.FINE, Status.NOT_CONVERGED, Status.FINE]))
-    for kind in ("largest", "at_end", "validity"):
+    for kind in ("largest", "at_end"):
         for name, values_of in getattr(found, kind).items():
             assert np.isnan(values_of[1:]).all(), (kind, name)
             np.testing.assert_allclose(values_of[0], getattr(expected, kind)[name][0], rtol=1e-6)

@@ -15,7 +15,6 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
 from pgmp_petsc.modes import problem as problem_module
-from pgmp_petsc.solvers import shift_invert
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -86,7 +85,7 @@ def pencil() -> tuple[object, object, np.ndarray]:
 def solver() -> Iterator[ShiftInvertSolver]:
     from petsc4py import PETSc
 
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     yield solver
     solver.close()
 
@@ -277,7 +276,7 @@ def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: obje
 
     for name, value in (("tol", 1e-40), ("max_it", 2), ("ncv", 25)):
         options[f"pgmp_modes_eps_{name}"] = value
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     with pytest.raises(RunError, match=r"at here: \d+ of 6 eigenpairs converged in \d+ iterations \(reason -1\)"):
         solver.solve(*pencil[:2], 1, 5, "here")
     solver.close()
@@ -286,10 +285,55 @@ def test_a_solver_that_does_not_converge_is_noticed(pencil: tuple, options: obje
 def test_the_cure_that_messages_name_has_an_effect(pencil: tuple, options: object) -> None:
     from petsc4py import PETSc
 
-    options[f"{shift_invert.PREFIX}eps_ncv"] = 37
-    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3)
+    options["pgmp_modes_eps_ncv"] = 37
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
     solver.solve(*pencil[:2], 1, 5, "here")
     assert solver._eps.getDimensions()[1] == 37
+    solver.close()
+
+
+def test_solvers_leave_the_options_alone_and_have_their_own(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    before = PETSc.Options().getAll()
+    options["other_eps_tol"] = 1e-40  # of another problem
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    solver.solve(*pencil[:2], 1, 5, "here")
+    solver.close()
+    assert PETSc.Options().getAll() == before | {"other_eps_tol": "1e-40"}
+
+
+def test_an_option_that_petsc_refuses_is_bad_input(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    options["pgmp_modes_count_mat_mumps_icntl_14"] = "x"  # read at the factorisation, which knows its prefix
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    with pytest.raises(InputError, match="^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no"):
+        solver.solve(*pencil[:2], 1, 5, "here")
+    solver.close()
+
+
+def test_a_krylov_method_that_stops_early_is_noticed(pencil: tuple, options: object) -> None:
+    from petsc4py import PETSc
+
+    for name, value in (("ksp_type", "cg"), ("ksp_max_it", 1), ("pc_type", "none"), ("ksp_error_if_not_converged", 0)):
+        options[f"pgmp_modes_st_{name}"] = value
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
+    with pytest.raises(RunError, match="with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid"):
+        solver.factor(*pencil[:2])
+        solver.apply_inverse(np.ones((40, 1)))
+    solver.close()
+
+
+def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
+    """Without a shift, and rows that are empty: nothing that comes out may be used."""
+    from petsc4py import PETSc
+
+    empty = petsc_matrix(np.zeros((40, 40)))
+    solver = ShiftInvertSolver(PETSc.COMM_SELF, 0.0, "pgmp_modes_")
+    with pytest.raises(RunError, match="with the shift 0: "):
+        solver.factor(empty, pencil[1])
+        solver.apply_inverse(np.ones((40, 1)))
     solver.close()
 
 

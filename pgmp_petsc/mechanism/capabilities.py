@@ -1,0 +1,200 @@
+"""What each feature needs: of the bodies, of the number of coordinates, and of the command; compared in one place.
+
+A feature is declared once, in `FEATURES`: the entries of a scene that ask for it, the commands that it is made for, and
+the kinds of mechanism that it takes. Every command passes `check_capabilities` where it gets its scene
+(`studies.inputs`), and so does every build. What does not fit a scene whatever is done with it, effects of the plane in
+space for one, is refused with the scene (`scene.space_checks`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import StructuralDamping
+
+BYTES = 8
+# of an eigenproblem with 15 modes on one core, measured from 36 to 3006 unknowns
+SECONDS, SECONDS_PER_UNKNOWN = 6e-3, 1.6e-5
+
+
+class Purpose(Enum):
+    """What a scene is read for; the value is what messages call it."""
+
+    CHECK = "pgmp check"
+    SIZES = "pgmp check --effects"
+    BUILD = "pgmp build"
+    MODES = "pgmp modes"
+    REDUCED = "a reduced run"
+    FULL = "a full-order run"
+    TRADEOFF = "pgmp tradeoff"
+
+
+#: What prepares or uses a reduced model; ``check`` foretells it.
+OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
+EVERYWHERE = frozenset(Purpose)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A feature and what it needs.
+
+    Attributes
+    ----------
+    name
+        What it is, for lists of features.
+    entries
+        Yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for.
+    purposes
+        What it is used for; for others it is without effect, and allowed.
+    beams_only
+        Whether continuum bodies are refused.
+    one_coordinate
+        Whether more than one rigid coordinate is refused.
+    flexible_body
+        Whether mechanisms without any flexible body are refused.
+    cure
+        What to do where it is refused.
+    """
+
+    name: str
+    entries: Callable[[Scene], Iterator[str]]
+    purposes: frozenset[Purpose]
+    beams_only: bool = False
+    one_coordinate: bool = False
+    flexible_body: bool = False
+    cure: str = "leave it out"
+
+
+def _reduction(key: str) -> Callable[[Scene], Iterator[str]]:
+    return lambda scene: _given(f"reduction.{key}", getattr(scene.reduction, key))
+
+
+def _given(entry: str, value: float | bool | None) -> Iterator[str]:
+    if value:
+        yield f"{entry} = {'true' if value is True else format(value, 'g')}"
+
+
+def _automatic(scene: Scene) -> Iterator[str]:
+    if scene.reduction.effects == "auto":
+        yield 'reduction.effects = "auto"'
+
+
+def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
+    return lambda scene: (f"effects.{name}" for name, effect in scene.effects.items() if effect.type in types)
+
+
+def _modal_ratios(scene: Scene) -> Iterator[str]:
+    """Yield ratios of damping that a continuum body would take."""
+    for name, effect in scene.effects.items():
+        if isinstance(effect, StructuralDamping) and any(effect.ratios):
+            chosen = effect.bodies or [name for name, body in scene.bodies.items() if body.flexible]
+            if any(scene.bodies[body].continuum for body in chosen):
+                yield f"effects.{name}.ratios"
+
+
+def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
+    return lambda scene: iter((purpose.value,))
+
+
+FEATURES = (
+    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, True, True),
+    Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
+    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION, True, True),
+    Feature(
+        "choice of the step by a tolerance",
+        lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
+        EVERYWHERE - {Purpose.MODES},
+        True,
+        True,
+        True,
+        cure="leave it out, and give simulation.step",
+    ),
+    Feature("choice of effects", _automatic, OF_THE_REDUCTION, beams_only=True),
+    Feature(
+        "stiffness by loads, inertia of changing modes",
+        _effects_of("geometric_stiffening", "mode_inertia"),
+        OF_THE_REDUCTION,
+        beams_only=True,
+    ),
+    Feature("stiffness by loads", _effects_of("geometric_stiffening"), OF_THE_REDUCTION, one_coordinate=True),
+    Feature(
+        "damping of the modes of continuum bodies",
+        _modal_ratios,
+        frozenset({Purpose.FULL}),
+        beams_only=True,
+        cure="give stiffness and mass instead, or take the reduced model",
+    ),
+    Feature("sizes of effects", _command(Purpose.SIZES), frozenset({Purpose.SIZES}), beams_only=True),
+    Feature("cost of accuracy", _command(Purpose.TRADEOFF), frozenset({Purpose.TRADEOFF}), True, True),
+)
+
+
+def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, BodyShape] | None = None) -> None:
+    """Refuse what a command cannot do with a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    purpose
+        What it is read for.
+    meshes
+        Of the bodies, where they are at hand: what too many coordinates would cost depends on them.
+
+    Raises
+    ------
+    InputError
+        Naming the entry, the bodies or coordinates that it does not take, and the cure.
+    """
+    if len(scene.coordinates) > MOST_COORDINATES and meshes is not None:
+        _refuse_count(scene, meshes)
+    flexible = any(body.flexible for body in scene.bodies.values())
+    if not flexible and purpose in (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF):
+        raise InputError("bodies: all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full instead")
+    for feature in FEATURES:
+        if purpose in feature.purposes:
+            for entry in feature.entries(scene):
+                if feature.flexible_body and not flexible:
+                    raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
+                if feature.beams_only:
+                    _check_beams(scene, entry, feature.cure)
+                if feature.one_coordinate:
+                    _check_single(scene, entry, feature.cure)
+
+
+def _check_beams(scene: Scene, what: str, cure: str) -> None:
+    continuum = [name for name, body in scene.bodies.items() if body.continuum]
+    if continuum:
+        verb = "is" if len(continuum) == 1 else "are"
+        names = ", ".join(continuum)
+        raise InputError(f"{what}: for bodies of beams only, but {names} {verb} of continuum elements; {cure}")
+
+
+def _check_single(scene: Scene, what: str, cure: str) -> None:
+    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
+    if n > 1:
+        raise InputError(f"{what}: for one rigid coordinate only, but the scene has {n}: {names}; {cure}")
+
+
+def _refuse_count(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
+    """Refuse more coordinates than can be sampled, with what the configurations of all of them would take."""
+    mechanism = Mechanism.from_scene(scene, meshes)
+    n, names = len(scene.coordinates), ", ".join(scene.coordinates)
+    angles, n_modes = scene.reduction.angles, scene.reduction.modes
+    count, n_eta = float(angles) ** n, n + n_modes
+    tables = len(mechanism.mass_weights) * (n_eta**2 + n * n * n_modes) + len(mechanism.stiffness_weights) * n_modes**2
+    n_bytes = count * (tables + mechanism.n_dofs * n_modes) * BYTES
+    hours = count * (SECONDS + SECONDS_PER_UNKNOWN * mechanism.n_dofs) / 3600
+    raise InputError(
+        f"coordinates: {names}: {n} independent coordinates were given; at most {MOST_COORDINATES} are taken. "
+        f"reduction.angles = {angles} along each would make {angles}^{n} = {count:.3g} configurations: about "
+        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes. Join bodies "
+        "until two coordinates are left"
+    )

@@ -1,0 +1,188 @@
+"""Statics of the reduced model: deformation under the loads at time zero with coordinates held or free.
+
+The flexible coordinates delta follow from their own equations, ``R_delta(theta, delta) = 0``, at a given theta. Free
+coordinates theta are in equilibrium where also ``R_theta = 0``. A held coordinate is the angle s of its joint,
+``theta + Psi_joint(theta) delta`` where the modes turn the joint, as it is in the full-order model: with torques mu
+that hold it and ``G = d s / d eta``,
+
+    R(eta) + G^T mu = 0,     s(eta) = s_0,
+
+solved by Newton's method for theta and mu, with derivatives by differences; delta follows from its equations in
+between. Samples are solved together, each to its own convergence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+TURN = 1e-6  # rad of differences
+SHAPE = 1e-4  # of differences along flexible coordinates, in units of the mechanism's size or of 1 rad
+MAX_STEPS = 20
+
+
+class ReducedStatics:
+    """A batch of samples; see `Statics`.
+
+    Parameters
+    ----------
+    system
+        The samples.
+    angles
+        Angles of the joints that are coordinates, or None where coordinates are free: then it is theta that is held.
+    """
+
+    def __init__(self, system: ReducedSystem, angles: JointAngles | None) -> None:
+        self._system, self._angles = system, angles
+        self.n_samples, self._n_theta = system.n_samples, system.tables.n_coordinates
+        self._eta = np.zeros((system.n_samples, system.n_eta))
+
+    def hold(self, theta: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find the deformation, from the undeformed mechanism; see `Statics.hold`."""
+        r, before = self._n_theta, self._eta.copy()
+        eta = np.zeros_like(self._eta)
+        eta[:, :r] = theta
+        torques, lost = self._deform(eta, np.zeros((self.n_samples, 0)), None, samples)
+        if self._angles is not None:
+            torques, lost = self._hold_joints(eta, theta, torques, samples & ~lost, lost)
+        self._eta = np.where(samples[:, None], eta, before)
+        return torques, lost & samples
+
+    def unknowns(self) -> np.ndarray:
+        """Return the reduced coordinates, shape (n_eta, n_samples)."""
+        return self._eta.T
+
+    def inertia(self) -> np.ndarray:
+        """Return the inertia of the rigid mechanism, shape (n_samples, n_theta)."""
+        q, moments = np.zeros_like(self._eta), []
+        q[:, : self._n_theta] = self._eta[:, : self._n_theta]
+        for k in range(self._n_theta):
+            v = np.zeros_like(q)
+            v[:, k] = 1.0
+            moments.append(2.0 * self._system.kinetic_energy(q, v))
+        return np.stack(moments, axis=1)
+
+    def _hold_joints(
+        self, eta: np.ndarray, angles: np.ndarray, torques: np.ndarray, active: np.ndarray, lost: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Solve for theta and the holding torques mu of the active samples; return minus mu, and the samples lost."""
+        r = self._n_theta
+        mu, last = np.zeros((self.n_samples, r)), np.full(self.n_samples, np.inf)
+        left = torques  # of the loads and of mu, on theta
+        for _ in range(MAX_STEPS):
+            slopes = self._angles.gradient(eta)
+            away = self._angles.of(eta) - angles
+            # the torque of 1 rad of the flexible coordinates is unknown; what is left on theta is of the right size
+            pull = np.maximum(np.max(np.abs(left), axis=1), np.max(np.abs(mu), axis=1))
+            defect = np.concatenate([left, away], axis=1)
+            jacobian = np.zeros((self.n_samples, 2 * r, 2 * r))
+            for column in range(2 * r):
+                moved, torque, k = eta.copy(), mu.copy(), column % r
+                step = np.full(self.n_samples, TURN) if column < r else np.where(pull > 0.0, pull, 1.0)
+                (moved if column < r else torque)[:, k] += step
+                changed, failed = self._deform(moved, torque, slopes, active)
+                lost = lost | (failed & active)
+                found = np.concatenate([changed, self._angles.of(moved) - angles], axis=1)
+                jacobian[:, :, column] = (found - defect) / step[:, None]
+            active = active & ~lost
+            size = np.zeros(self.n_samples)
+            for sample in np.flatnonzero(active):
+                try:
+                    step = np.linalg.solve(jacobian[sample], -defect[sample])
+                except np.linalg.LinAlgError:
+                    lost[sample] = True
+                    continue
+                eta[sample, :r] += step[:r]
+                mu[sample] += step[r:]
+                size[sample] = np.max(np.abs(step[:r]))
+            active = active & ~lost
+            found, failed = self._deform(eta, mu, slopes, active)
+            left = np.where(active[:, None], found, left)
+            lost = lost | (failed & active)
+            active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
+            last = size
+            if not active.any():
+                return -mu, lost
+        return -mu, lost | active
+
+    def _deform(
+        self, eta: np.ndarray, mu: np.ndarray, slopes: np.ndarray | None, samples: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Find delta at the theta of some samples, in place; return what is left over on theta, and the samples lost.
+
+        `mu` are torques on the joints with the derivatives `slopes` of their angles, shapes (n_samples, n_theta) and
+        (n_samples, n_theta, n_eta).
+        """
+        r = self._n_theta
+        force = np.zeros_like(eta) if slopes is None else np.einsum("sk,ski->si", mu, slopes)
+        todo, first = samples.copy(), eta.copy()
+        for n_parts in SHARES:
+            going = todo.copy()
+            eta[going] = first[going]
+            for part in range(1, n_parts + 1):
+                going &= self._converge(eta, part / n_parts * force, going, part / n_parts)
+            todo &= ~going
+            if not todo.any():
+                break
+        state = self._state(eta)
+        left = -(self._system.residual(0.0, state) + force)[:, :r]
+        return left, todo
+
+    def _converge(self, eta: np.ndarray, force: np.ndarray, samples: np.ndarray, share: float) -> np.ndarray:
+        """Correct samples, in place, under a share of the loads; return which converged."""
+        active, found = samples.copy(), np.zeros_like(samples)
+        last = np.full(self.n_samples, np.inf)
+        state = self._state(eta)
+        for _ in range(MAX_CORRECTIONS):
+            size = self._system.correct_at_rest(state, force, active, share, LONGEST)
+            done = active & ((size <= TOLERANCE) | ((size < ROUND_OFF) & (size >= 0.5 * last)))
+            found |= done
+            active &= ~done & np.isfinite(size)
+            last = size
+            if not active.any():
+                break
+        eta[samples] = state.q[samples]
+        return found
+
+    def _state(self, eta: np.ndarray) -> State:
+        return State(eta.copy(), np.zeros_like(eta), np.zeros_like(eta), np.zeros(0))
+
+
+class JointAngles:
+    """Angles of the joints that are coordinates, for reduced states.
+
+    Parameters
+    ----------
+    scale
+        Displacement per unit of each reduced coordinate, shape (n_eta,), as in `ReducedTerms`.
+    """
+
+    def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, scale: np.ndarray) -> None:
+        measures = [joint_angle(coordinate.connection, kinematics) for coordinate in kinematics.coordinates]
+        self._angles = [angle for angle, _ in measures]
+        self._nodes = sorted(set().union(*(needed for _, needed in measures)))
+        self._reconstruction = Reconstruction(kinematics, rom, scheme, self._nodes)
+        self._steps = SHAPE / np.maximum(scale, 1e-300)
+
+    def of(self, eta: np.ndarray) -> np.ndarray:
+        """Return the angles, shape (n, n_theta), for reduced coordinates (n, n_eta)."""
+        frames = dict(zip(self._nodes, self._reconstruction.frames(eta)))
+        return np.stack([angle(frames) for angle in self._angles], axis=1)
+
+    def gradient(self, eta: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the angles, shape (n, n_theta, n_eta)."""
+        n_theta, result = len(self._angles), []
+        for i, along in enumerate(self._steps):
+            ahead, behind = eta.copy(), eta.copy()
+            step = TURN if i < n_theta else along
+            ahead[:, i] += step
+            behind[:, i] -= step
+            result.append((self.of(ahead) - self.of(behind)) / (2.0 * step))
+        return np.stack(result, axis=2)

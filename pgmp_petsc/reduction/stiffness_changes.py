@@ -1,0 +1,138 @@
+"""How the forces in the bodies change the stiffness of each mode: what geometric stiffness a model has, or would lack.
+
+A static deformation u changes the stiffness of a mode psi_k, whose eigenvalue is lambda_k, by the share
+
+    s_k = psi_k.K3[u] psi_k / lambda_k,
+
+positive where bodies are pulled, negative where they are pressed; -1 is buckling in the shape of the mode. With
+``K3[psi_k, psi_k] = g_k`` and the symmetric static answer ``u = A f``, the share of any load f is ``h_k.f / lambda_k``
+with ``h_k = A g_k``: one static answer a mode tells what every load does. The *influences* ``h_k.f`` are kept for units
+of all that loads the bodies, in this order of columns:
+
+- every load term of the effects, its weight taken out,
+- every action (local effect), per unit of its force,
+- for every mass term, its weight taken out: the inertia forces of unit accelerations theta_k'', and those of unit
+  products theta_k' theta_l', k >= l, each pair once.
+
+They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
+lambda_k is kept term by term and follows the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.effects import Action
+from pgmp_petsc.effects.patterns import turning_force
+from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessChanges:
+    """Influences of all loads on the stiffness of the modes at the samples.
+
+    Attributes
+    ----------
+    influence
+        Shape (n, n_modes, n_columns), modes in ascending order at every sample.
+    stiffness
+        ``psi_k.K_t psi_k`` of every stiffness term, shape (n, n_stiffness_terms, n_modes).
+    """
+
+    influence: np.ndarray
+    stiffness: np.ndarray
+
+    def over_two_turns(self, samples: SampleGrid, axes: Sequence[int]) -> StiffnessChanges:
+        """Append a second revolution of some coordinates, on which the influences are the same."""
+        influence, stiffness = self.influence, self.stiffness
+        for axis in axes:
+            influence, stiffness = (samples.twice(axis, part, part) for part in (influence, stiffness))
+            samples = samples.over_two_turns(axis)
+        return StiffnessChanges(influence, stiffness)
+
+    def shares(self, places: np.ndarray, loading: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:
+        """Return s_k of n states, shape (n, n_modes).
+
+        Parameters
+        ----------
+        places
+            Number of the sample next to each state, shape (n,).
+        loading
+            How much of every column there is, shape (n, n_columns).
+        stiffness_weights
+            Shape (n, n_stiffness_terms).
+        """
+        stiffness = np.einsum("nt,ntm->nm", stiffness_weights, self.stiffness[places])
+        return np.einsum("nmc,nc->nm", self.influence[places], loading) / stiffness
+
+
+class InfluenceProbe:
+    """Computes influences at any configuration. Collective on the problem's communicator.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters; its flexible bodies are beams.
+    actions
+        Local effects of the scene.
+    """
+
+    def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
+        self._problem = problem
+        self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
+        self._actions = actions
+
+    def at(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
+        """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns).
+
+        Parameters
+        ----------
+        modes
+            The modes there.
+        loads
+            Load terms in body frames, local rows, shape (n_local, n_loads).
+        """
+        problem = self._problem
+        # K3[psi_j, psi_k], pairs j >= k packed row by row: those of equal numbers end the rows
+        own = np.cumsum(np.arange(1, modes.flexible.shape[1] + 1)) - 1
+        third = self._third.times(problem.all_rows(modes.flexible))
+        forces = sum(float(weight.evaluate(problem.values)) * part[:, own] for weight, part in third.items())
+        answers = problem.static_answers(modes.rigid[:, modes.free], forces, "influence of loads on the stiffness")
+        columns = [problem.inner(answers, loads)]
+        if self._actions:
+            poses = problem.kinematics.poses(modes.theta)[..., 0]
+            rows = slice(problem.rows.start, problem.rows.stop)
+            turned = [turning_force(action, problem.mechanism, poses)[rows] for action in self._actions]
+            columns.append(problem.inner(answers, np.array(turned).T))
+        k, j = np.tril_indices(modes.rigid.shape[1])
+        moving = problem.all_rows(np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]]))
+        for weight in problem.mechanism.mass_weights:
+            columns.append(-problem.inner(answers, problem.matrices.mass[weight] @ moving))
+        return np.hstack(columns)
+
+
+def loading_of(
+    loads: np.ndarray, forces: np.ndarray, mass_weights: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> np.ndarray:
+    """Return how much of every column of influences n states have, shape (n, n_columns).
+
+    Parameters
+    ----------
+    loads
+        Weighted amplitudes of the load terms, shape (n, n_loads).
+    forces
+        Of the actions, shape (n, n_actions).
+    mass_weights
+        Shape (n, n_mass_terms).
+    v, a
+        Velocities and accelerations of the rigid coordinates, shape (n, n_theta).
+    """
+    k, j = np.tril_indices(v.shape[1])
+    moving = np.hstack([a, v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)])
+    inertia = (mass_weights[:, :, None] * moving[:, None]).reshape(len(v), -1)
+    return np.hstack([loads, forces, inertia])

@@ -1,0 +1,79 @@
+"""Compiled functions: numba's ``njit`` with a cache on disk whose loss costs time and never a run.
+
+Numba itself ends with a traceback where it finds no folder that it may write to, where the disk is full, and where a
+file of the cache is damaged. Here the function is compiled again, and the first such problem is kept for a warning.
+
+Processes that compile at once may also write two signatures of one function to the same file; numba would call the
+wrong one. What is loaded is therefore compared with what was asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core import sigutils
+from numba.core.caching import FunctionCache
+
+CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
+_problems: list[str] = []
+
+
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable], Callable]:
+    """Return numba's decorator with the same options; a cache that fails is done without."""
+
+    def decorate(function: Callable) -> Callable:
+        dispatcher = numba.njit(**options)(function)
+        if cache and not numba.config.DISABLE_JIT:
+            try:
+                dispatcher._cache = _LenientCache(function)
+            except (RuntimeError, OSError) as error:  # no locator has a folder
+                _note(f"compiled code is not kept, and every run compiles for up to a minute ({_first(error)}); {CURE}")
+        return dispatcher
+
+    return decorate
+
+
+def cache_problem() -> str | None:
+    """Return what the first problem with the cache was in this process, with its cure, or None."""
+    return _problems[0] if _problems else None
+
+
+class _LenientCache(FunctionCache):
+    """The cache of one function; what cannot be read counts as absent, what cannot be written stays away."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled function of a signature, or None."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception as error:  # a damaged pickle raises anything
+            _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
+            self._drop()
+            return None
+        if found is not None and tuple(found.signature.args) != tuple(sigutils.normalize_signature(sig)[0]):
+            return None
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function of a signature."""
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:  # a damaged index is read here too
+            _note(f"compiled code is not kept in {self.cache_path} ({_first(error)}); {CURE}")
+
+    def _drop(self) -> None:
+        """Forget the index, so that the next function kept starts another one."""
+        try:
+            self.flush()
+        except OSError:
+            pass  # keeping the function will fail too, and say so
+
+
+def _note(problem: str) -> None:
+    """Keep a problem."""
+    _problems.append(problem)
+
+
+def _first(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0] or type(error).__name__

@@ -1,0 +1,202 @@
+"""The start of PETSc and SLEPc, the options that reach them, and what they say when they refuse one.
+
+PETSc and SLEPc start together, on all ranks: starting SLEPc registers one more collective clean-up for the end of
+Python, so a rank that never solves an eigenproblem would leave the others waiting there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import takewhile
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.runtime.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+#: Which options reach what; each stands in the module that makes the solver. docs/petsc_options.md explains them.
+PREFIXES = {
+    "pgmp_modes_": "eigenproblems of the mechanism",
+    "pgmp_scale_": "the first eigenproblem of a mechanism, which finds the shift of the others",
+    "pgmp_body_": "eigenproblems of continuum bodies that are condensed",
+    "pgmp_full_": "linear systems of one full-order run",
+    "pgmp_ts_": "time integration",
+    "pgmp_error_ts_": "time integration of the reference that error estimates compare with",
+}
+# read by PETSc itself, most of them only when it ends
+OF_PETSC = (
+    "citations", "get_total_flops", "info", "log", "malloc", "memory", "mpidump", "objects", "on_error", "options",
+    "petsc_sleep", "saws", "version", "help",
+)  # fmt: skip
+ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of an option's value
+
+
+def start_petsc(arguments: Sequence[str] = ()) -> None:
+    """Start PETSc with a user's options, and SLEPc. Collective on COMM_WORLD.
+
+    Raises
+    ------
+    InputError
+        If a word is no option, or PETSc refuses one.
+    """
+    option_names(arguments)
+    import petsc4py
+
+    said = ""
+    try:
+        with _held_back_stderr() as printed:
+            try:
+                petsc4py.init(["pgmp", *arguments])
+            except RuntimeError:
+                said = printed()
+                raise
+    except (RuntimeError, UnicodeError) as error:
+        reason = _printed_reason(said) or reason_of(error)
+        raise InputError(f"options after '--': PETSc does not start with {' '.join(arguments)}: {reason}") from error
+    import slepc4py
+
+    slepc4py.init(["pgmp", *arguments])
+
+
+@contextmanager
+def _held_back_stderr() -> Iterator[Callable[[], str]]:
+    """Hold back what C prints to standard error in the block, and print it at its end unless it was read.
+
+    PETSc prints a page where it does not start; it knows no other way then to say what is wrong.
+    """
+    sys.stderr.flush()
+    kept, read = os.dup(2), False
+    with tempfile.TemporaryFile() as file:
+
+        def printed() -> str:
+            nonlocal read
+            read = True
+            file.seek(0)
+            return file.read().decode(errors="replace")
+
+        os.dup2(file.fileno(), 2)
+        try:
+            yield printed
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            if not read:
+                os.write(2, printed().encode())
+
+
+def _printed_reason(text: str) -> str:
+    """Return what stands between the heading of PETSc's page and its advice."""
+    lines = [line.partition("PETSC ERROR: ")[2].strip() for line in text.splitlines()]
+    for number, line in enumerate(lines):
+        if "Error Message" in line:
+            return ": ".join(takewhile(lambda part: not part.startswith("See "), lines[number + 1 :]))
+    return ""
+
+
+def option_names(arguments: Sequence[str]) -> list[str]:
+    """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
+
+    Raises
+    ------
+    InputError
+        At a word that is neither an option nor the value of one; PETSc would pass over it in silence.
+    """
+    names: list[str] = []
+    pushed, words = [], iter(arguments)
+    previous: str | None = None
+    for word in words:
+        if _is_name(word):
+            name = word.lstrip("-")
+            if name == "prefix_push":
+                pushed.append(next(words, ""))
+            elif name == "prefix_pop":
+                pushed = pushed[:-1]
+            else:
+                names.append("".join(pushed) + name)
+            previous = name
+        elif previous is None:
+            raise InputError(f"after '--': '{word}' is no option of PETSc; they begin with '-' and take one value")
+        else:
+            previous = None
+    return names
+
+
+def _is_name(word: str) -> bool:
+    """Return whether PETSc takes a word for an option and not for a value, such as -1e-3 or -inf."""
+    bare = word[1:].removeprefix("-")
+    if not word.startswith("-") or not bare[:1].isalpha():
+        return False
+    try:
+        float(bare)
+    except ValueError:
+        return True
+    return False
+
+
+def unused_options(arguments: Sequence[str], comm: MPI.Comm) -> list[str]:
+    """Return which of a user's options nothing has used on any rank. Collective on `comm`.
+
+    Options of PETSc itself, some of which it reads only when it ends, do not count.
+    """
+    names = [name for name in option_names(arguments) if not name.startswith(OF_PETSC)]
+    if not names:
+        return []
+    from petsc4py import PETSc
+
+    # petsc4py has no PetscOptionsUsed; its library has
+    library = ctypes.CDLL(PETSc.__file__)
+    used = []
+    for name in names:
+        answer = ctypes.c_int(0)
+        library.PetscOptionsUsed(None, name.encode(), ctypes.byref(answer))
+        used.append(bool(answer.value & 0xFF))  # an int or a C bool, by PETSc's version
+    somewhere = [any(ranks) for ranks in zip(*comm.allgather(used))] if comm.size > 1 else used
+    return [name for name, found in zip(names, somewhere) if not found]
+
+
+def unused_remark(names: Sequence[str]) -> str:
+    """Return the warning that options were given for nothing, with the prefixes that there are."""
+    given = " ".join(f"-{name}" for name in names)
+    return f"PETSc options that nothing used: {given}; prefixes here: {', '.join(PREFIXES)} (docs/petsc_options.md)"
+
+
+@contextmanager
+def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
+    """Turn what PETSc raises in a block into an error of ours.
+
+    Parameters
+    ----------
+    prefix
+        Options prefix of the object that the block works on.
+    activity
+        What the block does, with the configuration, for messages.
+
+    Raises
+    ------
+    InputError
+        If PETSc refuses the value of one of the options with the prefix.
+    RunError
+        If anything else fails in PETSc.
+    """
+    from petsc4py import PETSc
+
+    try:
+        yield
+    except PETSc.Error as error:
+        stored = PETSc.Options().getAll().items()
+        given = [f"-{name} {value}".rstrip() for name, value in stored if name.startswith(prefix)]
+        if given and error.ierr in ABOUT_VALUES:
+            raise InputError(f"PETSc options {', '.join(given)}: {reason_of(error)}") from error
+        raise RunError(f"{activity}: PETSc failed: {reason_of(error)}") from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return the last line of what PETSc says, which tells what it got."""
+    lines = [line.removeprefix("[0]").strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__

@@ -1,0 +1,95 @@
+"""Entries of a scene that hold a number or the name of a parameter: which sign and which unit they must have."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.scene.joints import PointOnLine
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
+
+Sign = Literal["positive", "not negative", "any"]
+
+MATERIAL = {"E": "Pa", "rho": "kg/m3"}
+BODY = {"thickness": "m", "section_scale": "1"}
+SECTION = {
+    "radius": "m",
+    "width": "m",
+    "height": "m",
+    "axial": "N",
+    "shear": "N",
+    "bending": "N m2",
+    "line_density": "kg/m",
+    "rotary_density": "kg m",
+}
+#: Entries of effects with their sign, and their units on a joint that turns and on what slides.
+EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
+    kinds.Torque: {"scale": ("any", ("1", "N m"), ("1", "N m"))},
+    kinds.Force: {"scale": ("any", ("1", "N"), ("1", "N"))},
+    kinds.Gravity: {"acceleration": ("any", ("m/s2",), ("m/s2",))},
+    kinds.PointMass: {"mass": ("positive", ("kg",), ("kg",))},
+    kinds.JointDamping: {"coefficient": ("not negative", ("N m s/rad",), ("N s/m",))},
+    kinds.JointFriction: {"limit": ("not negative", ("N m",), ("N",))},
+    kinds.SpringDamper: {
+        "stiffness": ("any", ("N m/rad",), ("N/m",)),
+        "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
+    },
+    kinds.EndStop: {"stiffness": ("positive", ("N m/rad",), ("N/m",))},
+}
+
+
+@dataclass(frozen=True)
+class Use:
+    """One entry that may name a parameter.
+
+    Attributes
+    ----------
+    entry
+        Dotted name.
+    value
+        What it holds.
+    sign
+        Which numbers make sense. A spring may be negative: a magnet, or a preloaded one past its dead point.
+    units
+        What it is in, any of them; "1" is without a unit. The factor of a table is without one, or has the table's.
+    """
+
+    entry: str
+    value: float | str
+    sign: Sign
+    units: tuple[str, ...]
+
+    @property
+    def parameter(self) -> str | None:
+        """Name of the parameter that it holds, or None."""
+        return self.value if isinstance(self.value, str) else None
+
+
+def uses_of(scene: Scene) -> Iterator[Use]:
+    """Yield every entry that may name a parameter."""
+    for name, material in scene.materials.items():
+        for key, unit in MATERIAL.items():
+            yield Use(f"materials.{name}.{key}", getattr(material, key), "positive", (unit,))
+    for name, body in scene.bodies.items():
+        for key, unit in BODY.items():
+            if getattr(body, key) is not None:
+                yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
+        for key, size in body.section or ():
+            if key != "shape":
+                sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
+                yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
+    for name, effect in scene.effects.items():
+        turns = not _slides(scene, effect)
+        for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
+            yield Use(f"effects.{name}.{key}", getattr(effect, key), sign, turning if turns else sliding)
+
+
+def _slides(scene: Scene, effect: kinds.Effect) -> bool:
+    """Whether an effect acts along a line: on a joint that slides, or between two points."""
+    if getattr(effect, "points", None) is not None:
+        return True
+    return isinstance(scene.joints.get(getattr(effect, "joint", None)), PointOnLine)

@@ -1,0 +1,179 @@
+"""Materials, and sizes, proportions and first frequencies of bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import Body, Circle, Coefficients
+from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+
+SLENDERNESS = 5.0  # length over thickness, below which a beam is none
+WAVE_SPEEDS = (100.0, 20_000.0)  # m/s, of longitudinal waves: 50 in rubber, 1,300 in lead, 12,000 in diamond
+DENSITIES = (10.0, 25_000.0)  # kg/m3: foams to osmium
+NEARLY_INCOMPRESSIBLE = 0.49
+MANY_ELEMENTS = 1000  # of one straight beam
+
+
+@dataclass(frozen=True)
+class Size:
+    """Proportions of a body.
+
+    Attributes
+    ----------
+    length, thickness
+        Largest extent, and the one across it that bends, m.
+    mass
+        kg.
+    frequency_hz
+        First bending frequency as a beam with hinged ends, ``pi / 2 i c / length^2`` with the radius of gyration i of
+        the section and the speed c of waves, Hz; 0 for rigid bodies.
+    """
+
+    length: float
+    thickness: float
+    mass: float
+    frequency_hz: float
+
+
+def sizes_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> dict[str, Size]:
+    """Return the proportions of bodies whose mesh is given, and of all straight beams."""
+    sizes = {}
+    for name, body in scene.bodies.items():
+        mesh = meshes.get(name)
+        if mesh is None and body.line is not None:
+            mesh = straight_beam(body.line.length, body.line.elements, body.line.start)
+        if mesh is not None:
+            sizes[name] = _beam(scene, body, mesh) if isinstance(mesh, LineMesh) else _solid(scene, body, mesh)
+    return sizes
+
+
+def material_findings(scene: Scene) -> Iterator[Finding]:
+    """Yield materials that do not exist."""
+    for name, material in scene.materials.items():
+        entry = f"materials.{name}"
+        density_entry, density = named(scene, f"{entry}.rho", material.rho)
+        modulus_entry, modulus = named(scene, f"{entry}.E", material.E)
+        if not DENSITIES[0] <= density <= DENSITIES[1]:
+            yield doubt(
+                density_entry,
+                f"a density outside {DENSITIES[0]:g} to {DENSITIES[1]:,.0f} kg/m3, which solids have; steel has 7800",
+                density,
+            )
+        speed = math.sqrt(modulus / density)
+        if not WAVE_SPEEDS[0] <= speed <= WAVE_SPEEDS[1]:
+            yield doubt(
+                modulus_entry,
+                f"with rho = {density:g} kg/m3 waves run through {name} at sqrt(E / rho) = {speed:.3g} m/s, outside "
+                f"{WAVE_SPEEDS[0]:g} to {WAVE_SPEEDS[1]:,.0f} m/s; E is in Pa: steel has 210e9",
+                modulus,
+            )
+        if material.nu < 0.0:
+            yield doubt(f"{entry}.nu", "negative, which few materials are", material.nu)
+        elif material.nu > NEARLY_INCOMPRESSIBLE and any(
+            body.continuum and name in (body.material, *body.regions.values()) for body in scene.bodies.values()
+        ):
+            yield doubt(
+                f"{entry}.nu", "nearly incompressible; continuum elements are far too stiff then", material.nu
+            )
+
+
+def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+    """Yield bodies with strange proportions."""
+    for name, size in sizes.items():
+        body = scene.bodies[name]
+        entry = f"bodies.{name}"
+        if body.continuum:
+            if body.thickness is not None:
+                thickness_entry, thickness = named(scene, f"{entry}.thickness", body.thickness)
+                if thickness > size.length:
+                    yield doubt(
+                        thickness_entry,
+                        f"{name} is thicker than its length of {size.length:.3g} m; solid2d is for plates (plane "
+                        "stress)",
+                        thickness,
+                    )
+            continue
+        if body.flexible or not isinstance(body.section, Coefficients):  # those of a rigid body say its mass only
+            yield from _slenderness(scene, name, size)
+        if body.line is not None and body.line.elements > MANY_ELEMENTS:
+            yield doubt(
+                f"{entry}.line.elements",
+                "elements are exact to the fourth order of their length; so many only lose digits and time",
+                body.line.elements,
+            )
+
+
+def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
+    body = scene.bodies[name]
+    entry, received = _thickness_entry(scene, body, f"bodies.{name}.section")
+    if size.thickness > size.length:
+        words = f"{name} is {size.thickness:.3g} m thick and {size.length:.3g} m long"
+        if body.flexible:
+            yield refusal(entry, f"{words}; a beam is longer than thick (sizes are in m)", *received)
+        else:
+            yield doubt(entry, f"{words} (sizes are in m)", *received)
+    elif size.length < SLENDERNESS * size.thickness and body.flexible:
+        yield doubt(
+            entry,
+            f"{name} is only {size.length / size.thickness:.2g} times as long as thick; below {SLENDERNESS:g} a beam "
+            "does not describe it; take continuum elements (solid2d, solid3d), or make it rigid",
+            *received,
+        )
+
+
+def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[object, ...]]:
+    """Return the entry that says how thick a beam is, and its value if that is one number."""
+    if isinstance(body.section, Coefficients):
+        return entry, ()
+    key = "radius" if isinstance(body.section, Circle) else "height"
+    if key == "height" and scene.number(body.section.width) > scene.number(body.section.height):
+        key = "width"
+    name, value = named(scene, f"{entry}.{key}", getattr(body.section, key))
+    return name, (value,)
+
+
+def _beam(scene: Scene, body: Body, mesh: LineMesh) -> Size:
+    section = body.section
+    length = float(np.max(np.ptp(mesh.nodes, axis=0)))
+    if isinstance(section, Coefficients):
+        axial, bending, line_density = (
+            scene.number(value) for value in (section.axial, section.bending, section.line_density)
+        )
+        gyration, speed = math.sqrt(bending / axial), math.sqrt(axial / line_density)
+        thickness = math.sqrt(12.0) * gyration
+    else:
+        if isinstance(section, Circle):
+            radius = scene.number(section.radius)
+            area, gyration, thickness = math.pi * radius**2, 0.5 * radius, 2.0 * radius
+        else:
+            width, height = scene.number(section.width), scene.number(section.height)
+            area, gyration, thickness = width * height, height / math.sqrt(12.0), max(width, height)
+        density, speed = _material(scene, body)
+        line_density = density * area
+    frequency = 0.5 * math.pi * gyration * speed / length**2 if body.flexible else 0.0
+    return Size(length, thickness, line_density * float(mesh.lengths.sum()), frequency)
+
+
+def _solid(scene: Scene, body: Body, mesh: SolidMesh) -> Size:
+    extents = np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
+    length, thickness = float(extents[0]), float(extents[-1])
+    density, speed = _material(scene, body)
+    # of the box around it, which it fills in part
+    volume = float(np.prod(extents)) * (1.0 if body.thickness is None else scene.number(body.thickness))
+    frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
+    return Size(length, thickness, density * volume, frequency)
+
+
+def _material(scene: Scene, body: Body) -> tuple[float, float]:
+    """Return density and speed of waves."""
+    material = scene.materials[body.material]
+    density = scene.number(material.rho)
+    return density, math.sqrt(scene.number(material.E) / density)

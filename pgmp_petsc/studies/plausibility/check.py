@@ -1,0 +1,57 @@
+"""All checks of a scene's sense, in the order of its tables.
+
+Limits are orders of magnitude: what is a hundred times beyond the usual is worth a question. Refused is only what no
+mechanism can have, such as a beam thicker than long or a motion faster than light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import chain
+
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.runtime.remarks import Remark, warning
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import input_error
+from pgmp_petsc.studies.plausibility.bodies import body_findings, material_findings, sizes_of
+from pgmp_petsc.studies.plausibility.loads import load_findings
+from pgmp_petsc.studies.plausibility.motion import motion_findings
+from pgmp_petsc.studies.plausibility.parameters import parameter_findings
+from pgmp_petsc.studies.plausibility.settings import setting_findings, unused_findings
+from pgmp_petsc.studies.plausibility.stops import stop_findings
+
+
+def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None = None) -> tuple[Remark, ...]:
+    """Return a warning for each entry that probably is not meant.
+
+    Parameters
+    ----------
+    scene : Scene
+    meshes : mapping, optional
+        Mesh of every body. Without it only straight beams are looked at, and stops of coordinates.
+
+    Raises
+    ------
+    InputError
+        If entries cannot be meant, one line for each.
+    """
+    sizes = sizes_of(scene, meshes or {})
+    findings = list(
+        chain(
+            parameter_findings(scene),
+            material_findings(scene),
+            body_findings(scene, sizes),
+            load_findings(scene, sizes),
+            motion_findings(scene, sizes),
+            setting_findings(scene, sizes),
+            unused_findings(scene),
+        )
+    )
+    refused = [finding.text for finding in findings if finding.refused]
+    if not refused:  # the mechanism of a scene with sense can be put together
+        stops = list(stop_findings(scene, meshes))
+        refused, findings = [finding.text for finding in stops if finding.refused], findings + stops
+    if refused:
+        raise input_error(refused)
+    return tuple(warning(finding.text) for finding in findings)

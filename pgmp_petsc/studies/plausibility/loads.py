@@ -1,0 +1,171 @@
+"""Loads, springs, dampers and masses: what never acts, acts twice, or would make a mechanism faster than can be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import pgmp_petsc.scene.effects as kinds
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.impulses import impulse_of
+from pgmp_petsc.scene.joints import Revolute
+from pgmp_petsc.studies.plausibility.bodies import Size
+from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
+
+FAST = 1_000.0  # m/s, several times the speed at which steel rings burst
+LIGHT = 3e8  # m/s
+STRONG_GRAVITY = 100.0  # m/s2, ten times the Earth's
+HEAVY = 1_000.0  # times the mass of all bodies
+SHORTEST_STEPS = 1e-3  # steps that a stiff spring's or damper's time lasts
+
+
+def load_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
+    """Yield what is strange about effects."""
+    mass = sum(size.mass for size in sizes.values())
+    length = max((size.length for size in sizes.values()), default=0.0)
+    whole = len(sizes) == len(scene.bodies)  # otherwise masses and lengths are not known
+    for name, effect in scene.effects.items():
+        entry = f"effects.{name}"
+        if isinstance(effect, (kinds.Torque, kinds.Force)):
+            yield from _over_time(scene, entry, effect)
+            if whole:
+                yield from _speed(scene, entry, effect, mass, length)
+        elif isinstance(effect, kinds.Gravity):
+            yield from _gravity(scene, entry, effect)
+        elif isinstance(effect, kinds.PointMass) and whole:
+            where, value = named(scene, f"{entry}.mass", effect.mass)
+            if value > HEAVY * mass:
+                yield doubt(where, f"more than {HEAVY:,.0f} times the {mass:.3g} kg of all bodies (it is in kg)", value)
+        elif isinstance(effect, (kinds.SpringDamper, kinds.EndStop)):
+            yield from _spring(scene, entry, effect, mass, length, whole)
+        elif isinstance(effect, kinds.StructuralDamping):
+            yield from _damping(scene, entry, effect, sizes)
+    yield from _twice(scene)
+
+
+def _over_time(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force) -> Iterator[Finding]:
+    duration = scene.simulation.duration
+    where, scale = named(scene, f"{entry}.scale", effect.scale)
+    if scale == 0.0:
+        yield doubt(where, f"makes {entry} zero; leave it out", scale)
+    if effect.harmonic is not None:
+        if effect.harmonic.amplitude == 0.0 and effect.harmonic.mean == 0.0:
+            yield doubt(f"{entry}.harmonic.amplitude", "makes it zero; leave it out", 0.0)
+        return
+    first, last = effect.table[0][0], effect.table[-1][0]
+    if first > duration or len(effect.table) > 1 and last < 0.0:
+        when = "after the run's end" if first > duration else "before the run's start"
+        value = effect.table[0 if first > duration else -1][1]
+        yield doubt(
+            f"{entry}.table",
+            f"all its rows, from {first:g} to {last:g} s, are {when} (simulation.duration = {duration:g} s); it is "
+            f"{value:g} all the time",
+        )
+    elif not any(value for _, value in effect.table):
+        yield doubt(f"{entry}.table", "is zero in all its rows; leave it out")
+    elif impulse_of(effect.table, duration, 1).whole == 0.0:
+        start = next(time for (time, _), (_, value) in zip(effect.table, effect.table[1:]) if value)
+        yield doubt(
+            f"{entry}.table",
+            f"is zero until {start:g} s, but the run ends at simulation.duration = {duration:g} s; it never acts",
+        )
+
+
+def _speed(scene: Scene, entry: str, effect: kinds.Torque | kinds.Force, mass: float, length: float) -> Iterator[Finding]:
+    """Estimate how fast a load would make the mechanism, as one rod of all its mass that nothing else holds."""
+    duration = scene.simulation.duration
+    _, scale = named(scene, f"{entry}.scale", effect.scale)
+    if effect.harmonic is not None:  # of one half-wave, and of the mean
+        harmonic = effect.harmonic
+        impulse = abs(harmonic.amplitude) * min(duration, 1.0 / (math.pi * harmonic.frequency_hz))
+        impulse += abs(harmonic.mean) * duration
+        place = f"{entry}.harmonic"
+    else:
+        impulse, place = abs(impulse_of(effect.table, duration, 1).exact), f"{entry}.table"
+    turns = isinstance(effect, kinds.Torque)
+    inertia = mass * length / 3.0 if turns else mass
+    speed = abs(scale) * impulse / inertia
+    unit, what = ("N m s", "torque") if turns else ("N s", "force")
+    words = (
+        f"its impulse of {abs(scale) * impulse:.3g} {unit} would make the mechanism, {mass:.3g} kg and {length:.3g} m, "
+        f"as fast as {speed:.3g} m/s"
+    )
+    if speed > LIGHT:
+        yield refusal(place, f"{words}, faster than light")
+    elif speed > FAST:
+        yield doubt(place, f"{words}, if nothing holds it; is the {what} in {unit.removesuffix(' s')}?")
+
+
+def _gravity(scene: Scene, entry: str, effect: kinds.Gravity) -> Iterator[Finding]:
+    where, value = named(scene, f"{entry}.acceleration", effect.acceleration)
+    if value < 0.0:
+        yield doubt(where, "negative: it acts against its direction; turn `direction` round instead", value)
+    elif value == 0.0:
+        yield doubt(where, f"makes {entry} zero; leave it out", value)
+    if abs(value) > STRONG_GRAVITY:
+        yield doubt(where, "more than ten times the Earth's 9.81 m/s2", value)
+
+
+def _spring(
+    scene: Scene, entry: str, effect: kinds.SpringDamper | kinds.EndStop, mass: float, length: float, whole: bool
+) -> Iterator[Finding]:
+    where, stiffness = named(scene, f"{entry}.stiffness", effect.stiffness)
+    if stiffness < 0.0:
+        yield doubt(
+            where, "negative: it drives the mechanism away from its rest, as a magnet or a toggle does", stiffness
+        )
+    if isinstance(effect, kinds.SpringDamper) and effect.points is not None and effect.rest < 0.0:
+        yield refusal(f"{entry}.rest", "a distance between points is not negative", effect.rest)
+    if not whole:
+        return
+    turns = effect.joint is not None and isinstance(scene.joints[effect.joint], Revolute)
+    inertia = mass * length**2 / 3.0 if turns else mass
+    shortest = SHORTEST_STEPS * scene.simulation.step
+    if _step_given(scene) and stiffness > 0.0 and math.sqrt(inertia / stiffness) < shortest:
+        yield doubt(
+            where,
+            f"so stiff that the mechanism would swing on it {1 / math.sqrt(inertia / stiffness):.3g} rad/s fast, "
+            f"far beyond simulation.step = {scene.simulation.step:g} s; take a joint for what does not give way",
+            stiffness,
+        )
+
+
+def _damping(
+    scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: Mapping[str, Size]
+) -> Iterator[Finding]:
+    found = [
+        (name, sizes[name].frequency_hz)
+        for name in effect.bodies or scene.bodies
+        if name in sizes and sizes[name].frequency_hz > 0.0
+    ]
+    if not found:
+        return
+    name, frequency = min(found, key=lambda pair: pair[1])
+    for key, ratio in (
+        ("stiffness", math.pi * frequency * effect.stiffness),
+        ("mass", effect.mass / (4.0 * math.pi * frequency)),
+    ):
+        if ratio > 1.0:
+            yield doubt(
+                f"{entry}.{key}",
+                f"damps {name}, which bends with about {frequency:.3g} Hz, with {ratio:.3g} times the critical damping",
+                getattr(effect, key),
+            )
+
+
+def _twice(scene: Scene) -> Iterator[Finding]:
+    """Yield gravity that acts twice, and effects that are the same."""
+    seen: list[tuple[str, kinds.Effect]] = []
+    for name, effect in scene.effects.items():
+        for other, rival in seen:
+            if isinstance(effect, kinds.Gravity) and isinstance(rival, kinds.Gravity):
+                yield doubt(f"effects.{name}", f"a second gravity; effects.{other} acts too, and both add up")
+                break
+            if effect == rival:
+                yield doubt(f"effects.{name}", f"the same as effects.{other}; both act")
+                break
+        seen.append((name, effect))
+
+
+def _step_given(scene: Scene) -> bool:
+    return scene.simulation.tolerance is None or "step" in scene.simulation.model_fields_set

@@ -1,0 +1,66 @@
+"""End stops that the mechanism starts in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from pgmp_petsc.mechanism.joints import PointOnLine
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.effects import EndStop, PrescribedMotion
+from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
+
+DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
+
+
+def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None) -> Iterator[Finding]:
+    """Yield stops that are violated at the start.
+
+    Where a stop is on another joint than that of a coordinate, the mechanism is assembled, which takes its meshes.
+
+    Raises
+    ------
+    InputError
+        If it cannot be.
+    """
+    coordinates = {coordinate.joint: name for name, coordinate in scene.coordinates.items()}
+    driven = {effect.coordinate for effect in scene.effects.values() if isinstance(effect, PrescribedMotion)}
+    kinematics = None
+    for name, effect in scene.effects.items():
+        if not isinstance(effect, EndStop):
+            continue
+        if effect.joint in coordinates:
+            start, deepest, unit = scene.initial_state(coordinates[effect.joint]).position, DEEPEST, "rad"
+        elif meshes is None or driven:
+            continue
+        else:
+            kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
+            start, unit = _measured(kinematics, scene, effect.joint)
+            deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
+        for key, end, depth in (
+            ("lower", effect.lower, (effect.lower or 0.0) - start),
+            ("upper", effect.upper, start - (effect.upper or 0.0)),
+        ):
+            if end is not None and depth > 1e-9 * deepest:
+                make = refusal if depth > deepest else doubt
+                yield make(
+                    f"effects.{name}.{key}",
+                    f"{effect.joint} starts at {start:.4g} {unit}, {depth:.3g} {unit} beyond this stop, which throws it "
+                    "back; move the stop or the start (simulation.initial)",
+                    end,
+                )
+
+
+def _measured(kinematics: RigidKinematics, scene: Scene, joint: str) -> tuple[float, str]:
+    """Return the angle or displacement of a joint at the start, and its unit."""
+    start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
+    mechanism = kinematics.mechanism
+    q = mechanism.place(kinematics.poses([start]))[:, 0]
+    connection = mechanism.connection(joint)
+    a, b = (side.frame_of_node(q) for side in connection.sides)
+    if isinstance(connection.joint, PointOnLine):
+        return float(connection.joint.line(a)[0] @ (b - a)[:2]), "m"
+    return float(b[2] - a[2]), "rad"

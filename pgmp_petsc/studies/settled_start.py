@@ -1,0 +1,40 @@
+"""What is said of runs that start from static equilibrium."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
+from pgmp_petsc.runtime.remarks import Remark, note, warning
+
+
+def require_settled(system: SecondOrderSystem) -> None:
+    """Refuse a single run that has no static equilibrium to start from; its system is closed then.
+
+    Raises
+    ------
+    InputError
+        With the reason.
+    """
+    if system.settled is not None and system.settled.reasons:
+        system.close()
+        system.settled.require()
+
+
+def start_remarks(system: SecondOrderSystem) -> tuple[Remark, ...]:
+    """Return where runs start from static equilibrium, and whether they will stay there."""
+    settled = system.settled
+    if settled is None:
+        return ()
+    places = ", ".join(f"{name} = {value:.6g} rad" for name, value in zip(settled.names, settled.theta[0]))
+    if not settled.free:
+        return (note(f"the run starts from static deformation with coordinates held at {places}, and lets them go"),)
+    remarks = [note(f"the run starts from static equilibrium at {places}")]
+    if np.any(settled.unstable):
+        remarks.append(
+            warning(
+                f"the static equilibrium at {places} is unstable: the smallest disturbance, round-off too, makes the "
+                "mechanism leave it; begin elsewhere (simulation.initial) to find the one that it falls to"
+            )
+        )
+    return tuple(remarks)

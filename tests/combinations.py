@@ -1,0 +1,222 @@
+"""Every feature with every kind of mechanism and every command, on tiny scenes: it works, or is refused by name.
+
+``python tests/combinations.py [KIND] [FEATURE]`` tries all of them and prints what each came to.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import traceback
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from spatial import SLIDER_CRANK as IN_SPACE
+from spatial import bar
+from two_coordinates import DOUBLE_PENDULUM
+
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.effect_sizes import estimate_effects
+from pgmp_petsc.studies.modes_table import tabulate_modes
+from pgmp_petsc.studies.settled_step import settle_step
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import SLIDER_CRANK, meshes_of
+
+BEAM = 'element = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
+SOLID = 'element = "solid2d"\nmaterial = "steel"\nthickness = 0.01'
+COEFFICIENTS = '{shape="coefficients",axial=2e7,shear=6e6,bending=160.0,line_density=0.77,rotary_density=6e-6}'
+
+
+def _bare(text: str) -> str:
+    """Return a scene without effects and settings."""
+    start = text.find("[effects.")
+    return text if start < 0 else text[:start] + text[text.index("[reduction]") :]
+
+
+PARAMETER = "[parameters.r1]\nnominal = 5.6e-3\ndistribution = { name = \"norm\", loc = 5.6e-3, scale = 1e-4 }\n"
+PLANE = _bare(SLIDER_CRANK).replace("[parameters.r1]\nnominal = 5.6e-3\nunit = \"m\"\n", PARAMETER)
+ROD = 'mesh = "0.3:1.0:5"\nelement = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = 5.6e-3 }'
+ROD_OF_CELLS = f'mesh = "0.3:1.0:4"\n{SOLID}'
+SPATIAL = PARAMETER + _bare(IN_SPACE)
+
+#: A scene of every kind of mechanism; joints crank_hinge and elbow (shoulder and elbow of two coordinates).
+KINDS = {
+    "beams": PLANE,
+    "two coordinates": PARAMETER + _bare(DOUBLE_PENDULUM),
+    "cells in the plane": PLANE.replace(BEAM, SOLID).replace(ROD, ROD_OF_CELLS),
+    "mixture": PLANE.replace(ROD, ROD_OF_CELLS),
+    "solids in space": SPATIAL,
+    "rigid crank in space": SPATIAL.replace('mesh = "0.0:0.3:2"', 'mesh = "0.0:0.3:2"\nflexible = false'),
+    "all rigid in space": SPATIAL.replace('material = "steel"', 'material = "steel"\nflexible = false'),
+    "all rigid in the plane": PLANE.replace('material = "steel"', 'material = "steel"\nflexible = false'),
+}
+#: What asks for every feature; {drive} is the first joint, {last} the last body, {theta} the first coordinate.
+FEATURES = {
+    "nothing": (),
+    "torque": ('effects.x={{type="torque",joint="{drive}",table=[[0.0,0.0],[1.0,1.0]],scale="strength"}}',),
+    "force": ('effects.x={{type="force",point="{last}:tip",direction={down},table=[[0.0,0.1],[1.0,1.0]]}}',),
+    "force that follows": (
+        'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',
+    ),
+    "force towards": ('effects.x={{type="force",point="{last}:tip",towards="ground:origin",harmonic='
+                      "{{amplitude=1.0,frequency_hz=3.0}}}}",),  # fmt: skip
+    "gravity": ('effects.x={{type="gravity",direction={down}}}',),
+    "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
+    "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
+    "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),
+    "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),
+    "stop": ('effects.x={{type="end_stop",joint="{drive}",lower=-0.5,upper=0.7,stiffness=1e3,damping=0.1}}',),
+    "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
+    "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
+    "prescribed motion": (
+        'effects.x={{type="prescribed_motion",coordinate="{theta}",spin_up={{speed=2.0,time=0.5}}}}',
+    ),
+    "stiffening": ('effects.x={{type="geometric_stiffening"}}', 'effects.y={{type="mode_inertia"}}'),
+    "gyroscopic": ('effects.x={{type="gyroscopic",keep=false}}',),
+    "second order": ("reduction.second_order=true",),
+    "sampling tolerance": ("reduction.sampling_tolerance=0.5", 'reduction.interpolation="spline"'),
+    "static modes": ("reduction.static_modes=true", "reduction.inertia_modes=true", 'effects.x={{type="gravity",'
+                     "direction={down}}}"),  # fmt: skip
+    "step by tolerance": ("simulation.tolerance=0.05",),
+    "no error indicator": ("simulation.error_indicator=false",),
+    "equilibrium": ("initial.equilibrium=true", 'effects.x={{type="gravity",direction={down}}}'),
+    "free equilibrium": ("initial.equilibrium=true", 'initial.coordinates="free"',
+                         'effects.x={{type="gravity",direction={down}}}'),  # fmt: skip
+    "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
+    "section scale": ('bodies.{last}.section_scale="width"',),
+    "placement": ("bodies.{first}.placement={{origin={origin}}}",),
+    "rigid first body": ("bodies.{first}.flexible=false",),
+}
+TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",
+        "simulation.frames=2", "ensemble.checked_share=1.0")  # fmt: skip
+
+
+def meshes_for(scene: Scene) -> dict:
+    """Return the meshes of lines and bars that a scene's entries ``mesh`` describe."""
+    meshes = {}
+    for name, body in scene.bodies.items():
+        if body.continuum:
+            first, last, n = body.mesh.split(":")
+            meshes[name] = bar(float(first), float(last), int(n), scene.dimension)
+        else:
+            only = scene.model_copy(update={"bodies": {name: body}})
+            meshes[name] = meshes_of(only)[name]
+    return meshes
+
+
+def scene_of(kind: str, feature: str) -> Scene:
+    """Return the scene of a kind of mechanism with a feature; raises `InputError` where the scene refuses it."""
+    text = KINDS[kind]
+    bare = scene_from_toml(text.replace('"r1"', "5.6e-3"), ".", TINY)
+    bodies, joints = list(bare.bodies), list(bare.joints)
+    space = bare.dimension == 3
+    words = {
+        "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
+        "mesh": bare.bodies[bodies[0]].mesh, "coefficients": COEFFICIENTS,
+        "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
+    }  # fmt: skip
+    asked = tuple(entry.format(**words) for entry in FEATURES[feature])
+    extra = []
+    if any("strength" in entry for entry in asked):
+        extra.append('parameters.strength={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
+    if any('"width"' in entry for entry in asked):
+        extra.append('parameters.width={nominal=1.0,distribution={name="uniform",loc=0.9,scale=0.2}}')
+    outputs = (f'outputs.angle={{type="angle",joint="{joints[0]}"}}',
+               f'outputs.place={{type="position",point="{bodies[-1]}:tip",axis="x"}}')  # fmt: skip
+    if feature == "placement":
+        outputs = ()
+    elif "step" in feature:
+        outputs = outputs[:1]
+    return scene_from_toml(text, ".", (*TINY, *extra, *asked, *outputs))
+
+
+def _build(scene: Scene, meshes: Mapping, cache: dict):
+    check_capabilities(scene, Purpose.BUILD, meshes)
+    if "rom" not in cache:
+        cache["rom"] = build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    return cache["rom"]
+
+
+def _reduced(scene: Scene, meshes: Mapping, cache: dict, ensemble: bool = False) -> ReducedModel:
+    rom = _build(scene, meshes, cache)
+    check_capabilities(scene, Purpose.REDUCED)
+    return settle_step(ReducedModel(scene, rom), MPI.COMM_SELF, ensemble)[0]
+
+
+def _full(scene: Scene, meshes: Mapping, ensemble: bool = False) -> FullModel:
+    check_capabilities(scene, Purpose.FULL, meshes)
+    return settle_step(FullModel(scene, meshes), MPI.COMM_SELF, ensemble)[0]
+
+
+def _sizes(scene: Scene, meshes: Mapping, cache: dict) -> object:
+    check_capabilities(scene, Purpose.SIZES, meshes)
+    return estimate_effects(scene, meshes).lines()
+
+
+def _modes(scene: Scene, meshes: Mapping, cache: dict) -> object:
+    check_capabilities(scene, Purpose.MODES, meshes)
+    return tabulate_modes(scene, meshes, None, 4, RankGroup.split(MPI.COMM_SELF, 1))
+
+
+def _ensemble(model: FullModel | ReducedModel) -> object:
+    with tempfile.TemporaryDirectory() as directory:
+        found = run_ensemble(model, Plan(2, 1, Path(directory) / "e.h5", False), MPI.COMM_SELF)
+    for name, values in found.outputs.items():
+        assert np.all(np.isfinite(values[found.status == 0])), name
+    return found
+
+
+#: Commands as functions of scene, meshes and what earlier ones made.
+COMMANDS: dict[str, Callable] = {
+    "check": lambda scene, meshes, cache: describe_scene(scene, meshes),
+    "check --effects": _sizes,
+    "build": _build,
+    "modes": _modes,
+    "simulate": lambda scene, meshes, cache: simulate_reduced(_reduced(scene, meshes, cache), MPI.COMM_SELF),
+    "simulate --full": lambda scene, meshes, cache: simulate_full(_full(scene, meshes), MPI.COMM_SELF),
+    "montecarlo": lambda scene, meshes, cache: _ensemble(_reduced(scene, meshes, cache, True)),
+    "montecarlo --full": lambda scene, meshes, cache: _ensemble(_full(scene, meshes, True)),
+}
+
+
+def outcome(kind: str, feature: str, commands: tuple[str, ...] = tuple(COMMANDS)) -> dict[str, str]:
+    """Return what every command came to: ``fine``, ``refused: ...``, ``failed: ...``, or a traceback."""
+    found, cache = {}, {}
+    for command in commands:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                scene = scene_of(kind, feature)
+                COMMANDS[command](scene, meshes_for(scene), cache)
+                found[command] = "fine"
+            except InputError as error:
+                found[command] = f"refused: {error}"
+            except RunError as error:
+                found[command] = f"failed: {error}"
+            except BaseException as error:  # noqa: BLE001
+                if isinstance(error, KeyboardInterrupt):
+                    raise
+                last = traceback.extract_tb(error.__traceback__)[-1]
+                found[command] = f"TRACEBACK {type(error).__name__}: {error} ({last.filename}:{last.lineno})"
+    return found
+
+
+if __name__ == "__main__":
+    for a_kind in KINDS if len(sys.argv) < 2 or sys.argv[1] == "all" else [sys.argv[1]]:
+        for a_feature in FEATURES if len(sys.argv) < 3 else [sys.argv[2]]:
+            results = outcome(a_kind, a_feature)
+            bad = {c: r for c, r in results.items() if r.startswith(("TRACE", "failed"))}
+            refused = sorted({r for r in results.values() if r.startswith("refused")})
+            n_fine = sum(r == "fine" for r in results.values())
+            print(f"{a_kind} / {a_feature}: {n_fine} fine; {refused} {bad or ''}", flush=True)

@@ -1,0 +1,130 @@
+"""A run that a scheduler ends: one line says what is kept, the exit status is the signal's, no rank is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import MPI_ENVIRONMENT, ROOT, SCRIPTS, TIMEOUT_SECONDS
+
+from pgmp_petsc.runtime.signals import ENDING, ending_on_signals, keep, keep_no_longer, what_is_kept
+
+KEPT = "what was finished is kept in '{}'; the same command with --resume goes on from there"
+# s from mpirun's SIGTERM to its SIGKILL, usually one: too little for a message where the machine is busy
+UNHURRIED = {"OMPI_MCA_odls_base_sigkill_timeout": "5"}
+NOTHING = "no part of an unfinished result is kept; start it again"
+
+
+@contextmanager
+def waiting(n: int, *arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Start the command that waits on n ranks, and give it when it does."""
+    launch = ("mpirun", "-n", str(n)) if n > 1 else ()
+    paths = os.pathsep.join(filter(None, [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH")]))
+    job = subprocess.Popen(
+        [*launch, sys.executable, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
+        env=os.environ | MPI_ENVIRONMENT | UNHURRIED | {"PYTHONPATH": paths},
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        assert job.stdout.readline() == "waiting\n", job.communicate()
+        yield job
+    finally:
+        if job.poll() is None:
+            os.killpg(job.pid, signal.SIGKILL)
+            job.wait()
+
+
+def ended(job: subprocess.Popen[str], number: signal.Signals) -> tuple[int, list[str]]:
+    """Send a signal; return the exit status and the program's own lines."""
+    job.send_signal(number)
+    _, err = job.communicate(timeout=TIMEOUT_SECONDS)
+    assert "Traceback" not in err
+    return job.returncode, [line for line in err.splitlines() if line.startswith("pgmp: ")]
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_run_that_is_ended_says_so(number: signal.Signals) -> None:
+    with waiting(1) as job:
+        assert ended(job, number) == (128 + number, [f"pgmp: stopped by {number.name}: {NOTHING}"])
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_rank_that_waits_in_mpi_says_what_is_kept(tmp_path: Path, number: signal.Signals) -> None:
+    output = tmp_path / "many.h5"
+    with waiting(3, output) as job:
+        status, lines = ended(job, number)
+    # mpirun passes the second one on; of the first it makes a status of its own
+    assert status == (138 if number == signal.SIGUSR1 else 1)
+    assert lines == [f"pgmp: stopped by {number.name}: {KEPT.format(f'{output}.partial')}"]
+    assert (tmp_path / "many.h5.partial" / "piece.npz").exists()
+
+
+def test_one_rank_that_is_ended_ends_all(tmp_path: Path) -> None:
+    with waiting(3, tmp_path / "many.h5") as job:
+        ranks = Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()
+        os.kill(int(ranks[-1]), signal.SIGTERM)
+        _, err = job.communicate(timeout=TIMEOUT_SECONDS)
+    # mpirun ends the others; a second SIGTERM of its does not make a second message
+    assert job.returncode == 143 and err.count("pgmp: stopped by") <= 1 and "Traceback" not in err
+
+
+def test_an_interrupted_run_says_what_is_kept(tmp_path: Path) -> None:
+    with waiting(1, tmp_path / "many.h5") as job:
+        status, lines = ended(job, signal.SIGINT)
+    assert (status, lines) == (130, [f"pgmp: interrupted: {KEPT.format(tmp_path / 'many.h5.partial')}"])
+
+
+def test_handlers_are_put_back() -> None:
+    before = [signal.getsignal(number) for number in ENDING]
+    threads = threading.active_count()
+    with ending_on_signals(0):
+        assert [signal.getsignal(number) for number in ENDING] != before
+        # other handlers work as before, and their signals end nothing
+        came: list[int] = []
+        usual = signal.signal(signal.SIGUSR2, lambda number, _: came.append(number))
+        os.kill(os.getpid(), signal.SIGUSR2)
+        time.sleep(0.05)
+        signal.signal(signal.SIGUSR2, usual)
+        assert came == [signal.SIGUSR2]
+    assert [signal.getsignal(number) for number in ENDING] == before and threading.active_count() == threads
+
+
+def test_a_signal_that_is_ignored_stays_so() -> None:
+    before = signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    try:
+        with ending_on_signals(0):
+            os.kill(os.getpid(), signal.SIGUSR1)
+            time.sleep(0.05)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+def test_other_threads_leave_handlers_alone() -> None:
+    seen: list[object] = []
+
+    def work() -> None:
+        with ending_on_signals(0):
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.getsignal(signal.SIGTERM)]
+
+
+def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
+    assert what_is_kept() == NOTHING
+    keep(tmp_path)
+    try:
+        assert what_is_kept() == KEPT.format(tmp_path)
+    finally:
+        keep_no_longer(tmp_path)
+    assert what_is_kept() == NOTHING

@@ -1,0 +1,108 @@
+"""A four-bar of slender beams: the linear reduced model is wrong by some ten per cent, and that of second order stops.
+
+Both say so, with what to do, where the run is made, in its file and in `pgmp info`.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import rom_of
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.scene import Scene, load_scene
+from pgmp_petsc.studies.effect_sizes import estimate_effects, remarks_on_sizes
+from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+SCENE = Path(__file__).with_name("press_linkage.toml")
+SECOND_ORDER = ('effects.stiffening={type="geometric_stiffening"}', 'effects.changing={type="mode_inertia"}')
+
+
+def scene_of(*overrides: str) -> Scene:
+    return load_scene(SCENE, overrides, ())
+
+
+@lru_cache(maxsize=1)
+def linear() -> Trajectory:
+    return simulate_reduced(ReducedModel(scene_of(), rom_of(scene_of())), MPI.COMM_SELF)
+
+
+def warnings_of(trajectory: Trajectory) -> str:
+    return "\n".join(remark.text for remark in trajectory.record.remarks if remark.kind == "warning")
+
+
+def test_the_linear_model_errs_and_warns() -> None:
+    """Figures are worth what the warning says: the stiffness changes by a share, and bending by more than a fifth."""
+    run = linear()
+    full = simulate_full(FullModel(scene_of(), rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    ours, exact = (np.max(np.abs(r.outputs["coupler_bending"])) for r in (run, full))
+    late = run.time > 0.45
+    difference = np.max(np.abs(run.outputs["coupler_bending"] - full.outputs["coupler_bending"])[late])
+    assert run.status == full.status == 0 and full.validity == {}
+    assert difference > 0.2 * max(ours, exact), "otherwise this is no hard case"
+    assert run.validity["stiffness_gained"] > 0.2
+    text = warnings_of(run)
+    assert "the effect geometric_stiffening, which the model leaves out, changes the stiffness" in text
+    assert "name it in [effects] and build again" in text
+    assert any("effects.damper (joint_damping) is a local force" in remark.text for remark in run.record.remarks)
+
+
+def test_the_change_of_stiffness_is_that_of_the_size_check() -> None:
+    """The rigid mechanism's run gives the largest share at a few instants, the reduced run that at others."""
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    sizes = {size.kind: size.share for size in estimate_effects(scene, meshes).sizes}
+    found = max(abs(linear().validity[name]) for name in ("stiffness_gained", "stiffness_lost"))
+    assert 0.5 < found / sizes["geometric_stiffening"] < 2.0
+    texts = [str(remark) for remark in remarks_on_sizes(scene, meshes)]
+    assert any(text.startswith("warning: the scene leaves out geometric_stiffening") for text in texts)
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the file of the run of second order, which stops."""
+    folder = tmp_path_factory.mktemp("press")
+    rom_of(scene_of(*SECOND_ORDER)).write(folder / "rom.h5")
+    with pytest.raises(SystemExit) as end:
+        main(["simulate", str(folder / "rom.h5"), "-o", str(folder / "run.h5")])
+    assert end.value.code == 1
+    return folder / "run.h5"
+
+
+def test_the_model_of_second_order_stops_and_keeps_its_part(
+    stopped: Path, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    part, full = Trajectory.read(stopped), linear()
+    assert part.status == Status.BROKE_DOWN and 0.3 < part.time[-1] < 0.5
+    assert all(np.isfinite(values).all() for values in part.outputs.values())
+    assert part.frames.time[-1] <= part.time[-1] and len(part.frames.time) > 10
+    np.testing.assert_array_equal(part.time, full.time[: part.time.size])
+    why = part.record.remarks[0].text
+    for words in (Status.BROKE_DOWN.meaning, "is indefinite from 0.4", "smaller steps do not help", "--full"):
+        assert words in why
+    pictures, scenery = ("plot", stopped, "-o", tmp_path), ("export", stopped, "-o", tmp_path / "x.xdmf")
+    for command in (("info", stopped), pictures, scenery):
+        main_ends_well(*command)
+        assert f"warning: {why}" in capfd.readouterr().out
+
+
+def main_ends_well(*command: object) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in command])
+    assert not end.value.code
+
+
+def test_a_full_order_run_that_fails_keeps_its_part_too() -> None:
+    """A torque that no step of this length follows."""
+    scene = scene_of("effects.motor.table=[[0.0, 0.0], [0.02, 0.0], [0.021, 1e9]]", "simulation.duration=0.1")
+    run = simulate_full(FullModel(scene, rom_of(scene_of()).meshes), MPI.COMM_SELF)
+    assert run.status in (Status.NOT_CONVERGED, Status.NOT_FINITE) and 0.01 < run.time[-1] < 0.1
+    assert run.record.remarks[0].text.startswith("full simulation stopped at 0.0")
+    assert Status(run.status).cure in run.record.remarks[0].text

@@ -1,0 +1,138 @@
+"""More ranks than angles, bodies, samples and results: every command ends, with the result of one rank.
+
+The commands run one after the other in one start of MPI. That this process ends is part of the test: ranks that had no
+work must not leave the others waiting at the end of PETSc.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from runs import IN_TURN, PGMP, overridden
+
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.trajectory import Trajectory
+
+BEAMS, SOLIDS = (str(ROOT / "scenes" / f"{name}.toml") for name in ("slider_crank", "slider_crank_solid2d"))
+FEW = overridden("reduction.modes=3", "reduction.angles=4", "simulation.duration=0.01", "simulation.step=1e-3")
+SHORT = overridden("simulation.duration=0.003", "simulation.step=1e-3")
+
+
+def commands(folder: Path, n_ranks: int) -> list[list[str]]:
+    """Return commands with fewer angles, bodies, samples and results than ranks; pairs of ranks share an angle."""
+    pairs = ["--ranks-per-angle", "2"] if n_ranks > 1 else []
+
+    def to(name: str) -> list[str]:
+        return ["-o", str(folder / name)]
+
+    rom, trajectory = str(folder / "rom.h5"), str(folder / "reduced.h5")
+    return [
+        ["modes", BEAMS, *FEW, *to("modes.h5")],
+        ["modes", SOLIDS, *FEW, *pairs, *to("solid_modes.h5")],
+        ["build", BEAMS, *FEW, *to("rom.h5")],
+        ["build", BEAMS, *FEW, *pairs, *to("pairs.h5")],
+        ["build", SOLIDS, *FEW, *to("solid_rom.h5")],
+        ["simulate", rom, *to("reduced.h5")],
+        ["simulate", BEAMS, "--full", *SHORT, *to("full.h5")],
+        ["simulate", SOLIDS, "--full", *SHORT, *to("solid_full.h5")],
+        ["montecarlo", rom, "-n", "1", *to("one.h5")],
+        ["montecarlo", rom, "-n", "3", *to("three.h5")],
+        ["montecarlo", BEAMS, "--full", *SHORT, "-n", "2", *to("full_samples.h5")],
+        ["check", BEAMS],
+        ["check", BEAMS, "--effects", *SHORT],
+        ["check", SOLIDS, "--trial"],
+        ["info", trajectory],
+        ["plot", trajectory, *to("pictures")],
+        ["export", trajectory, *to("shapes.xdmf")],
+    ]
+
+
+def run_in_turn(mpirun: Callable, n: int, wanted: list[list[str]]) -> tuple[list, subprocess.CompletedProcess[str]]:
+    """Run commands on n ranks; return the statuses of all ranks for each, and what was printed."""
+    done = mpirun(n, "-c", IN_TURN, json.dumps(wanted))
+    assert "Traceback" not in done.stderr, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")], done
+
+
+@pytest.fixture(scope="module")
+def folder(mpirun: Callable, tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+    """Return a function that gives the results of a number of ranks."""
+
+    def made_by(n: int) -> Path:
+        if n not in made:
+            made[n] = tmp_path_factory.mktemp(f"ranks_{n}")
+            wanted = commands(made[n], n)
+            statuses, done = run_in_turn(mpirun, n, wanted)
+            assert statuses == [[0] * n] * len(wanted), f"{done.stdout}\n{done.stderr}"
+        return made[n]
+
+    made: dict[int, Path] = {}
+    return made_by
+
+
+def close(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> None:
+    """Check results to 1e-7 of the largest value: the eigensolver's round-off, 1e-9 of a basis, over a short run."""
+    assert found.keys() == expected.keys() and expected
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-7 * np.abs(values).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("name", ["modes.h5", "solid_modes.h5"])
+def test_frequencies_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
+    one, several = (ModesTable.read(folder(ranks) / name).full_hz for ranks in (1, n))
+    np.testing.assert_allclose(several, one, rtol=1e-8)
+
+
+@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("name", ["rom.h5", "pairs.h5", "solid_rom.h5"])
+def test_models_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
+    one, several = (ReducedOrderModel.read(folder(ranks) / name).frequencies_hz for ranks in (1, n))
+    np.testing.assert_allclose(several, one, rtol=1e-8)
+
+
+@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("name", ["reduced.h5", "full.h5", "solid_full.h5"])
+def test_runs_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
+    close(Trajectory.read(folder(n) / name).outputs, Trajectory.read(folder(1) / name).outputs)
+
+
+@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("name", ["one.h5", "three.h5", "full_samples.h5"])
+def test_samples_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
+    close(Ensemble.read(folder(n) / name).outputs, Ensemble.read(folder(1) / name).outputs)
+
+
+@pytest.mark.parametrize("n", [5])
+def test_pictures_and_shapes_are_there(folder: Callable, n: int) -> None:
+    assert (folder(n) / "shapes.xdmf").exists() and list((folder(n) / "pictures").glob("*.png"))
+
+
+def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None:
+    """Each command in a start of its own: nothing of another one may help it to end."""
+    modes, samples = tmp_path / "modes.h5", tmp_path / "three.h5"
+    mpirun(7, *PGMP, "modes", BEAMS, *FEW, "-o", modes)
+    np.testing.assert_allclose(ModesTable.read(modes).full_hz, ModesTable.read(folder(1) / "modes.h5").full_hz, rtol=1e-8)
+    mpirun(7, *PGMP, "montecarlo", folder(1) / "rom.h5", "-n", 3, "-o", samples)
+    close(Ensemble.read(samples).outputs, Ensemble.read(folder(1) / "three.h5").outputs)
+
+
+def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
+    """Bad input, found by all ranks and by those with work alone, and a run that fails."""
+    wanted = [
+        ["simulate", str(tmp_path / "missing.h5"), "-o", str(tmp_path / "none.h5")],
+        ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), "-o", str(tmp_path / "none.h5")],
+        ["simulate", BEAMS, "--full", *SHORT, *overridden("simulation.step=1.5e-3", "effects.motor.table=[[0,0],[1,1e30]]"),
+         "-o", str(tmp_path / "none.h5")],
+    ]
+    statuses, done = run_in_turn(mpirun, 5, wanted)
+    assert statuses == [[2] * 5, [2] * 5, [1] * 5], done.stderr
+    assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == 3

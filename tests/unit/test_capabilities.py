@@ -1,0 +1,72 @@
+"""What every feature needs, and that every command compares it with its scene."""
+
+from __future__ import annotations
+
+import pytest
+from combinations import KINDS, TINY, meshes_for
+from conftest import ROOT
+from mpi4py import MPI
+
+from pgmp_petsc.mechanism.capabilities import FEATURES, Purpose, check_capabilities
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.inputs import read_scene
+
+#: What asks for each feature that an entry of a scene asks for.
+ASKING = {
+    "terms of second order": ("reduction.second_order=true",),
+    "adaptive sampling": ("reduction.sampling_tolerance=0.1", 'reduction.interpolation="spline"'),
+    "choice of the reduction by a tolerance": ("reduction.tolerance=0.1",),
+    "choice of the step by a tolerance": ("simulation.tolerance=0.1",),
+    "choice of effects": ('reduction.effects="auto"',),
+    "stiffness by loads, inertia of changing modes": ('effects.x={type="mode_inertia"}',
+                                                      'effects.y={type="geometric_stiffening"}'),
+    "stiffness by loads": ('effects.x={type="mode_inertia"}', 'effects.y={type="geometric_stiffening"}'),
+    "damping of the modes of continuum bodies": ('effects.x={type="structural_damping",ratios=[0.01]}',),
+}  # fmt: skip
+
+
+def scene_of(kind: str, *overrides: str) -> Scene:
+    return scene_from_toml(KINDS[kind], ".", (*TINY, *overrides))
+
+
+@pytest.mark.parametrize("feature", [f for f in FEATURES if f.name in ASKING], ids=lambda feature: feature.name)
+@pytest.mark.parametrize("purpose", list(Purpose))
+def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose: Purpose) -> None:
+    asked = ASKING[feature.name]
+    check_capabilities(scene_of("beams", *asked), purpose)
+    commands = (Purpose.SIZES, Purpose.TRADEOFF)  # they take no such mechanism, whatever the scene asks for
+    for kind, refused in (("two coordinates", feature.one_coordinate), ("cells in the plane", feature.beams_only)):
+        scene = scene_of(kind, *asked)
+        if refused and purpose in feature.purposes:
+            with pytest.raises(InputError, match=r"(effects|reduction|simulation)\..*(beams|coordinate) only"):
+                check_capabilities(scene, purpose)
+        elif not any(other.name != feature.name and purpose in other.purposes and list(other.entries(scene))
+                     for other in FEATURES) and purpose not in commands:  # fmt: skip
+            check_capabilities(scene, purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK, Purpose.BUILD, Purpose.TRADEOFF])
+def test_the_step_of_several_coordinates_is_not_chosen_by_a_tolerance(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match="simulation.tolerance = 0.01: for one rigid coordinate only.*left, right"):
+        read_scene(ROOT / "scenes" / "five_bar.toml", ["simulation.tolerance=1e-2"], [], MPI.COMM_SELF, purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK])
+def test_the_step_of_rigid_mechanisms_is_not_chosen_by_a_tolerance(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match="simulation.tolerance = 0.1: .* but all are rigid; leave it out, and give"):
+        check_capabilities(scene_of("all rigid in the plane", "simulation.tolerance=0.1"), purpose)
+
+
+@pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF])
+def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
+    with pytest.raises(InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"):
+        check_capabilities(scene_of("all rigid in the plane"), purpose)
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_every_kind_of_mechanism_is_described(kind: str) -> None:
+    scene = scene_of(kind)
+    lines = describe_scene(scene, meshes_for(scene)).splitlines()
+    assert ("nothing to reduce" in "\n".join(lines)) == kind.startswith("all rigid")

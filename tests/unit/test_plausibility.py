@@ -1,0 +1,164 @@
+"""Nonsense: entries that cannot be meant are refused, entries that probably are not get a warning; each by its name."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.studies.inputs import read_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = ROOT / "scenes" / "slider_crank.toml"
+EFFECTS = ROOT / "scenes" / "slider_crank_effects.toml"
+SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
+DRIVEN = ROOT / "scenes" / "spinning_beam.toml"
+R1 = "parameters.r1.distribution"
+STOP = 'effects.stop={type="end_stop", joint="crank_hinge", stiffness=100.0, '
+Q = 'parameters.q={nominal=0.1, distribution='
+
+#: Overrides of a scene, the entry that is named, and words of the reason; each is refused.
+REFUSED = {
+    # a crank 11 m thick and 0.3 m long
+    "thicker than long": (SCENE, ["parameters.r1={nominal=5.6}"], "parameters.r1.nominal", "longer than thick"),
+    "thick rod": (SCENE, ["bodies.rod.section.radius=11"], "bodies.rod.section.radius", "22 m thick and 0.7 m long"),
+    "wide rod": (SCENE, ['bodies.rod.section={shape="rectangle", width=2.0, height=0.01}'],
+                 "bodies.rod.section.width", "longer than thick"),
+    "radius beyond numbers": (SCENE, ["bodies.rod.section.radius=1e100"], "bodies.rod.section.radius", "1e+30"),
+    "radius below numbers": (SCENE, ["bodies.rod.section.radius=1e-200"], "bodies.rod.section.radius", "1e-30"),
+    "one step": (SCENE, ["simulation.step=1.0"], "simulation.step", "one step for the whole run"),
+    "1e9 steps": (SCENE, ["simulation.step=1e-9"], "simulation.step", "1e+09 steps"),
+    "endless": (SCENE, ["simulation.duration=1e18"], "simulation.step", "simulation.duration = 1e+18"),
+    "torque of 1e12 Nm": (SCENE, ["effects.motor.table=[[0.0, 0.0], [1.0, 1e12]]"], "effects.motor.table",
+                          "faster than light"),
+    "torque by its scale": (SCENE, ["effects.motor.scale=1e12"], "effects.motor.table", "faster than light"),
+    "force of 1e12 N": (SCENE, ['effects.f={type="force", point="rod:tip", direction=[1, 0], '
+                                'harmonic={amplitude=1e13, frequency_hz=1.0}}'], "effects.f.harmonic", "faster than light"),
+    "start faster than light": (SCENE, ["simulation.initial.theta.velocity=1e10"], "simulation.initial.theta.velocity",
+                                "faster than light"),
+    "start beyond numbers": (SCENE, ["simulation.initial.theta.position=1e300"], "simulation.initial.theta.position", "1e+30"),
+    "start at 1e9 rad": (SCENE, ["simulation.initial.theta.position=1e9"], "simulation.initial.theta.position",
+                         "within 1,000,000 rad"),
+    "negative damping": (SCENE, ['effects.d={type="joint_damping", joint="elbow", coefficient=-1.0}'],
+                         "effects.d.coefficient", "not negative"),
+    "negative damping by a parameter": (
+        SCENE, ['effects.d={type="joint_damping", joint="elbow", coefficient="q"}', "parameters.q={nominal=-1.0}"],
+        "parameters.q.nominal", "must not be negative"),
+    "negative damper": (SCENE, ['effects.d={type="spring_damper", joint="elbow", damping=-1.0}'], "effects.d.damping",
+                        "not negative"),
+    "negative friction": (EFFECTS, ['parameters.friction={nominal=-1.0, unit="N"}'], "parameters.friction.nominal",
+                          "not be negative"),
+    "negative distance": (EFFECTS, ["effects.buffer.rest=-0.6"], "effects.buffer.rest", "not negative"),
+    "in a stop by 99 rad": (SCENE, [STOP + "lower=99.0}"], "effects.stop.lower", "99 rad beyond"),
+    "in a stop by 99 m": (EFFECTS, ["effects.bumper.upper=-99"], "effects.bumper.upper", "m beyond this stop"),
+    "1e18 angles": (SCENE, [f"reduction.angles={10**18}"], "reduction.angles", "at most 1,000,000"),
+    "1e18 elements": (SCENE, [f'bodies.rod={{line={{length=0.7, elements={10**18}}}, element="beam2d", material="steel", '
+                              'section={shape="circle", radius=5e-3}}'], "bodies.rod.line.elements", "at most 100,000"),
+    "1e18 modes": (SCENE, [f"reduction.modes={10**18}"], "reduction.modes", "at most 10,000"),
+    "bins of 1e11": (SCENE, [f"ensemble.bins={10**11}"], "ensemble.bins", "at most 1,000,000"),
+    "batch of 1e12": (SCENE, [f"ensemble.batch={10**12}"], "ensemble.batch", "at most 1,000,000"),
+    "frames": (SCENE, [f"simulation.frames={10**9}"], "simulation.frames", "at most 1,000,000"),
+    "tables of terabytes": (SCENE, ["reduction.angles=1000000", "reduction.modes=5000"], "reduction.angles", "GB"),
+    "range of 1,000 rad": (SCENE, ["coordinates.theta={joint='crank_hinge', range=[0.0, 1000.0]}"], "coordinates.theta.range",
+                           "159.2 turns"),
+    "loose body": (SCENE, ["bodies.spare={line={length=1.0, elements=2}, element='beam2d', material='steel', "
+                           "section={shape='circle', radius=0.01}}"], "bodies.spare", "no joint connects it"),
+    "nominal in another unit": (SCENE, ['materials.steel.E="q"', 'parameters.q={nominal=210, unit="Pa", '
+                                        'distribution={name="norm", loc=210e9, scale=10e9}}'], "parameters.q.nominal",
+                                "is one of them in another unit"),
+    "unit of the distribution": (SCENE, ['materials.steel.E="q"', 'parameters.q={nominal=210, unit="GPa", '
+                                         'distribution={name="norm", loc=210e9, scale=10e9}}'], "parameters.q.nominal",
+                                 "unit"),
+    "radius in pascal": (SCENE, ['parameters.r1.unit="Pa"'], "parameters.r1.unit", "needs m"),
+    "radius and modulus": (SCENE, ['materials.steel.E="r1"'], "parameters.r1", "different quantities"),
+}  # fmt: skip
+
+#: Overrides of a scene, the entry that is named, and words of the reason; each gives a warning.
+WARNED = {
+    "E = 210": (SCENE, ["materials.steel.E=210"], "materials.steel.E", "waves run through steel"),
+    "E = 210e12": (SCENE, ["materials.steel.E=210e12"], "materials.steel.E", "waves run"),
+    "E of a parameter": (SCENE, ['materials.steel.E="q"', "parameters.q={nominal=210.0}"], "parameters.q.nominal", "waves run"),
+    "density 7.8": (SCENE, ["materials.steel.rho=7.8"], "materials.steel.rho", "steel has 7800"),
+    "density 7.8e6": (SCENE, ["materials.steel.rho=7.8e6"], "materials.steel.rho", "25,000 kg/m3"),
+    "negative nu": (SCENE, ["materials.steel.nu=-0.3"], "materials.steel.nu", "negative"),
+    "nearly incompressible": (SOLID, ["materials.steel.nu=0.4999"], "materials.steel.nu", "too stiff"),
+    "stout crank": (SCENE, ["parameters.r1={nominal=0.05}"], "parameters.r1.nominal", "3 times as long as thick"),
+    "stout rigid crank": (SCENE, ["parameters.r1={nominal=0.3}", "bodies.crank.flexible=false"], "parameters.r1.nominal",
+                          "0.6 m thick and 0.3 m long"),
+    "thick plate": (SOLID, ["bodies.rod.thickness=10.0"], "bodies.rod.thickness", "thicker than its length"),
+    "9,999 elements": (SCENE, ['bodies.rod={line={length=0.7, elements=1001}, element="beam2d", material="steel", '
+                               'section={shape="circle", radius=5.6e-3}}'], "bodies.rod.line.elements", "digits"),
+    "radii out of bounds": (SCENE, [R1 + ".scale=0.1"], "parameters.r1.bounds", "% of its distribution lies beyond"),
+    "radii below zero": (SCENE, ["parameters.r1={nominal=5.6e-3, distribution={name='norm', loc=5.6e-3, scale=5e-3}}"],
+                         "parameters.r1.distribution", "below 0"),
+    "nominal outside": (SCENE, ["parameters.r1={nominal=5.6e-3, distribution={name='norm', loc=8e-3, scale=1e-4}}"],
+                        "parameters.r1.nominal", "lies outside its distribution"),
+    "parameter unused": (SCENE, ["parameters.q={nominal=1.0}"], "parameters.q", "nothing uses it"),
+    "material unused": (SCENE, ["materials.wood={E=1e10, nu=0.3, rho=600.0}"], "materials.wood", "no body is made of it"),
+    "ground point unused": (SCENE, ["ground.points.far=[1.0, 2.0]"], "ground.points.far", "nothing is attached"),
+    "no outputs": (SCENE, ["outputs={}"], "outputs", "reports nothing"),
+    "two gravities": (SCENE, ['effects.a={type="gravity"}', 'effects.b={type="gravity", direction=[1, 0]}'], "effects.b",
+                      "second gravity"),
+    "gravity upwards": (SCENE, ['effects.a={type="gravity", acceleration=-9.81}'], "effects.a.acceleration", "negative"),
+    "gravity in mm": (SCENE, ['effects.a={type="gravity", acceleration=9810}'], "effects.a.acceleration", "ten times"),
+    "no gravity": (SCENE, ['effects.a={type="gravity", acceleration=0.0}'], "effects.a.acceleration", "leave it out"),
+    "twice the same": (SCENE, ['effects.again={type="torque", joint="crank_hinge", '
+                               "table=[[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]}"], "effects.again", "the same as effects.motor"),
+    "table after the run": (SCENE, ["effects.motor.table=[[5.0, 0.0], [6.0, 1.0]]"], "effects.motor.table",
+                            "after the run's end"),
+    "table before the run": (SCENE, ["effects.motor.table=[[-2.0, 0.0], [-1.0, 1.0]]"], "effects.motor.table", "before"),
+    "table that never acts": (SCENE, ["effects.motor.table=[[0.0, 0.0], [2.0, 0.0], [3.0, 1.0]]"], "effects.motor.table",
+                              "never acts"),
+    "table of zeros": (SCENE, ["effects.motor.table=[[0.0, 0.0], [1.0, 0.0]]"], "effects.motor.table", "zero in all"),
+    "scale of zero": (SCENE, ["effects.motor.scale=0.0"], "effects.motor.scale", "zero"),
+    "torque of 1e4 Nm": (SCENE, ["effects.motor.scale=1e4"], "effects.motor.table", "if nothing holds it"),
+    "heavy point": (SCENE, ['effects.m={type="point_mass", point="rod:tip", mass=1e6}'], "effects.m.mass", "1,000 times"),
+    "negative spring": (SCENE, ['effects.s={type="spring_damper", joint="elbow", stiffness=-1.0}'], "effects.s.stiffness",
+                        "away from its rest"),
+    "rigid spring": (SCENE, ['effects.s={type="spring_damper", joint="elbow", stiffness=1e20}'], "effects.s.stiffness",
+                     "so stiff"),
+    "overdamped": (SCENE, ['effects.d={type="structural_damping", stiffness=1.0}'], "effects.d.stiffness", "critical"),
+    "overdamped by mass": (SCENE, ['effects.d={type="structural_damping", mass=1e6}'], "effects.d.mass", "critical"),
+    "in a stop": (SCENE, [STOP + "lower=0.1}"], "effects.stop.lower", "0.1 rad beyond"),
+    "few steps": (SCENE, ["simulation.step=0.2"], "simulation.step", "only 5 steps"),
+    "coarse steps": (SCENE, ["simulation.step=0.02"], "simulation.step", "bends with about"),
+    "1e8 steps": (SCENE, ["simulation.step=1.1e-8"], "simulation.step", "steps to simulation.duration"),
+    "fast start": (SCENE, ["simulation.initial.theta.velocity=1e5"], "simulation.initial.theta.velocity", "rad/s"),
+    "many turns": (SCENE, ["simulation.initial.theta.position=10000.0"], "simulation.initial.theta.position", "1,000 turns"),
+    "driven fast": (DRIVEN, ["effects.motor.spin_up.speed=1e4"], "effects.motor.spin_up.speed", "speeds are in rad/s"),
+    "range of nothing": (SCENE, ["coordinates.theta={joint='crank_hinge', range=[0.0, 1e-6]}"], "coordinates.theta.range",
+                         "hardly a range"),
+    "large tables": (SCENE, ["reduction.angles=100000", "reduction.modes=29", "reduction.second_order=true"],
+                     "reduction.angles", "GB"),
+}  # fmt: skip
+
+
+def test_there_are_many() -> None:
+    assert len(REFUSED) + len(WARNED) >= 55
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name: str) -> None:
+    scene, overrides, entry, words = REFUSED[name]
+    with pytest.raises(InputError) as caught:
+        read_scene(scene, overrides, (), MPI.COMM_SELF)
+    lines = [line for line in str(caught.value).splitlines() if line.startswith((f"{entry} = ", f"{entry}: "))]
+    assert lines and words in lines[0], str(caught.value)
+
+
+@pytest.mark.parametrize("name", WARNED)
+def test_warned(name: str) -> None:
+    scene, overrides, entry, words = WARNED[name]
+    remarks = read_scene(scene, overrides, (), MPI.COMM_SELF)[0].remarks
+    lines = [r.text for r in remarks if r.text.startswith((f"{entry} = ", f"{entry}: "))]
+    assert lines and words in lines[0], remarks
+    assert all(remark.kind == "warning" for remark in remarks)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenes_make_sense(path: Path) -> None:
+    assert tomllib.loads(path.read_text(encoding="utf-8"))
+    assert read_scene(path, (), (), MPI.COMM_SELF)[0].remarks == ()

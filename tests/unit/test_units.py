@@ -1,0 +1,121 @@
+"""Units of parameters: converted where they are compatible with what uses the parameter, refused where not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import load_scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.scene.units import SI, measure
+
+SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
+MILLIMETRES = (
+    'parameters.r1={nominal=5.6, unit="mm", bounds=[1, 12], '
+    'distribution={name="norm", loc=5.6, scale=0.56}, value=6}'
+)
+
+
+def with_parameter(unit: str, entry: str, *more: str, nominal: float = 70.0) -> dict[str, float]:
+    """Return nominal value and unit of a parameter of this unit that stands for an entry."""
+    scene = load_scene(SLIDER_CRANK, [f'parameters.q={{nominal={nominal}, unit="{unit}"}}', *more, f'{entry}="q"'])
+    return scene.parameters["q"].nominal, scene.parameters["q"].unit
+
+
+def test_all_numbers_of_a_parameter_are_converted() -> None:
+    scene = load_scene(SLIDER_CRANK, [MILLIMETRES])
+    given = scene.parameters["r1"]
+    assert (given.nominal, given.unit, given.bounds, given.value) == (5.6e-3, "m", (1e-3, 12e-3), 6e-3)
+    assert given.distribution.arguments == {"loc": 5.6e-3, "scale": 0.56e-3}
+    assert given.distribution == load_scene(SLIDER_CRANK).parameters["r1"].distribution
+
+
+def test_the_resolved_scene_is_in_si_units() -> None:
+    scene = load_scene(SLIDER_CRANK, [MILLIMETRES])
+    text = scene_to_toml(scene)
+    assert "mm" not in text
+    assert scene_from_toml(text, SLIDER_CRANK.parent) == scene
+
+
+def test_set_is_in_si_units() -> None:
+    assert load_scene(SLIDER_CRANK, [MILLIMETRES], ["r1=5e-3"]).values["r1"] == 5e-3
+
+
+def test_shape_parameters_have_no_unit() -> None:
+    law = 'parameters.r1={nominal=5.6, unit="mm", distribution={name="lognorm", s=0.1, scale=5.6}}'
+    assert load_scene(SLIDER_CRANK, [law]).parameters["r1"].distribution.arguments == {"s": 0.1, "scale": 5.6e-3}
+
+
+def test_the_default_scale_is_one_of_the_unit() -> None:
+    law = 'parameters.r1={nominal=5.6, unit="mm", distribution={name="uniform", loc=5}}'
+    assert load_scene(SLIDER_CRANK, [law]).parameters["r1"].distribution.arguments == {"loc": 5e-3, "scale": 1e-3}
+
+
+SPRING = 'effects.s={type="spring_damper", joint="crank_hinge", stiffness="q"}'
+SLIDING = 'effects.s={type="spring_damper", joint="slider", stiffness="q"}'
+DAMPER = 'effects.s={type="joint_damping", joint="crank_hinge", coefficient="q"}'
+
+
+@pytest.mark.parametrize(
+    ("unit", "entry", "more", "value", "si"),
+    [
+        ("GPa", "materials.steel.E", (), 70e9, "Pa"),
+        ("N/mm2", "materials.steel.E", (), 70e6, "Pa"),
+        ("g/cm3", "materials.steel.rho", (), 70e3, "kg/m3"),
+        ("t/m^3", "materials.steel.rho", (), 70e3, "kg/m3"),
+        ("in", "bodies.rod.section.radius", (), 70 * 0.0254, "m"),
+        ("kNm", "effects.motor.scale", (), 70e3, "N m"),
+        ("percent", "effects.motor.scale", (), 0.7, "1"),
+        ("N mm/deg", "effects.s.stiffness", (SPRING,), 0.07 * 180 / 3.141592653589793, "N m"),
+        ("Nm/rad", "effects.s.stiffness", (SPRING,), 70.0, "Nm/rad"),
+        ("kN/m", "effects.s.stiffness", (SLIDING,), 70e3, "N/m"),
+        ("N*m*s", "effects.s.coefficient", (DAMPER,), 70.0, "N*m*s"),
+        ("", "effects.s.coefficient", (DAMPER,), 70.0, ""),
+    ],
+)
+def test_compatible_units(unit: str, entry: str, more: tuple[str, ...], value: float, si: str) -> None:
+    found, label = with_parameter(unit, entry, *more)
+    assert found == pytest.approx(value, rel=1e-15) and label == si
+
+
+@pytest.mark.parametrize(
+    ("unit", "entry", "more", "words"),
+    [
+        ("GPa", "bodies.rod.section.radius", (), ("bodies.rod.section.radius uses it", "needs m")),
+        ("m", "materials.steel.E", (), ("materials.steel.E uses it", "needs Pa")),
+        ("N/m", "effects.s.stiffness", (SPRING,), ("effects.s.stiffness", "N m/rad")),
+        ("Nm/rad", "effects.s.stiffness", (SLIDING,), ("effects.s.stiffness", "N/m")),
+        ("N", "effects.motor.scale", (), ("effects.motor.scale", "1 (no unit) or N m")),
+        ("Mpa", "materials.steel.E", (), ("no such unit", "did you mean 'MPa'?")),
+        ("kelvin", "materials.steel.E", (), ("[temperature]",)),
+        ("m**9**9**9", "materials.steel.E", (), ("a unit such as",)),
+        ("__import__('os')", "materials.steel.E", (), ("a unit such as",)),
+        ("m" * 1000, "materials.steel.E", (), ("a unit such as",)),
+        ("/", "materials.steel.E", (), ("a unit such as",)),
+    ],
+)
+def test_other_units_are_refused(unit: str, entry: str, more: tuple[str, ...], words: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as caught:
+        with_parameter(unit, entry, *more)
+    message = str(caught.value)
+    assert message.startswith(f'parameters.q.unit = "{unit[:40]}') and all(word in message for word in words), message
+
+
+def test_one_parameter_for_two_quantities() -> None:
+    with pytest.raises(InputError, match=r"^parameters\.r1: materials\.steel\.E \(Pa\) and .* different quantities"):
+        load_scene(SLIDER_CRANK, ['materials.steel.E="r1"', "parameters.r1={nominal=1e9}"])
+
+
+@pytest.mark.parametrize("unit", SI)
+def test_si_units_as_the_library_has_them(unit: str) -> None:
+    """The table of SI units against pint, which reads each as a product with a factor of 1."""
+    assert measure(f"{unit}*1") == (1.0, SI[unit])
+
+
+def test_si_units_need_no_library() -> None:
+    script = f"import sys\nfrom pgmp_petsc.scene import load_scene\nload_scene({str(SLIDER_CRANK)!r})\nprint('pint' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

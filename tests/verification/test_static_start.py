@@ -1,0 +1,202 @@
+"""Runs that start from static equilibrium, against closed forms, between the models, and over time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
+
+BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
+    "modes = 2\nangles = 6", 'modes = 5\nangles = 24\nstatic_modes = true\ninterpolation = "spectral"'
+)
+GRAVITY = '\n[effects.weight]\ntype = "gravity"\n'
+RUN = "\n[simulation]\nduration = 0.1\nstep = 1e-3\nspectral_radius = 1.0\n"
+LINK = SLIDER_CRANK.replace('"0.3:1.0:5"', '"0.3:1.0:16"').replace("angles = 24", "angles = 24\nstatic_modes = true")
+LINK = LINK[: LINK.index("[effects.motor]")] + LINK[LINK.index("[reduction]") :]
+HINGED = (
+    '\n[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 4.0\ndamping = 0.1\nrest = 0.3\n'
+)
+
+
+def scene_of(text: str, coordinates: str | None, start: float = 0.0, more: str = "") -> Scene:
+    name = "theta" if "coordinates.theta" in text else "phi"
+    initial = "" if coordinates is None else f'\n[initial]\nequilibrium = true\ncoordinates = "{coordinates}"\n'
+    text += GRAVITY + more + initial + RUN + f"[simulation.initial.{name}]\nposition = {start}\n"
+    return scene_from_toml(text, ".")
+
+
+_ROMS: dict[str, object] = {}
+
+
+def reduced_of(scene: Scene, text: str) -> ReducedModel:
+    """Return the reduced model; one for all starts of a mechanism."""
+    effects = text + ",".join(scene.effects)
+    if effects not in _ROMS:
+        held = scene.model_copy(update={"initial": scene_of(BAR, "held").initial})
+        _ROMS[effects] = build_rom(held, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    return ReducedModel(scene, _ROMS[effects])
+
+
+def settled_frames(model: FullModel | ReducedModel) -> np.ndarray:
+    """Return the frames of all nodes at the start, shape (n_nodes, 3)."""
+    system = model.batch({name: np.array([value]) for name, value in model.scene.values.items()}, 1)
+    state = system.start()
+    return (model.frames_of(state.q) if isinstance(model, ReducedModel) else system.frames(state))[..., 0]
+
+
+def both(scene: Scene, text: str) -> list[FullModel | ReducedModel]:
+    return [FullModel(scene, meshes_of(scene)), reduced_of(scene, text)]
+
+
+def test_a_held_bar_bends_under_its_weight_as_a_cantilever_does() -> None:
+    line_load = STEEL["rho"] * np.pi * 5e-3**2 * 9.81
+    stiffness = STEEL["E"] * np.pi * 5e-3**4 / 4
+    for model in both(scene_of(BAR, "held"), BAR):
+        frames = settled_frames(model)
+        # 1e-4: shear makes it longer by 2e-4 of (r / L)^2; large deflections shorter by the square of 0.7 %
+        np.testing.assert_allclose(frames[-1, 1], -line_load / (8 * stiffness), rtol=1e-4)
+        np.testing.assert_allclose(frames[0, 2], 0.0, atol=1e-11)
+
+
+def test_a_link_between_two_hinges_bends_as_a_beam_on_two_supports() -> None:
+    length, area = 0.7, np.pi * RADIUS**2
+    line_load, stiffness = STEEL["rho"] * area * 9.81, STEEL["E"] * np.pi * RADIUS**4 / 4
+    sag = 5 * line_load * length**4 / (384 * stiffness)
+    text = LINK.replace(":16", ":64")
+    for model in both(scene_of(text, "held"), text):
+        rod = settled_frames(model)[-65:, 1]
+        # elements: 1.5 / n^2 = 4e-4 (n = 16: 6e-3); shear: 10 EI / (k_s G A L^2) = 4e-4 to the other side
+        np.testing.assert_allclose(0.5 * (rod[0] + rod[-1]) - rod[32], sag, rtol=1e-3)
+
+
+@pytest.mark.parametrize("start", [0.3, -1.2, 3.0])
+def test_a_free_pendulum_hangs_straight_down_and_stays_there(start: float) -> None:
+    for model in both(scene_of(BAR, "free", start), BAR):
+        system = model.batch({}, 1)
+        down = system.settled.theta[0, 0] + np.pi / 2
+        np.testing.assert_allclose(down, 2 * np.pi * np.rint(down / (2 * np.pi)), atol=1e-10)
+        assert not system.settled.unstable[0]
+        run = integrate(system, model.scene.simulation)
+        # what is left of round-off of the forces: nothing rings (held at 0 rad, it falls at 1 m/s by then)
+        assert run.status[0] == Status.FINE
+        assert np.max(np.abs(run.state.v)) < 1e-8
+        assert np.max(np.abs(run.state.q - system.start().q)) < 1e-10
+
+
+def test_a_pendulum_on_its_head_is_said_to_be_unstable() -> None:
+    for model in both(scene_of(BAR, "free", np.pi / 2), BAR):
+        assert model.batch({}, 1).settled.unstable[0]
+    trajectory = simulate_reduced(reduced_of(scene_of(BAR, "free", np.pi / 2), BAR), MPI.COMM_SELF)
+    assert [r.kind for r in trajectory.record.remarks if "unstable" in r.text] == ["warning"]
+
+
+def test_a_spring_holds_free_coordinates_where_its_torque_balances_the_weight() -> None:
+    scene = scene_of(BAR, "free", 0.2, HINGED)
+    mass = STEEL["rho"] * np.pi * 5e-3**2
+    theta = 0.0
+    for _ in range(50):  # of the rigid bar: 4 (theta - 0.3) = - m g L / 2 cos(theta)
+        theta -= (4 * (theta - 0.3) + 0.5 * mass * 9.81 * np.cos(theta)) / (4 - 0.5 * mass * 9.81 * np.sin(theta))
+    full, reduced = (model.batch({}, 1).settled.theta[0, 0] for model in both(scene, BAR))
+    # the bar bends by 0.7 % of its length: the weight's arm changes by its square and by the turn of the load
+    assert abs(full - theta) < 2e-3
+    # the reduced coordinate is the mean turn of the bar, not that of its hinge, which is compared elsewhere
+    frames = settled_frames(reduced_of(scene, BAR))
+    np.testing.assert_allclose(frames[0, 2], full, atol=2e-4)
+    assert abs(reduced - full) < 2e-2
+
+
+def test_reduced_and_full_deformation_agree_anywhere() -> None:
+    for start in (0.7, 2.0, 4.4):
+        full, reduced = (settled_frames(model) for model in both(scene_of(LINK, "held", start), LINK))
+        undeformed = scene_of(LINK, None, start)
+        bent = np.max(np.abs(full - settled_frames(FullModel(undeformed, meshes_of(undeformed)))))
+        assert np.max(np.abs(full - reduced)) < 0.02 * bent
+
+
+def test_samples_settle_each_for_itself() -> None:
+    scene = scene_of(LINK, "held", 0.4)
+    radii = np.array([4e-3, 5.6e-3, 7e-3])
+    for model in both(scene, LINK):
+        together = model.batch({"r1": radii}, 3)
+        for k, radius in enumerate(radii):
+            alone = model.batch({"r1": np.array([radius])}, 1)
+            np.testing.assert_array_equal(together.settled.unknowns[:, k], alone.settled.unknowns[:, 0])
+
+
+def test_energy_is_kept_from_the_strain_at_the_start_on() -> None:
+    scene = scene_of(LINK, "held", 0.4)
+    full, reduced = both(scene, LINK)
+    found = simulate_full(full, MPI.COMM_SELF).balance, simulate_reduced(reduced, MPI.COMM_SELF).balance
+    for balance in found:
+        assert balance.strain[0] > 0.0 and balance.kinetic[0] == 0.0
+        total = balance.kinetic + balance.strain + balance.potential
+        # trapezoidal rule over a step of 1 ms while the bent crank, let go, swings back
+        assert np.max(np.abs(total - total[0])) < 2e-2 * np.ptp(balance.potential)
+    np.testing.assert_allclose(found[1].strain[0], found[0].strain[0], rtol=0.02)
+
+
+def test_the_resolved_scene_keeps_the_start() -> None:
+    scene = scene_of(BAR, "free", 0.1)
+    assert scene_from_toml(scene_to_toml(scene), ".").initial == scene.initial
+
+
+def test_a_torque_that_nothing_holds_is_refused_with_what_it_leaves() -> None:
+    motor = '\n[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 50.0], [1.0, 50.0]]\n'
+    scene = scene_of(BAR, "free", 0.0, motor)
+    with pytest.raises(InputError, match=r'initial.coordinates = "free".*no static equilibrium.*N m on phi.*"held"'):
+        simulate_full(FullModel(scene, meshes_of(scene)), MPI.COMM_SELF)
+    model = reduced_of(scene, BAR)
+    with pytest.raises(InputError, match='take coordinates = "held"'):
+        simulate_reduced(model, MPI.COMM_SELF)
+    run = integrate(model.batch({}, 2), scene.simulation)
+    assert (run.status == Status.NO_EQUILIBRIUM).all() and (run.failure_time == 0.0).all()
+
+
+def test_a_start_at_rest_with_a_velocity_is_refused() -> None:
+    text = BAR + "[initial]\nequilibrium = true\n[simulation.initial.phi]\nvelocity = 3.0\n"
+    with pytest.raises(InputError, match="simulation.initial.phi.velocity.*starts at rest"):
+        scene_from_toml(text, ".")
+    scene_from_toml(text.replace("3.0", "0.0"), ".")
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('[initial]\ncoordinates = "free"\n', "initial.coordinates.*equilibrium = true"),
+        ("[initial]\nequilibrium = 1\n", "initial.equilibrium"),
+        ('[initial]\nequilibrium = true\ncoordinates = "loose"\n', "initial.coordinates.*held.*free"),
+        ("[initial]\nequilibrum = true\n", "initial.equilibrum.*equilibrium"),
+    ],
+)
+def test_entries_of_initial_are_checked(entry: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        scene_from_toml(BAR + entry, ".")
+
+
+def test_a_prescribed_motion_holds_its_coordinate_only_if_it_begins_at_rest() -> None:
+    motion = '\n[effects.drive]\ntype = "prescribed_motion"\ncoordinate = "phi"\n'
+    text = BAR + GRAVITY + RUN + "[initial]\nequilibrium = true\n" + motion
+    moving = scene_from_toml(text + "constant_speed = { speed = 2.0 }\n", ".")
+    with pytest.raises(InputError, match="effects.drive: it moves phi at 2 rad/s at time zero"):
+        FullModel(moving, meshes_of(moving))
+    resting = scene_from_toml(text + "spin_up = { speed = 2.0, time = 0.1, start = 0.5 }\n", ".")
+    system = FullModel(resting, meshes_of(resting)).batch({}, 1)
+    np.testing.assert_allclose(system.settled.theta, 0.5)
+
+
+def test_no_loads_leave_the_mechanism_where_it_is() -> None:
+    text = BAR + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n[simulation.initial.phi]\nposition = 0.7\n'
+    scene = scene_from_toml(text, ".")
+    system = FullModel(scene, meshes_of(scene)).batch({}, 1)
+    np.testing.assert_allclose(system.settled.theta, 0.7)
+    assert not system.settled.reasons and not system.settled.unstable[0]
