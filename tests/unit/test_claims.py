@@ -14,6 +14,7 @@ from pathlib import Path
 
 import h5py
 import pytest
+from conftest import TIMEOUT_SECONDS
 import synthetic
 from mpi4py import MPI
 
@@ -251,7 +252,7 @@ def test_of_many_successors_one_at_a_time_has_the_lock(tmp_path: Path, holder: s
     others = [subprocess.Popen([sys.executable, "-c", COMPETE, tmp_path / "f.h5"]) for _ in range(4)]
     time.sleep(1.0)
     holder.kill()
-    assert [process.wait(timeout=300) for process in others] == [0, 0, 0, 0]
+    assert [process.wait(timeout=TIMEOUT_SECONDS) for process in others] == [0, 0, 0, 0]
     assert not any(tmp_path.iterdir())
 
 
