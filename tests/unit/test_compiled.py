@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT_SECONDS
 
 SCRIPT = """
 import sys
@@ -45,7 +45,7 @@ def run(module: Path, *arguments: object, **environment: str) -> subprocess.Pope
 def printed(module: Path, **environment: str) -> str:
     """Return what one process printed; it must end well."""
     process = run(module, 3, **environment)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=TIMEOUT_SECONDS)
     assert process.returncode == 0 and err == "", err
     return out.strip()
 
@@ -95,7 +95,7 @@ def test_on_a_full_disk(module: Path) -> None:
 def test_processes_that_compile_at_once(module: Path) -> None:
     started = [run(module, k) for k in range(4)]
     for k, process in enumerate(started):
-        out, err = process.communicate(timeout=300)
+        out, err = process.communicate(timeout=TIMEOUT_SECONDS)
         assert (process.returncode, out.split()[:2]) == (0, [str(2 * k), "1.0"]), err
     assert printed(module).startswith("6 1.0 ")
 
