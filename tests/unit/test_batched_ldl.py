@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pgmp_petsc.dynamics.batched_ldl import LANES, Symbolic, analyse, factorise, substitute
+from pgmp_petsc.dynamics.batched_ldl import Symbolic, analyse, factorise, substitute
+from pgmp_petsc.dynamics.lanes import LANES
 
 
 def saddle_points(seed: int, n: int = 17, n_constraints: int = 5) -> tuple[np.ndarray, np.ndarray]:
