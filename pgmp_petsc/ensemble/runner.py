@@ -26,7 +26,7 @@ from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.watchers import ErrorWatcher, Found, ValidityWatcher, Watcher, together
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
+from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
@@ -173,9 +173,9 @@ def _remarks(
     model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
-    if not isinstance(model, ReducedModel):
-        return ()
     scene = model.scene
+    if not isinstance(model, ReducedModel):
+        return why_not_of_full_order(scene)
     remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
     chosen = checked(scene.ensemble.checked_share, 0, status.size) & (status == Status.FINE)
     if estimates["errors"]:

@@ -53,6 +53,19 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     return ()
 
 
+def why_not_of_full_order(scene: Scene) -> tuple[Remark, ...]:
+    """Return that the errors of full-order runs are not estimated, and what measures them."""
+    cure = "pgmp tradeoff measures those of the reduced one and of the step"
+    if any(body.continuum for body in scene.bodies.values()):
+        cure = "compare with a finer mesh and a smaller simulation.step"
+    return (
+        note(
+            "errors of mesh and time step were not estimated: the full-order model is what reduced runs are compared "
+            f"with; {cure}"
+        ),
+    )
+
+
 def _absent(reason: str) -> Remark:
     return note(f"errors were not estimated: {reason}; {CURE}")
 

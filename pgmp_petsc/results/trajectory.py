@@ -2,7 +2,8 @@
 
 Layout of the file (kind ``trajectory``; root attributes ``model``: ``full`` or ``reduced``, and ``status``: 0 where the
 run reached its end, else the number of the reason (`dynamics.status`) for which it stopped. The file then holds the run
-up to there, and a remark says why):
+up to there, and a remark says why; ``steps_divided``: by what the scene's step was divided, as a run that fails is
+integrated again with smaller steps):
 
 ============================= ==================== ========================================================
 dataset                       shape                content
@@ -116,6 +117,8 @@ class Trajectory:
         By the names of `VALIDITY`; of the reduced model.
     status : int
         0 where the run reached its end; see the module.
+    steps_divided : int
+        By what the scene's step was divided.
     balance : Balance, optional
         Balance of energy.
     """
@@ -133,6 +136,7 @@ class Trajectory:
     balance: Balance | None = None
     validity: dict[str, float] = field(default_factory=dict)
     status: int = 0
+    steps_divided: int = 1
 
     def __post_init__(self) -> None:
         n_times = len(self.time)
@@ -146,7 +150,7 @@ class Trajectory:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        with write_file(path, "trajectory", {"model": self.model, "status": self.status}) as file:
+        with write_file(path, "trajectory", self._attributes()) as file:
             self.record.write(file)
             put(file, "time", self.time, "s", "time")
             put_named(file, "outputs", self.outputs, self.units, "output '{name}' over time")
@@ -163,6 +167,9 @@ class Trajectory:
                 put(file, f"validity/{name}", float(value), *VALIDITY[name])
             if self.balance is not None:
                 self.balance.write(file)
+
+    def _attributes(self) -> dict[str, str | int]:
+        return {"model": self.model, "status": self.status, "steps_divided": self.steps_divided}
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Trajectory:
@@ -184,6 +191,7 @@ class Trajectory:
                 balance=Balance.read(file),
                 validity={name: float(take(file["validity"], name, 0)) for name in file.get("validity", {})},
                 status=int(file.attrs.get("status", 0)),
+                steps_divided=int(file.attrs.get("steps_divided", 1)),
             )
 
 

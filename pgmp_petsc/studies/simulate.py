@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated
+from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -22,7 +24,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import first_ranks
-from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
@@ -69,95 +71,202 @@ def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
     return trajectory
 
 
+@dataclass(frozen=True)
+class _Part:
+    """What one attempt at a run computed, up to its end or its failure.
+
+    Attributes
+    ----------
+    run
+        Its end. An instant whose state or outputs are no finite numbers is a failure.
+    attempt
+        What was integrated.
+    time
+        Instants that were computed, shape (n_t,), s; the first one always.
+    outputs
+        Frames of the outputs' nodes at these, shape (n_nodes, n_frame, n_t).
+    recorded
+        What else the model keeps of them.
+    """
+
+    run: Run
+    attempt: Attempt
+    time: np.ndarray
+    outputs: np.ndarray
+    recorded: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        model: FullModel | ReducedModel,
+        done: Run,
+        attempt: Attempt,
+        times: list[float],
+        outputs: np.ndarray,
+        **recorded: Any,
+    ) -> _Part:
+        """Take in a run with its records: arrays and lists of one entry an instant, or fewer."""
+        time = np.array(times)
+        with np.errstate(all="ignore"):
+            known = [outputs, *model.outputs.evaluate(outputs).values()]
+        known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
+        finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
+        if done.status[0] != Status.FINE:
+            # a time is a sum of steps: round-off must not keep the failed one
+            finite &= time < done.failure_time[0] - 1e-6 * attempt.simulation.step
+        kept = time.size if finite.all() else int(np.argmin(finite))
+        if done.status[0] == Status.FINE and kept < time.size:
+            done = replace(done, status=np.array([Status.NOT_FINITE]), failure_time=time[kept : kept + 1])
+        kept = max(1, kept)
+        recorded = {name: values[:kept] for name, values in recorded.items()}
+        return cls(done, attempt, time[:kept], outputs[..., :kept], recorded)
+
+    @property
+    def reach(self) -> float:
+        """Time up to which the run is fine, s; infinite where it is all of it."""
+        return np.inf if self.run.status[0] == Status.FINE else float(self.run.failure_time[0])
+
+    @property
+    def shown(self) -> list[int]:
+        """Steps at which the whole mechanism is stored."""
+        return [step for step in sorted(frame_steps(self.attempt.simulation)) if step < self.time.size]
+
+
+def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple[_Part, list[Remark]]:
+    """Integrate, again with smaller steps where that fails; return what was fine, or went furthest, and what to say."""
+    best: list[_Part] = []
+    first: list[Run] = []
+
+    def run(attempt: Attempt) -> Run:
+        part = once(attempt)
+        first[:] = first or [part.run]
+        if not best or part.reach > best[0].reach:
+            best[:] = [part]
+        return part.run
+
+    tried = int(integrate_with_smaller_steps(run, simulation, np.ones(1, dtype=bool)).divisors[0])
+    part, step = best[0], f"simulation.step = {simulation.step:g} s"
+    status, divisor = Status(first[0].status[0]), part.attempt.divisor
+    if tried == 1:
+        return part, []
+    if part.run.status[0] == Status.FINE:
+        what = f"with {step} the run stopped at {first[0].failure_time[0]:.6g} s ({status.meaning})"
+        cure = f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine; the step is large for it"
+        return part, [note(f"{what}; {cure}")]
+    kept = f"what was computed with {'it' if divisor == 1 else f'1/{divisor} of it'} went furthest and is kept"
+    return part, [note(f"the run was tried with steps down to 1/{tried} of {step} before it was given up; {kept}")]
+
+
 def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajectory | None:
     timings = Timings()
-    simulation, values = model.scene.simulation, model.scene.values
-    wanted = frame_steps(simulation)
-    times, histories, measured, frames, energies = [], [], [], [], []
-    with timings.phase("assembly"):
-        system = model.distributed(values, comm)
-        require_settled(system)
-    with system, timings.phase("integration"), progress(count_steps(*_span(simulation)), "full-order", comm) as bar:
+    started: list[Remark] = []
 
-        def record(step: int, time: float, state: State) -> None:
-            every = model.frames(system, state)
-            times.append(time)
-            energies.append(system.energies(time, state))
-            histories.append(every[list(model.outputs.nodes)])
-            measured.append(_coordinates(model, every))
-            if step in wanted:
-                frames.append(every[..., 0])
-            bar.update(step > 0)
+    def once(attempt: Attempt) -> _Part:
+        simulation = attempt.simulation
+        wanted = frame_steps(simulation)
+        times, histories, measured, frames, energies = [], [], [], [], []
+        with timings.phase("assembly"):
+            system = model.distributed(model.scene.values, comm)
+            require_settled(system)
+        with system, timings.phase("integration"), _progress("full-order", attempt, comm) as bar:
+            started[:] = start_remarks(system)
 
-        run = integrate(system, simulation, observer=record)
+            def record(step: int, time: float, state: State) -> None:
+                every = model.frames(system, state)
+                times.append(time)
+                energies.append(system.energies(time, state))
+                histories.append(every[list(model.outputs.nodes)])
+                measured.append(_coordinates(model, every))
+                if step in wanted:
+                    frames.append(every[..., 0])
+                bar.update(step > 0)
+
+            done = integrate(system, simulation, observer=record)
+        outputs = np.concatenate(histories, axis=-1)
+        return _Part.of(
+            model, done, attempt, times, outputs, coordinates=np.array(measured), energies=energies, frames=frames
+        )
+
+    part, steps = _furthest(once, model.scene.simulation)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None
-    mechanism = model.kinematics.mechanism
-    kept = _computed(times, run, simulation)
-    time, shown = np.array(times[:kept]), [step for step in sorted(wanted) if step < kept]
-    stored = np.array(frames[: len(shown)])
-    stored = stored.reshape(len(shown), mechanism.n_nodes, -1 if shown else mechanism.space.n_pose)
+    space, recorded = model.kinematics.mechanism.space, part.recorded
+    frames = np.array(recorded["frames"][: len(part.shown)])
+    frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     return Trajectory(
-        coordinates=np.array(measured[:kept]),
-        balance=balance_of(time, energies[:kept]),
+        coordinates=recorded["coordinates"],
+        balance=balance_of(part.time, recorded["energies"]),
         **_described(
-            model, run, time, np.concatenate(histories[:kept], axis=-1), stored, time[shown], n_ranks, timings,
-            (*_why_stopped(model, run, ""), *start_remarks(system)),
+            model, part, frames, n_ranks, timings, (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started)
         ),
     )
 
 
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
-    simulation = model.scene.simulation
-    times, etas, energies = [], [], []
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    system = model.batch(values, 1)
-    require_settled(system)
-    watched = ErrorIndicator(model).watch(values, np.array([0])) if is_indicated(model.scene) else None
-    validity = Validity(model, system, values, simulation)
-    with timings.phase("integration"), progress(count_steps(*_span(simulation)), "reduced", comm) as bar:
+    indicator = ErrorIndicator(model) if is_indicated(model.scene) else None
 
-        def record(step: int, time: float, state: State) -> None:
-            times.append(time)
-            etas.append(state.q[0].copy())
-            energies.append(system.energies(time, state))
-            validity.observe(step, time, state)
-            if watched is not None:
-                watched.observe(step, time, state)
-            bar.update(step > 0)
+    def once(attempt: Attempt) -> _Part:
+        simulation = attempt.simulation
+        times, etas, energies = [], [], []
+        system = model.batch(values, 1)
+        require_settled(system)
+        watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
+        validity = Validity(model, system, values, simulation)
+        with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
 
-        run = integrate(system, simulation, observer=record)
-    kept = _computed(times, run, simulation)
-    time, eta = np.array(times[:kept]), np.array(etas[:kept])
-    wanted = [step for step in sorted(frame_steps(simulation)) if step < kept]
+            def record(step: int, time: float, state: State) -> None:
+                times.append(time)
+                etas.append(state.q[0].copy())
+                energies.append(system.energies(time, state))
+                validity.observe(step, time, state)
+                if watched is not None:
+                    watched.observe(step, time, state)
+                bar.update(step > 0)
+
+            done = integrate(system, simulation, observer=record)
+        with timings.phase("projection"), np.errstate(all="ignore"):
+            outputs = model.output_frames_of(np.array(etas))
+        part = _Part.of(model, done, attempt, times, outputs, eta=np.array(etas), energies=energies)
+        watches = {"watched": watched, "validity": validity, "started": start_remarks(system)}
+        return replace(part, recorded={**part.recorded, **watches})
+
+    part, steps = _furthest(once, model.scene.simulation)
+    eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
+    watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
-        frames = np.moveaxis(model.frames_of(eta[wanted]), 2, 0)
-        outputs = model.output_frames_of(eta)
-    remarks, estimate, n_theta = [], None, model.kinematics.n_coordinates
-    if run.status[0] != Status.FINE:
-        remarks += _why_stopped(model, run, lost_definiteness(model, values, time, eta))
+        frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
+    remarks, estimate = [], None
+    if status[0] != Status.FINE:
+        reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
+        remarks += [*_why_stopped(model, part, reason), *steps]
         remarks.append(note("errors were not estimated: the run stopped before its end"))
     elif watched is not None:
         with timings.phase("errors"):
-            estimate = watched.estimate(run.status)
-        remarks += _not_estimated(estimate)
+            estimate = watched.estimate(status)
+        remarks += [*steps, *_not_estimated(estimate)]
     else:
-        remarks += absence_of_estimates(model.scene)
+        remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     described = _described(
-        model, run, time, outputs, frames, time[wanted], comm.size, timings,
-        (*remarks, *start_remarks(system), *remarks_of(model.scene, found)),
-    )
+        model, part, frames, comm.size, timings,
+        (*remarks, *part.recorded["started"], *remarks_of(model.scene, found)),
+    )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
-        balance=with_weights(balance_of(time, energies[:kept]), model, eta[0]),
+        balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,
         **described,
     )
+
+
+def _progress(name: str, attempt: Attempt, comm: MPI.Comm) -> Progress:
+    again = "" if attempt.divisor == 1 else f", steps 1/{attempt.divisor}"
+    return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
 
 
 def _not_estimated(estimate: Estimate) -> list[Remark]:
@@ -193,15 +302,7 @@ def _coordinates(model: FullModel, every: np.ndarray) -> np.ndarray:
     return np.array([b - a for a, b in angles])
 
 
-def _computed(times: list[float], run: Run, simulation: Simulation) -> int:
-    """Return how many of the recorded instants were computed: all, or those before a failure."""
-    if run.status[0] == Status.FINE:
-        return len(times)
-    # a time is a sum of steps: round-off must not keep the failed one
-    return max(1, int(np.sum(np.array(times) < run.failure_time[0] - 1e-6 * simulation.step)))
-
-
-def _why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list[Remark]:
+def _why_stopped(model: FullModel | ReducedModel, part: _Part, reason: str) -> list[Remark]:
     """Return why a run stopped, and what to do; nothing where it did not.
 
     Parameters
@@ -209,12 +310,12 @@ def _why_stopped(model: FullModel | ReducedModel, run: Run, reason: str) -> list
     reason
         What is known beyond the status, with its cure.
     """
-    status = Status(run.status[0])
+    status = Status(part.run.status[0])
     if status == Status.FINE:
         return []
-    simulation = model.scene.simulation
     what = (
-        f"{model.name} simulation stopped at {run.failure_time[0]:.6g} s of {simulation.duration:g} s: {status.meaning}"
+        f"{model.name} simulation stopped at {part.run.failure_time[0]:.6g} s of "
+        f"{model.scene.simulation.duration:g} s: {status.meaning}"
     )
     return [warning("; ".join(filter(None, (what, reason or status.cure))))]
 
@@ -232,36 +333,33 @@ def lost_definiteness(
     return (
         f"the stiffness of the deformed mechanism is indefinite from {since:.6g} s on (its least eigenvalue is "
         f"{share[-1]:.2g} of that at rest at the end): the cubic strain energy of geometric_stiffening has no lower "
-        "bound and runs away at deformations beyond what second order describes; smaller steps do not help. Take the "
-        "full-order model (pgmp simulate SCENE --full), or leave geometric_stiffening out and heed the warnings"
+        f"bound and runs away at deformations beyond what second order describes; {Status.BROKE_DOWN.cure}"
     )
 
 
 def _described(
     model: FullModel | ReducedModel,
-    run: Run,
-    time: np.ndarray,
-    output_frames: np.ndarray,
+    part: _Part,
     frames: np.ndarray,
-    frame_times: np.ndarray,
     n_ranks: int,
     timings: Timings,
     remarks: Sequence[Remark],
 ) -> dict[str, Any]:
     """Return what trajectories of both models have in common, by the names of `Trajectory`."""
-    stored = shape_frames(model.kinematics.mechanism, frames, frame_times)
+    stored = shape_frames(model.kinematics.mechanism, frames, part.time[part.shown])
     scene = model.scene
     return {
         "model": model.name,
         "record": RunRecord(
             scene_to_toml(scene), scene.values, None, n_ranks, timings.as_dict(), (*remarks, *scene.remarks)
         ),
-        "time": time,
-        "outputs": model.outputs.evaluate(output_frames),
+        "time": part.time,
+        "outputs": model.outputs.evaluate(part.outputs),
         "units": model.outputs.units,
         "coordinate_units": {coordinate.name: "rad" for coordinate in model.kinematics.coordinates},
-        "frames": stored if len(frame_times) else None,
-        "status": int(run.status[0]),
+        "frames": stored if part.shown else None,
+        "status": int(part.run.status[0]),
+        "steps_divided": part.attempt.divisor,
     }
 
 
