@@ -1,6 +1,7 @@
 """How far a reduced run leaves what a linear reduced basis assumes; looked at in every run and every sample.
 
-At every tenth step, of long runs at about a hundred instants, so that shorter peaks may be missed (`Validity`):
+Every second step is looked at. Changes of stiffness are followed there; rotations and strains are evaluated in the most
+deformed states only, one of every twentieth part of the run: those with the largest strain energy.
 
 **Elastic rotation**: the largest rotation of a node, or of a frame of a continuum body, less that of its rigid body.
 
@@ -26,6 +27,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.indicator.validity_kernel import keep_changes, keep_most_deformed
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -35,9 +37,11 @@ from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 
-# A look costs about as much as a step of a single run, less in a batch: at most a tenth of the run.
-N_INSTANTS = 100
-SHORTEST = 10  # steps between two looks
+# A motion that the steps resolve has ten and more a period: every second one misses its peak by 5 % at most.
+EVERY = 2
+# Evaluating a state costs about as much as a step of a single run, less in a batch.
+N_PARTS = 20
+SHORTEST = 10  # looks of which one state is evaluated
 
 
 class Validity:
@@ -61,48 +65,63 @@ class Validity:
     ) -> None:
         self._model, self._system = model, system
         self._n_steps = count_steps(simulation.duration, simulation.step)
-        self._stride = max(SHORTEST, -(-self._n_steps // N_INSTANTS))
+        self._part = max(SHORTEST, -(-self._n_steps // (EVERY * N_PARTS)))
         self._strains = BodyStrains(
             model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order
         )
         n, tables = system.n_samples, model.terms.tables
         self._weights = [
-            np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights)))
+            np.ascontiguousarray(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))))
             for weights in (tables.mass_weights, tables.stiffness_weights)
         ]
+        self._block: list[tuple[np.ndarray, ...]] = []
+        self._deformed: list[np.ndarray] = []
         self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
 
     def observe(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
-        if number % self._stride and number != self._n_steps:
+        last = number == self._n_steps
+        if number % EVERY and not last:
             return
+        r = self._model.terms.tables.n_coordinates
+        known = (state.q.copy(),)
+        if self._model.stiffness_changes is not None:
+            loads, forces = self._system.load_amplitudes(time), self._system.action_forces(time, state)
+            known += (loads, forces, state.v[:, :r].copy(), state.a[:, :r].copy())
+        self._block.append(known)
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):
-            local = self._model.local_displacements(state.q)
-            rotation, strain = self._strains.largest(local)
-            self._keep("elastic_rotation", rotation, np.fmax)
-            self._keep("elastic_strain", strain, np.fmax)
-            if self._model.stiffness_changes is not None:
-                shares = self._shares(time, state)
-                self._keep("stiffness_gained", np.maximum(shares.max(axis=1), 0.0), np.fmax)
-                self._keep("stiffness_lost", np.minimum(shares.min(axis=1), 0.0), np.fmin)
+            if last or len(self._block) == self._part:
+                self._evaluate()
+            # the states of a single run together: they cost little more than one
+            if last or self._system.n_samples > 1:
+                self._strain()
 
-    def _keep(self, name: str, found: np.ndarray, larger: np.ufunc) -> None:
-        self.extremes[name] = larger(self.extremes[name], np.where(np.isfinite(found), found, np.nan))
+    def _evaluate(self) -> None:
+        """Follow the stiffness over the states at hand, and find the most deformed ones."""
+        model, tables, of_stiffness = self._model, self._model.terms.tables, self._weights[1]
+        q, *loading = (np.concatenate(parts) for parts in zip(*self._block))
+        n_steps, (n, n_eta) = len(self._block), self._block[0][0].shape
+        self._block = []
+        places = tables.samples.nearest(q[:, : tables.n_coordinates])
+        states = np.zeros((n, n_eta))
+        keep_most_deformed(places, q, tables.stiffness, of_stiffness, states)
+        self._deformed.append(states)
+        if loading:
+            loads, forces, v, a = loading
+            every = loading_of(loads, forces, np.tile(self._weights[0], (n_steps, 1)), v, a)
+            changes = model.stiffness_changes
+            gained, lost = (self.extremes[name] for name in ("stiffness_gained", "stiffness_lost"))
+            keep_changes(places, changes.influence, changes.stiffness, of_stiffness, every, gained, lost)
 
-    def _shares(self, time: float, state: State) -> np.ndarray:
-        """Return by which share the stiffness of every mode has changed, shape (n_samples, n_modes)."""
-        samples = self._model.terms.tables.samples
-        r = samples.n_coordinates
-        of_mass, of_stiffness = self._weights
-        loading = loading_of(
-            self._system.load_amplitudes(time),
-            self._system.action_forces(time, state),
-            of_mass,
-            state.v[:, :r],
-            state.a[:, :r],
-        )
-        return self._model.stiffness_changes.shares(samples.nearest(state.q[:, :r]), loading, of_stiffness)
+    def _strain(self) -> None:
+        """Evaluate rotations and strains of the states that were found: several of one sample, or one of several."""
+        if self._deformed:
+            found = self._strains.largest(self._model.local_displacements(np.concatenate(self._deformed)))
+            self._deformed = []
+            for name, values in zip(("elastic_rotation", "elastic_strain"), found):
+                values = np.where(np.isfinite(values), values, np.nan).reshape(-1, self._system.n_samples)
+                self.extremes[name] = np.fmax(self.extremes[name], np.fmax.reduce(values, axis=0))
 
 
 class BodyStrains:

@@ -87,6 +87,13 @@ class RigidKinematics:
         other.mechanism = replace(self.mechanism, coordinates=coordinates)
         return other
 
+    def of_bodies(self, mechanism: Mechanism) -> RigidKinematics:
+        """Return the kinematics of the same mechanism with bodies that deform where these are rigid, or the reverse."""
+        other = copy(self)
+        other.mechanism, other.coordinates = mechanism, mechanism.coordinates
+        other.coordinate, other._closure = mechanism.coordinates[0], LoopClosure(mechanism)
+        return other
+
     def configurations(self, theta: np.ndarray | Sequence[float]) -> np.ndarray:
         """Return configurations as an array (n, n_theta)."""
         return np.asarray(theta, dtype=float).reshape(-1, self.n_coordinates)

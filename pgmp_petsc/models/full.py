@@ -26,15 +26,25 @@ from pgmp_petsc.scene import Scene
 
 
 class FullModel:
-    """All nodal unknowns, index-3 equations with Lagrange multipliers; see `Model`."""
+    """All nodal unknowns, index-3 equations with Lagrange multipliers; see `Model`.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene and the mesh of every body.
+    kinematics
+        Of the mechanism, where they are at hand, whichever of its bodies deform there.
+    """
 
     name = "full"
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh]) -> None:
+    def __init__(
+        self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None
+    ) -> None:
         self.scene = scene
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)
-        self.kinematics = RigidKinematics(mechanism)
+        self.kinematics = RigidKinematics(mechanism) if kinematics is None else kinematics.of_bodies(mechanism)
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, self.kinematics.mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])

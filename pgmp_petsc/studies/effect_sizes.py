@@ -57,10 +57,11 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
         If the mechanism is not sound, or its rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
-    run = run_rigid(scene, meshes)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged
-    sizes = [*_named(scene, run, tolerance), *_terms(scene, meshes, run, tolerance)]
+    sizes = [*_named(scene, run, tolerance), *_terms(scene, kinematics, run, tolerance)]
     sizes += _unnamed(scene, run, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
@@ -132,12 +133,12 @@ def _named(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
     return sizes
 
 
-def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, tolerance: float) -> list[EffectSize]:
+def _terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun, tolerance: float) -> list[EffectSize]:
     """Return the sizes of the terms of the reduced model."""
     if not any(body.flexible for body in scene.bodies.values()):
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
-    shares = _shares_of_terms(scene, meshes, run)
+    shares = _shares_of_terms(scene, kinematics, run)
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
         "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
@@ -153,9 +154,8 @@ def _terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun, toleranc
     return [EffectSize(names.get(kind, ""), kind, shares[kind], keeps[kind], about[kind]) for kind in TERMS]
 
 
-def _shares_of_terms(scene: Scene, meshes: Mapping[str, LineMesh], run: RigidRun) -> dict[str, float]:
-    mechanism = Mechanism.from_scene(scene, meshes)
-    kinematics = RigidKinematics(mechanism)
+def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -> dict[str, float]:
+    mechanism = kinematics.mechanism
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
     loads = loads_of(effects, matrices)
