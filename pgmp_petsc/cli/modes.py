@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 import numpy as np
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
-from pgmp_petsc.cli.report import save, say, say_remarks
+from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from pgmp_petsc.studies.modes_table import tabulate_modes
 
@@ -52,11 +54,11 @@ def modes(
     table = tabulate_modes(loaded, meshes, reduced, angles or loaded.reduction.angles, group)
     save(context, table, output)
     if table is not None:
-        say(context, report(table, output))
+        say(context, report(table, output, loaded.remarks))
 
 
-def report(table: ModesTable, path: Path) -> str:
-    """Return the range of every frequency, and how far the reduced ones are from it."""
+def report(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the range of every frequency, how far the reduced ones are from it, and all remarks but those said."""
     lines = [
         f"{path}: {len(table.full_hz)} {'angles' if table.theta.ndim == 1 else 'configurations'}",
         "  mode     lowest Hz    highest Hz   reduced, largest difference",
@@ -67,4 +69,4 @@ def report(table: ModesTable, path: Path) -> str:
         if table.reduced_hz is not None and mode < table.reduced_hz.shape[1]:
             line += f" {np.max(np.abs(table.reduced_hz[:, mode] / full - 1)):14.2e}"
         lines.append(line)
-    return "\n".join(lines)
+    return "\n".join([*lines, *remark_lines(table.record, said)])

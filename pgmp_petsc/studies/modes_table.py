@@ -25,9 +25,11 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 
+MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
 STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
 
 
@@ -94,8 +96,9 @@ def _tabulated(
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
+    remarks = (*scene.remarks, note(MESH_ERROR))
     return ModesTable(
-        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), scene.remarks),
+        record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), remarks),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
         full_hz=np.concatenate(arcs),
         reduced_hz=reduced,

@@ -265,7 +265,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
 
 
 def _progress(name: str, attempt: Attempt, comm: MPI.Comm) -> Progress:
-    again = "" if attempt.divisor == 1 else f", steps 1/{attempt.divisor}"
+    again = "" if attempt.divisor == 1 else " again with smaller steps"
     return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
 
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from mechanisms import accurate, run_for, start
 from runs import full_model, rom_of, run_model
 from scenes import RADIUS
@@ -14,6 +15,7 @@ from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 N = 35  # more than one block of lanes in either model
 MOTOR = 'effects.motor={type="torque", joint="crank_hinge", scale="push", table=[[0.0, 0.0], [0.02, 1.0]]}'
@@ -106,3 +108,28 @@ def test_a_sample_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) 
         assert alone.numerics["steps_divided"][0] == 1
         for output, values in batch.outputs.items():
             np.testing.assert_allclose(values[k], alone.outputs[output][0], rtol=1e-9, atol=1e-12, err_msg=output)
+
+
+@pytest.mark.parametrize("name", ["full", "reduced"])
+def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) -> None:
+    """It is the run with that step, and says so."""
+    simulate = {"full": simulate_full, "reduced": simulate_reduced}[name]
+    run = simulate(model_of(name, *FAST), MPI.COMM_SELF)
+    assert run.status == Status.FINE and run.steps_divided in (2, 4, 8)
+    said = next(remark.text for remark in run.record.remarks if "integrated again" in remark.text)
+    assert "with simulation.step = 0.01 s the run stopped at 0.0" in said and f"1/{run.steps_divided} of it" in said
+    alone = simulate(model_of(name, *FAST, f"simulation.step={1e-2 / run.steps_divided}"), MPI.COMM_SELF)
+    assert alone.steps_divided == 1 and alone.time.size == run.time.size
+    for output, values in run.outputs.items():
+        np.testing.assert_allclose(values, alone.outputs[output], rtol=1e-9, atol=1e-12, err_msg=output)
+
+
+@pytest.mark.parametrize("name", ["full", "reduced"])
+def test_a_single_run_that_is_no_finite_number_says_so(name: str) -> None:
+    """A speed whose square is beyond all numbers: never NaN in a run that is fine."""
+    simulate = {"full": simulate_full, "reduced": simulate_reduced}[name]
+    run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e200)), MPI.COMM_SELF)
+    assert run.status in (Status.NOT_FINITE, Status.NOT_CONVERGED)
+    assert run.record.remarks[0].kind == "warning" and "simulation stopped at" in run.record.remarks[0].text
+    text = [remark.text for remark in run.record.remarks if remark.text.startswith("errors")]
+    assert len(text) == 1
