@@ -14,7 +14,10 @@ MODULES = sorted((ROOT / "tests").rglob("*.py"))
 # what is given as seconds, and calls whose first argument is
 SECONDS, WAITS = ("timeout", "deadline"), ("wait", "communicate")
 # where the switch itself is tested
-SWITCHES = ("tests/commands/test_commands.py", "tests/parallel/test_ensemble.py", "tests/unit/test_scene_errors.py")
+SWITCHES = (
+    "tests/combinations.py", "tests/commands/test_commands.py", "tests/parallel/test_ensemble.py",
+    "tests/unit/test_scene_errors.py", "tests/unit/test_validity.py",
+)  # fmt: skip
 
 
 def repeated(names: list[str]) -> list[str]:
