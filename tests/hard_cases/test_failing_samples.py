@@ -12,10 +12,12 @@ from runs import full_model, rom_of, run_model
 from scenes import RADIUS
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.generalised_alpha import Run
+from pgmp_petsc.dynamics.smaller_steps import Attempt
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.models import Model, ReducedModel
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
 
 N = 35  # more than one block of lanes in either model
 MOTOR = 'effects.motor={type="torque", joint="crank_hinge", scale="push", table=[[0.0, 0.0], [0.02, 1.0]]}'
@@ -125,11 +127,23 @@ def test_a_single_run_that_a_large_step_loses_is_tried_with_smaller_ones(name: s
 
 
 @pytest.mark.parametrize("name", ["full", "reduced"])
-def test_a_single_run_that_is_no_finite_number_says_so(name: str) -> None:
-    """A speed whose square is beyond all numbers: never NaN in a run that is fine."""
+def test_a_single_run_at_an_absurd_speed_is_a_failure(name: str) -> None:
+    """As fast as a scene may ask for: never NaN in a run that is fine."""
     simulate = {"full": simulate_full, "reduced": simulate_reduced}[name]
-    run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e200)), MPI.COMM_SELF)
-    assert run.status in (Status.NOT_FINITE, Status.NOT_CONVERGED)
+    run = simulate(model_of(name, *run_for(0.01, 1e-3), *start(0.3, 1e29)), MPI.COMM_SELF)
+    assert run.status != Status.FINE
     assert run.record.remarks[0].kind == "warning" and "simulation stopped at" in run.record.remarks[0].text
-    text = [remark.text for remark in run.record.remarks if remark.text.startswith("errors")]
-    assert len(text) == 1
+    assert len([remark for remark in run.record.remarks if remark.text.startswith("errors")]) == 1
+
+
+def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
+    model = model_of("reduced")
+    times = [0.0, 1e-3, 2e-3, 3e-3]
+    outputs = model.output_frames_of(np.tile([0.3, *np.zeros(model.terms.layout.n_eta - 1)], (4, 1)))
+    outputs[..., 2] = np.nan
+    done = Run(None, np.array([Status.FINE]), np.array([np.nan]), 3, 0)
+    attempt = Attempt(np.array([0]), np.array([True]), model.scene.simulation, 1)
+    part = _Part.of(model, done, attempt, times, outputs, energies=times)
+    assert part.run.status[0] == Status.NOT_FINITE and part.reach == 2e-3
+    assert part.time.tolist() == part.recorded["energies"] == [0.0, 1e-3]
+    assert np.isfinite(part.outputs).all()
