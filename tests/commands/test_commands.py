@@ -335,7 +335,8 @@ def test_an_ensemble_of_one_sample_warns_of_nothing(folder: Path, rom: Path) -> 
     done = pgmp("montecarlo", rom, "-n", 1, "-o", folder / "one.h5", "--override", "simulation.duration=0.003")
     assert besides_progress(done.stderr) == ""
     assert np.isnan(Ensemble.read(folder / "one.h5").statistics["crank_angle"].std)
-    assert done.stdout.count("unknown") == 3 * 2 and "note: one sample has no deviation" in done.stdout
+    assert done.stdout.count("unknown") == 4 * 3
+    assert done.stdout.count("note: one sample has no deviation") == 1
 
 
 def test_an_output_named_like_a_parameter_keeps_its_own_statistics(folder: Path, rom: Path) -> None:

@@ -239,9 +239,9 @@ def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
     rom_of(scene).write(rom)
     pgmp("montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, "-o", path, status=1)
     found = Ensemble.read(path)
-    failed = found.status == Status.NOT_CONVERGED
+    failed = found.status != Status.FINE
     assert 0 < failed.sum() < N
-    assert set(found.status) == {Status.FINE, Status.NOT_CONVERGED}
+    assert set(found.status) <= {Status.FINE, Status.NOT_CONVERGED, Status.BROKE_DOWN}
     assert np.all((found.failure_time[failed] > 0) & (found.failure_time[failed] <= 0.05))
     assert np.isnan(found.failure_time[~failed]).all()
     np.testing.assert_array_equal(np.isnan(found.outputs["crank_angle"]), failed)
