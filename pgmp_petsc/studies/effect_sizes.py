@@ -191,11 +191,13 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
-    return {
+    shares = {
         "gyroscopic": by_speed / largest if largest > 0.0 else 0.0,
         "geometric_stiffening": max(stiffening),
         "mode_inertia": max(spins),
     }
+    # plain numbers: what is chosen by them becomes an entry of a scene, and is written as one
+    return {kind: float(share) for kind, share in shares.items()}
 
 
 def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:

@@ -14,7 +14,7 @@ from runs import PGMP, pgmp
 
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
-from pgmp_petsc.scene import load_scene
+from pgmp_petsc.scene import load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
@@ -79,6 +79,14 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
     fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF))
     assert fast.second_order and fast.gyroscopic
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
+
+
+def test_a_choice_without_terms_of_second_order_is_written_as_a_scene() -> None:
+    from mpi4py import MPI
+
+    slow = ("effects.motor.table=[[0.0,0.0],[1.0,1e-6]]", "simulation.duration=0.01")
+    chosen, _ = choose_effects(*read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF))
+    assert tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
 
 
 def test_check_prints_sizes_and_warns(tmp_path: Path) -> None:

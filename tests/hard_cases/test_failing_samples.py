@@ -147,3 +147,17 @@ def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
     assert part.run.status[0] == Status.NOT_FINITE and part.reach == 2e-3
     assert part.time.tolist() == part.recorded["energies"] == [0.0, 1e-3]
     assert np.isfinite(part.outputs).all()
+
+
+def test_samples_are_the_same_in_batches_of_any_size() -> None:
+    """With neighbours that fail, or need smaller steps, or are no trouble: to the last bit."""
+    model = model_of("reduced", 'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}',
+                     'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=2e3}}')
+    n = 20
+    whole = run_batch(model, 1, 0, n)
+    assert {Status.FINE} < set(whole.status) and 0 < np.sum(whole.numerics["steps_divided"] > 1) < n
+    for size in (1, 3, 7):
+        parts = [run_batch(model, 1, first, min(first + size, n)) for first in range(0, n, size)]
+        np.testing.assert_array_equal(np.concatenate([part.status for part in parts]), whole.status)
+        for name, values in whole.outputs.items():
+            np.testing.assert_array_equal(np.concatenate([part.outputs[name] for part in parts]), values, err_msg=name)

@@ -36,8 +36,8 @@ def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
 
     rom, trajectory = str(folder / "rom.h5"), str(folder / "reduced.h5")
     beams = [
-        ["modes", BEAMS, *FEW, *to("modes.h5")],
         ["build", BEAMS, *FEW, *to("rom.h5")],
+        ["modes", BEAMS, *FEW, "--rom", rom, *to("modes.h5")],
         ["build", BEAMS, *PLAIN, *pairs, *to("pairs.h5")],
     ]
     solids = [
@@ -46,6 +46,7 @@ def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
     ]
     runs = [
         ["simulate", rom, *to("reduced.h5")],
+        ["simulate", rom, *overridden("initial={equilibrium=true}"), *to("settled.h5")],
         ["simulate", BEAMS, "--full", *SHORT, *to("full.h5")],
         ["simulate", SOLIDS, "--full", *SHORT, *to("solid_full.h5")],
         ["montecarlo", rom, "-n", "1", *to("one.h5")],
@@ -108,7 +109,7 @@ def test_models_are_those_of_one_rank(folder: Callable, n: int, name: str) -> No
 
 
 @pytest.mark.parametrize("n", [5])
-@pytest.mark.parametrize("name", ["reduced.h5", "full.h5", "solid_full.h5"])
+@pytest.mark.parametrize("name", ["reduced.h5", "settled.h5", "full.h5", "solid_full.h5"])
 def test_runs_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
     close(Trajectory.read(folder(n) / name).outputs, Trajectory.read(folder(1) / name).outputs)
 
@@ -134,11 +135,35 @@ def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None
 
 
 def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
-    """Bad input, found by the first rank alone and by all."""
-    wanted = [
-        ["simulate", str(tmp_path / "missing.h5"), "-o", str(tmp_path / "none.h5")],
-        ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), "-o", str(tmp_path / "none.h5")],
+    """Bad input, found by the first rank alone and by all; runs that stop, and samples that fail."""
+    pushed = [*SHORT, *overridden("effects.motor.table=[[0.0, 1e9], [1.0, 1e9]]")]
+    missing, output = str(tmp_path / "missing.h5"), ["-o", str(tmp_path / "none.h5")]
+    bad = [
+        ["check", str(tmp_path / "missing.toml")],
+        ["build", BEAMS, *FEW, *overridden("reduction.modes=400"), *output],
+        ["modes", BEAMS, "--rom", missing, *output],
+        ["simulate", missing, *output],
+        ["montecarlo", missing, "-n", "2", *output],
+        ["tradeoff", str(tmp_path / "missing.toml"), *output],
+        ["plot", missing, "-o", str(tmp_path)],
+        ["export", missing, "-o", str(tmp_path / "none.xdmf")],
+        ["info", missing],
     ]
-    statuses, done = run_in_turn(mpirun, 5, wanted)
-    assert statuses == [[2] * 5, [2] * 5], done.stderr
-    assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == 2
+    failing = [
+        ["simulate", BEAMS, "--full", *pushed, "-o", str(tmp_path / "stopped.h5")],
+        ["montecarlo", BEAMS, "--full", *pushed, "-n", "2", "-o", str(tmp_path / "failed.h5")],
+    ]
+    statuses, done = run_in_turn(mpirun, 5, bad + failing)
+    assert statuses == [[2] * 5] * len(bad) + [[1] * 5] * len(failing), f"{done.stdout}\n{done.stderr}"
+    # samples that fail are told on standard output
+    assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == len(bad) + 1
+    assert not (tmp_path / "none.h5").exists()
+    assert Trajectory.read(tmp_path / "stopped.h5").status != 0
+    assert np.all(Ensemble.read(tmp_path / "failed.h5").status != 0)
+
+
+def test_a_refused_option_of_petsc_ends_all_ranks(mpirun: Callable, tmp_path: Path) -> None:
+    output, option = tmp_path / "none.h5", ("--", "-pgmp_ts_ts_max_time", 0.1)
+    done = mpirun(3, *PGMP, "montecarlo", BEAMS, "--full", *SHORT, "-n", 2, "-o", output, *option, check_status=2)
+    assert done.stderr.count("option -pgmp_ts_ts_max_time 0.1: it cannot be changed here") == 1
+    assert not output.exists()

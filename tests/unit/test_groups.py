@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -100,3 +103,9 @@ def test_the_first_ranks_and_the_others() -> None:
             raise InputError("bad")
     assert [part.color for part in parts] == [0, 0, 1]
     assert all(part.freed for part in parts)
+
+
+def test_communicators_are_freed(mpirun: Callable, parallel_scripts: Path) -> None:
+    """MPI has a limited number of them, and a study makes some for every model."""
+    handles = ast.literal_eval(mpirun(3, parallel_scripts / "communicators.py").stdout)
+    assert len(handles) == 3 and all(before == after for before, after in handles)

@@ -1,0 +1,43 @@
+"""Split the ranks and run the full-order model again and again; print the handle of a new communicator before and after.
+
+Handles are given anew once they are free, so that one that is never freed shows in the next.
+"""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+from runs import full_model, paper_scene
+
+from pgmp_petsc.runtime.ending import end
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.studies.simulate import simulate_full
+
+N_SPLITS, N_RUNS = 300, 20
+
+
+def next_handle() -> int:
+    """Return the number that a new communicator gets."""
+    comm = MPI.COMM_WORLD.Dup()
+    handle = comm.py2f()
+    comm.Free()
+    return handle
+
+
+def main() -> None:
+    world = MPI.COMM_WORLD
+    model = full_model(paper_scene("simulation.duration=0.002", "simulation.step=1e-3"))
+    simulate_full(model, world)  # what PETSc makes once and keeps
+    before = next_handle()
+    for _ in range(N_SPLITS):
+        with RankGroup.split(world, 2):
+            pass
+    for _ in range(N_RUNS):
+        simulate_full(model, world)
+    handles = world.gather((before, next_handle()))
+    if handles:
+        print(handles)
+
+
+if __name__ == "__main__":
+    main()
+    end(0)
