@@ -116,7 +116,6 @@ def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
         lines += _bounds_of_quantiles(ensemble)
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
-    lines += remark_lines(ensemble.record, said)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.settled_start import require_settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.joints import PointOnLine
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -60,14 +61,16 @@ def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh]) -> RigidRun:
 
     Raises
     ------
-    RunError
-        If the run fails.
+    InputError, RunError
+        If there is no static equilibrium to start from, or the run fails.
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes)
     mechanism = model.kinematics.mechanism
     times, states, energies = [], [], []
-    with model.distributed(stiff.values, MPI.COMM_SELF) as system:
+    system = model.distributed(stiff.values, MPI.COMM_SELF)
+    require_settled(system)
+    with system:
 
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
