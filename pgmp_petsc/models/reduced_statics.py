@@ -101,7 +101,8 @@ class ReducedStatics:
                     continue
                 eta[sample, :r] += step[:r]
                 mu[sample] += step[r:]
-                size[sample] = np.max(np.abs(step[:r]))
+                # theta may stand still while mu still bends the joint
+                size[sample] = max(np.max(np.abs(step[:r])), np.max(np.abs(away[sample])))
             active = active & ~lost
             found, failed = self._deform(eta, mu, slopes, active)
             left = np.where(active[:, None], found, left)

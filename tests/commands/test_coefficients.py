@@ -11,7 +11,7 @@ from sweep import sweep, table
 
 def test_every_command_takes_a_section_of_coefficients(tmp_path: Path) -> None:
     text = (ROOT / "scenes" / "slider_crank.toml").read_text()
-    circle = 'section = { shape = "circle", radius = "r1" }'
+    circle = 'material = "steel"\nsection = { shape = "circle", radius = "r1" }'
     assert text.count(circle) == 1
     text = text.replace("radius = 5.6e-3", 'radius = "r1"').replace(circle, f"section = {COEFFICIENTS}")
     text = text.replace('"../meshes', f'"{ROOT}/meshes')
