@@ -1,6 +1,6 @@
 """Line meshes of planar beams: two-node cells in the plane z = 0, with the named points where joints attach.
 
-Formats of meshio are accepted (`pgmp_petsc.mesh.reading.SUFFIXES`). A point is named by a physical group of dimension
+Whatever meshio reads is accepted. A point is named by a physical group of dimension
 0 (gmsh) or by a node set (Abaqus and others) that holds exactly one node.
 """
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import pickle
 import stat
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -14,9 +17,21 @@ from pgmp_petsc.runtime.errors import InputError, PgmpError
 if TYPE_CHECKING:
     import meshio
 
-#: Formats that are taken, by the end of the file's name: each of their readers came to an end on 300 files with bytes
-#: changed, deleted, repeated or cut off. Others of meshio loop for ever on such files (Nastran, OFF, PLY).
-SUFFIXES = (".msh", ".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".med", ".mesh", ".vol", ".ugrid")
+#: Formats whose readers came to an end on 300 files each with bytes changed, deleted, repeated or cut off. Others of
+#: meshio loop for ever on such files (Nastran, OFF, PLY): they are read by a process of their own, with a time limit.
+ENDING = (".msh", ".vtu", ".vtk", ".xdmf", ".xmf", ".inp", ".med", ".mesh", ".vol", ".ugrid")
+LONGEST_READING = 60.0  # s of a reader that may not end; those of sound files take seconds
+# prints the mesh, or why there is none; what the reader itself prints goes elsewhere
+_READER = """
+import io, os, pickle, sys
+out, sys.stdout = os.fdopen(os.dup(1), "wb"), io.StringIO()
+try:
+    import meshio
+    found = meshio.read(sys.argv[1])
+except BaseException as error:
+    found = str(error) if isinstance(error, Exception) else sys.stdout.getvalue()
+pickle.dump(found, out)
+"""
 #: Lengths below this share of the mesh's extent count as zero (round-off of 12-digit coordinates).
 RELATIVE_TOLERANCE = 1e-12
 MAX_REASON = 200  # characters of meshio's reason
@@ -35,10 +50,12 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
     Raises
     ------
     InputError
-        If there is no such file, it is a directory, pipe or device, of a format that is not taken, or meshio cannot
-        read it.
+        If there is no such file, it is a directory, pipe or device, of a format that meshio does not know, meshio cannot
+        read it, or does not come to an end.
     """
     _check_file(path, received)
+    if path.suffix.lower() not in ENDING:
+        return _read_apart(path, received)
     import meshio  # takes a noticeable time, and only runs that read a mesh need it
 
     printed = io.StringIO()
@@ -48,11 +65,29 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
             return meshio.read(path)
     except (Exception, SystemExit) as error:
         reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
-        reason = " ".join(reason.split())[:MAX_REASON] or type(error).__name__
-        cure = "a mesh in a format that meshio knows by the file's suffix is needed"
-        if "gmsh:physical" in reason:  # its reader wants the tags of all entities or of none
-            cure = "gmsh must save the cells of physical groups only (Mesh.SaveAll = 0)"
-        raise InputError(f"{received}: meshio cannot read this file ({reason}); {cure}") from error
+        raise _unreadable(received, reason or type(error).__name__) from error
+
+
+def _read_apart(path: Path, received: str) -> meshio.Mesh:
+    """Read a file whose reader may not end, in another process."""
+    command = [sys.executable, "-c", _READER, str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=LONGEST_READING)
+        found = pickle.loads(done.stdout) if done.stdout else f"its reader ended with {done.returncode}"
+    except subprocess.TimeoutExpired:
+        found = f"its reader had not ended after {LONGEST_READING:g} s"
+    if isinstance(found, str):
+        raise _unreadable(received, found)
+    return found
+
+
+def _unreadable(received: str, reason: str) -> InputError:
+    """Return the error that meshio cannot read a file, with the cure."""
+    reason = " ".join(reason.split())[:MAX_REASON]
+    cure = "a mesh in a format that meshio knows by the file's suffix is needed"
+    if "gmsh:physical" in reason:  # its reader wants the tags of all entities or of none
+        cure = "gmsh must save the cells of physical groups only (Mesh.SaveAll = 0)"
+    return InputError(f"{received}: meshio cannot read this file ({reason}); {cure}")
 
 
 @contextmanager
@@ -77,7 +112,7 @@ def usable(received: str) -> Iterator[None]:
 
 
 def _check_file(path: Path, received: str) -> None:
-    """Refuse what is no file, before anything is read from it, and formats whose readers may not end."""
+    """Refuse what is no file, before anything is read from it."""
     needed = "a mesh file that meshio reads is needed (paths are relative to the scene's directory)"
     try:
         mode = path.stat().st_mode
@@ -89,8 +124,3 @@ def _check_file(path: Path, received: str) -> None:
     if not stat.S_ISREG(mode):
         kind = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise InputError(f"{received}: this is {kind}; {needed}")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(
-            f"{received}: no format by this ending is taken (allowed: {', '.join(SUFFIXES)}); meshio convert FILE "
-            "FILE.vtu makes one of them from others"
-        )

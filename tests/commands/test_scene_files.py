@@ -72,7 +72,7 @@ def test_no_scene(folder: Path, capfd: pytest.CaptureFixture[str], name: str, wo
         ("{folder}/pipe.msh", "a device or a pipe"),
         ("/dev/zero", "a device or a pipe"),
         ("{folder}", "a directory"),
-        ("{folder}/words.off", "no format by this ending is taken"),
+        ("{folder}/words.off", "meshio cannot read this file"),
         ("x" * 300 + ".msh", "File name too long"),
         ("{folder}/none.msh", "no such file"),
     ],

@@ -12,7 +12,7 @@ import meshio
 import numpy as np
 import pytest
 
-from pgmp_petsc.mesh import LineMesh, read_line_mesh
+from pgmp_petsc.mesh import LineMesh, read_line_mesh, reading
 from pgmp_petsc.runtime.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -203,7 +203,8 @@ def test_unusable_meshes_are_refused(tmp_path: Path, points: list, cells: list, 
         ("broken.msh", "this is no mesh", "meshio cannot read this file"),
         ("broken.vtu", "<VTKFile", "meshio cannot read this file"),
         ("empty.inp", "", "cannot read this file|no cells"),
-        ("scene.toml", "a = 1", "no format by this ending is taken .*convert"),
+        ("scene.toml", "a = 1", "meshio cannot read this file"),
+        ("broken.ply", "ply\nformat ascii 1.0\nend_header", "meshio cannot read this file"),
     ],
 )
 def test_unreadable_files_are_refused(
@@ -215,6 +216,21 @@ def test_unreadable_files_are_refused(
         read_line_mesh(tmp_path / name, ENTRY)
     assert "\n" not in str(caught.value)
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_reader_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looks for the next line of a file that has no more."""
+    monkeypatch.setattr(reading, "LONGEST_READING", 3.0)
+    (tmp_path / "endless.off").write_text("OFF\n")
+    with pytest.raises(InputError, match="its reader had not ended after 3 s"):
+        read_line_mesh(tmp_path / "endless.off", ENTRY)
+
+
+def test_a_mesh_that_another_process_reads(tmp_path: Path) -> None:
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    path = tmp_path / "cells.off"
+    meshio.write(path, meshio.Mesh(points, [("triangle", [[0, 1, 2]])]))
+    assert np.array_equal(reading.read_mesh(path, ENTRY).points, points)
 
 
 def test_messages_number_nodes_as_the_file_does(tmp_path: Path) -> None:

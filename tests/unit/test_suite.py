@@ -14,7 +14,10 @@ MODULES = sorted((ROOT / "tests").rglob("*.py"))
 # what is given as seconds, and calls whose first argument is
 SECONDS, WAITS = ("timeout", "deadline"), ("wait", "communicate")
 # where the switch itself is tested
-SWITCHES = ("tests/commands/test_commands.py", "tests/parallel/test_ensemble.py", "tests/unit/test_scene_errors.py")
+SWITCHES = (
+    "tests/combinations.py", "tests/commands/test_commands.py", "tests/parallel/test_ensemble.py",
+    "tests/unit/test_scene_errors.py", "tests/unit/test_validity.py",
+)  # fmt: skip
 
 
 def repeated(names: list[str]) -> list[str]:
@@ -33,12 +36,14 @@ def lost_cases(tree: ast.AST) -> Iterator[str]:
 
 def unseeded(tree: ast.AST) -> Iterator[str]:
     """Yield where random numbers come from, unless it is a generator with a seed."""
+    generators = {"np.random": "default_rng", "numpy.random": "default_rng"}
+    # elsewhere the name is that of a generator
+    if any(isinstance(node, ast.Import) and node.names[0].name == "random" for node in ast.walk(tree)):
+        generators["random"] = "Random"
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (f"import {name.name}" for name in node.names if name.name in ("random", "secrets"))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             source, name, given = ast.unparse(node.func.value), node.func.attr, [*node.args, *node.keywords]
-            of_process = source in ("np.random", "numpy.random") and not (name == "default_rng" and given)
+            of_process = source in generators and not (name == generators[source] and given)
             if of_process or (name == "rvs" and not any(word.arg == "random_state" for word in node.keywords)):
                 yield ast.unparse(node)
 
@@ -68,7 +73,8 @@ def test_every_module_of_the_suite(find: Callable[[ast.AST], Iterator[str]]) -> 
     [
         (lost_cases, "{'a': 1, 'b': 2, 'a': 3}"),
         (lost_cases, "def f(): pass\ndef f(): pass"),
-        (unseeded, "import random"),
+        (unseeded, "import random\nrandom.randint(3, 9)"),
+        (unseeded, "import random\nrandom.Random()"),
         (unseeded, "np.random.default_rng()"),
         (unseeded, "np.random.normal(3)"),
         (unseeded, "stats.norm().rvs(3)"),
