@@ -101,11 +101,12 @@ class ReducedStatics:
                     continue
                 eta[sample, :r] += step[:r]
                 mu[sample] += step[r:]
-                # theta may stand still while mu still bends the joint
-                size[sample] = max(np.max(np.abs(step[:r])), np.max(np.abs(away[sample])))
+                size[sample] = np.max(np.abs(step[:r]))
             active = active & ~lost
             found, failed = self._deform(eta, mu, slopes, active)
             left = np.where(active[:, None], found, left)
+            # theta may stand still while mu still bends the joint
+            size = np.maximum(size, np.max(np.abs(self._angles.of(eta) - angles), axis=1))
             lost = lost | (failed & active)
             active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
             last = size
