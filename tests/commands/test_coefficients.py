@@ -13,7 +13,8 @@ def test_every_command_takes_a_section_of_coefficients(tmp_path: Path) -> None:
     text = (ROOT / "scenes" / "slider_crank.toml").read_text()
     circle = 'material = "steel"\nsection = { shape = "circle", radius = "r1" }'
     assert text.count(circle) == 1
-    text = text.replace("radius = 5.6e-3", 'radius = "r1"').replace(circle, f"section = {COEFFICIENTS}")
+    # the crank's, and the parameter goes to the rod
+    text = text.replace(circle, f"section = {COEFFICIENTS}").replace("radius = 5.6e-3", 'radius = "r1"')
     text = text.replace('"../meshes', f'"{ROOT}/meshes')
     scene = tmp_path / "coefficients.toml"
     scene.write_text(text)
