@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -31,11 +32,19 @@ STEPS = 12
 ANGLES = {1: 12, 2: 6}
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")
 OUTPUT = re.compile(r"estimated errors over the run|errors? (was|were|is|are) not estimated|not estimated")
-# What a command refuses, and must: (scene, command) and a part of its message.
-REFUSED = {
-    ("double_four_bar", "build"): "nothing to reduce",
-    ("double_four_bar", "modes"): "rigid",
-}
+
+
+def refusal(scene: Path, command: str) -> str | None:
+    """Return part of the message with which a command refuses a scene, and must; None where it is to work."""
+    tables = tomllib.loads(scene.read_text())
+    bodies, parameters = tables["bodies"].values(), tables.get("parameters", {}).values()
+    if command in ("build", "modes") and not any(body.get("flexible", True) for body in bodies):
+        return "rigid"
+    if command.startswith("montecarlo") and not any("distribution" in parameter for parameter in parameters):
+        return "none has a distribution"
+    if command == "check --effects" and any(body["element"] != "beam2d" for body in bodies):
+        return "for bodies of beams only"
+    return None
 
 
 @dataclass(frozen=True)
@@ -67,7 +76,7 @@ class Ending:
         found = [f"'{word}' on stderr" for word in TRACE if word in self.err]
         if len(set(self.status)) > 1:
             found.append(f"ranks end with {self.status}")
-        refused = REFUSED.get((self.scene, self.command))
+        refused = refusal(ROOT / "scenes" / f"{self.scene}.toml", self.command)
         if refused is not None and not (self.status[0] == 2 and refused in self.err):
             found.append(f"status {self.status[0]} instead of a refusal with '{refused}'")
         if refused is None and self.status[0] not in (0,):
@@ -89,31 +98,32 @@ class Ending:
 
 
 def commands(scene: Path, folder: Path, whole: bool) -> Iterator[tuple[str, list[str]]]:
-    """Yield name and arguments of every command; later ones read what earlier ones wrote."""
+    """Yield name and arguments of every command; later ones read what earlier ones wrote, where they did."""
     name, short = scene.stem, [] if whole else overrides(scene)
     files = {kind: str(folder / f"{name}_{kind}.h5") for kind in ("rom", "modes", "run", "full", "many", "manyfull")}
+    can_be_reduced = refusal(scene, "build") is None
     yield "check", ["check", str(scene)]
     yield "check --effects", ["check", str(scene), "--effects", *short]
     yield "build", ["build", str(scene), "-o", files["rom"], *short]
     yield "modes", ["modes", str(scene), "-o", files["modes"], *short]
-    if name != "double_four_bar":
+    if can_be_reduced:
         yield "modes --rom", ["modes", str(scene), "--rom", files["rom"], "-o", files["modes"], *short]
         yield "simulate", ["simulate", files["rom"], "-o", files["run"]]
         yield "montecarlo", ["montecarlo", files["rom"], "-n", "3", "--seed", "1", "-o", files["many"]]
     yield "simulate --full", ["simulate", str(scene), "--full", "-o", files["full"], *short]
     yield "montecarlo --full", ["montecarlo", str(scene), "--full", "-n", "2", "-o", files["manyfull"], *short]
-    made = [file for kind, file in files.items() if kind != "rom" and (kind != "run" or name != "double_four_bar")]
+    made = [file for kind, file in files.items() if kind != "rom" and Path(file).exists()]
     yield "plot", ["plot", *made, "-o", str(folder / "pictures")]
     for kind in ("run", "full"):
-        yield f"export {kind}", ["export", files[kind], "-o", str(folder / f"{name}_{kind}.xdmf")]
-    for kind in files:
-        yield f"info {kind}", ["info", files[kind]]
+        if files[kind] in made:
+            yield f"export {kind}", ["export", files[kind], "-o", str(folder / f"{name}_{kind}.xdmf")]
+    for kind, file in files.items():
+        if kind == "rom" and can_be_reduced or file in made:
+            yield f"info {kind}", ["info", file]
 
 
 def overrides(scene: Path) -> list[str]:
     """Return the overrides that make a scene's runs short: few steps of the scene's own size, few angles."""
-    import tomllib
-
     tables = tomllib.loads(scene.read_text())
     step = tables.get("simulation", {}).get("step", 1e-3)
     entries = [
