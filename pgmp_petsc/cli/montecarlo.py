@@ -111,6 +111,7 @@ def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
             )
         )  # fmt: skip
         lines.append(f"  {name:24s}{moments}{s.count:9d} {'' if unit == '1' else unit}".rstrip())
+    lines += remark_lines(ensemble.record, said)
     if np.any(ensemble.status != 0):
         lines += _bounds_of_quantiles(ensemble)
     if ensemble.validity:

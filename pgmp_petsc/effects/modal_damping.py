@@ -18,7 +18,6 @@ from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.runtime.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class ModalDamping:
 def modal_damping(
     effects: Sequence[Effect], mechanism: Mechanism, nominal: Mapping[str, float]
 ) -> tuple[ModalDamping, ...]:
-    """Return the modal damping of all bodies that have one.
+    """Return the modal damping of all bodies that have one; they are of beams (`mechanism.capabilities`).
 
     Raises
     ------
@@ -61,11 +60,6 @@ def modal_damping(
             if not any(damping.ratios):
                 continue
             body = mechanism.bodies[number]
-            if body.meshed is not None:
-                raise InputError(
-                    f"effects.{effect.name}.ratios: in full-order runs for beams only, but {body.name} is of continuum "
-                    "elements; give stiffness and mass instead"
-                )
             omega, phi = free_modes(body, nominal, len(damping.ratios), f"effects.{effect.name}.ratios")
             alone = body.alone()
             mass = weighted_sum(assemble([alone], range(len(phi))).mass, nominal)

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
+from pgmp_petsc.dynamics.settled_start import starts_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
@@ -110,6 +111,7 @@ def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
     wanted = [alive & watcher.chosen(first, last) for watcher in watchers]
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
+    unstable = np.zeros(n, dtype=bool)
     found: Found = {}
 
     def run(attempt: Attempt) -> Run:
@@ -117,6 +119,8 @@ def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence
         some = {name: value[samples] for name, value in safe.items()}
         chosen = [np.flatnonzero(mask[samples]) for mask in wanted]
         with closing(model.batch(some, samples.size)) as system:
+            if system.settled is not None:
+                unstable[samples] = system.settled.unstable & attempt.alive
             watched = [
                 (places, watcher.watch(system, some, places, attempt.simulation))
                 for watcher, places in zip(watchers, chosen)
@@ -137,7 +141,7 @@ def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence
         for kind, names in watcher.names.items():
             for name in names:
                 found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
-    numerics = {"steps_divided": outcome.divisors}
+    numerics = {"steps_divided": outcome.divisors, "unstable_start": unstable}
     return Batch(first, values, outputs, outcome.status, outcome.failure_time, numerics, **found)
 
 
@@ -208,12 +212,14 @@ def describe_ensemble(
         kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
         for kind in ("numerics", "errors", "errors_at_end", "validity")
     }
-    divisors = estimates.pop("numerics")["steps_divided"]
+    numerics = estimates.pop("numerics")
+    divisors = numerics["steps_divided"]
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
     remarks = (
         *failure_remarks(status, drawn, units),
         *step_remarks(status, divisors, scene.simulation.step),
         *draw_remarks(scene),
+        *starts_remarks(scene, numerics["unstable_start"]),
         *_single(int(fine.sum())),
         *_remarks(model, estimates, status),
     )

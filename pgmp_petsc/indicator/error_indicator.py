@@ -33,7 +33,7 @@ from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.sampled_load import SampledLoad
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import start_of
 
 if TYPE_CHECKING:
@@ -71,6 +71,8 @@ class ErrorIndicator:
         self.model = model
         self.modes = FlexibleModes(model.terms.tables, model.scene.reduction.interpolation)
         self.effects = effects_of(model.scene, model.kinematics.mechanism)
+        settles = model.scene.initial.equilibrium
+        self._full = FullModel(model.scene, model.meshes, model.kinematics) if settles else None
         self._take_steps_of(model.scene.simulation)
 
     def _take_steps_of(self, simulation: Simulation) -> None:
@@ -86,6 +88,29 @@ class ErrorIndicator:
         other = copy(self)
         other._take_steps_of(simulation)
         return other
+
+    def equilibria(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> np.ndarray | None:
+        """Return the full-order equilibria that samples start from, NaN where there is none or it is not asked for.
+
+        Parameters
+        ----------
+        values
+            Parameter values, each of shape (n,).
+        samples
+            Mask of the samples that are asked for, shape (n,).
+
+        Returns
+        -------
+        ndarray or None
+            Shape (n_dofs, n); None where runs start undeformed.
+        """
+        if self._full is None:
+            return None
+        found = np.full((self.model.kinematics.mechanism.n_dofs, samples.size), np.nan)
+        if samples.any():
+            settled = self._full.settled({name: value[samples] for name, value in values.items()}, int(samples.sum()))
+            found[:, samples] = np.where(settled.lost, np.nan, settled.unknowns)
+        return found
 
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
@@ -175,6 +200,9 @@ class WatchedRun:
         n, names = self._samples.size, self._indicator.model.outputs.functions
         largest, at_end = ({name: np.full(n, np.nan) for name in names} for _ in range(2))
         fine = (status[self._samples] == Status.FINE) & self._placeable()
+        equilibria = self._indicator.equilibria(self._values, fine)
+        if equilibria is not None:
+            fine &= np.isfinite(equilibria).all(axis=0)
         with np.errstate(all="ignore"):
             bent, missing = (np.max(np.abs(self._states[:, part, :, 1:]), axis=(0, 2)) for part in (0, 3))
             longest = longest_intervals(self._speeds, missing / bent, self._slowest)
@@ -187,7 +215,8 @@ class WatchedRun:
             chosen = np.flatnonzero(~settled & ((number >= needed) | compared))
             if not chosen.size:
                 continue
-            errors = self._evaluate(schedule, chosen, fine[chosen])
+            begin = None if equilibria is None else equilibria[:, chosen]
+            errors = self._evaluate(schedule, chosen, fine[chosen], begin)
             now = {name: np.max(np.abs(error), axis=0) for name, error in errors.items()}
             agreed = agree({name: values[chosen] for name, values in largest.items()}, now)
             settled[chosen] = (number >= needed[chosen]) & (agreed | schedule.complete | ~fine[chosen])
@@ -198,8 +227,10 @@ class WatchedRun:
                 histories[sample] = time, {name: error[:, column] for name, error in errors.items()}
         return Estimate(largest, at_end, tuple(histories))
 
-    def _evaluate(self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray) -> dict[str, np.ndarray]:
-        """Return errors (n_e, n) of some samples at the instants of a schedule."""
+    def _evaluate(
+        self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray, begin: np.ndarray | None
+    ) -> dict[str, np.ndarray]:
+        """Return errors (n_e, n) of some samples at the instants of a schedule; `begin` as of `ErrorSystem`."""
         model, n = self._indicator.model, chosen.size
         states = self._states[schedule.places][:, :, chosen]
         # what cannot be placed stands still at the start, and is never advanced
@@ -210,7 +241,7 @@ class WatchedRun:
         start = start_of(model.scene, model.kinematics.mechanism)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
         motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
-        system = ErrorSystem(full, motion, schedule.interval)
+        system = ErrorSystem(full, motion, schedule.interval, begin)
         nodes, corrected = list(model.outputs.nodes), []
 
         def record(number: int, time: float, state: State) -> None:

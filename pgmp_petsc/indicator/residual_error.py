@@ -2,7 +2,9 @@
 
 With a motion ``q_r(t)`` of the nodes and its accelerations, ``q = q_r + e`` solves the full-order equations if
 
-    M (q_r'' + e'') + g_int(q_r + e) + C^T lambda = g_ext,     c(q_r + e) = 0,     e = e' = 0 at the start.
+    M (q_r'' + e'') + g_int(q_r + e) + C^T lambda = g_ext,     c(q_r + e) = 0,     e' = 0 at the start.
+
+Runs start undeformed with e = 0. From static equilibrium each model starts in its own, and e is the difference.
 
 At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
 does, and so does e: its rigid part follows the residual's force on the mechanism over time, its flexible part follows
@@ -30,25 +32,38 @@ class ErrorSystem:
         Reference motion; its instant number k is that of the time ``k interval``.
     interval
         Step of the integration, s.
+    equilibrium
+        Unknowns of the full-order static equilibrium that samples start from, shape (n_dofs, n_samples), NaN for those
+        that are never advanced; None where runs start undeformed.
     """
 
     n_events = 0
     settled = None
 
-    def __init__(self, full: FullBatch, motion: ReferenceMotion, interval: float) -> None:
+    def __init__(
+        self, full: FullBatch, motion: ReferenceMotion, interval: float, equilibrium: np.ndarray | None = None
+    ) -> None:
         self.comm = full.comm
         self.n_samples = full.n_samples
         self._full = full
         self._motion = motion
         self._interval = interval
+        self._equilibrium = equilibrium
         self._number = -1
 
     def start(self) -> State:
-        """Return no error. The motion starts as the full-order model does, so there is no acceleration to speak of."""
-        rest = np.zeros_like(self._full.pack(self._motion.at(0).q))
+        """Return the error of a start at equilibrium, or none.
+
+        The motion starts as the full-order model does, so there is no acceleration to speak of.
+        """
+        first = self._motion.at(0).q
+        rest = np.zeros_like(self._full.pack(first))
+        error = rest.copy()
+        if self._equilibrium is not None:
+            error = self._full.pack(np.nan_to_num(self._equilibrium - first))
         n_constraints = self._full.n_constraints
         multipliers = self._full.pack(np.zeros((n_constraints, self.n_samples)))
-        return State(rest, rest.copy(), rest.copy(), multipliers)
+        return State(error, rest, rest.copy(), multipliers)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""

@@ -131,8 +131,21 @@ FEATURES = (
         beams_only=True,
         cure="give stiffness and mass instead, or take the reduced model",
     ),
-    Feature("sizes of effects", _command(Purpose.SIZES), frozenset({Purpose.SIZES}), beams_only=True),
-    Feature("cost of accuracy", _command(Purpose.TRADEOFF), frozenset({Purpose.TRADEOFF}), True, True),
+    Feature(
+        "sizes of effects",
+        _command(Purpose.SIZES),
+        frozenset({Purpose.SIZES}),
+        beams_only=True,
+        cure="take pgmp check without --effects",
+    ),
+    Feature(
+        "cost of accuracy",
+        _command(Purpose.TRADEOFF),
+        frozenset({Purpose.TRADEOFF}),
+        True,
+        True,
+        cure="compare pgmp simulate ROM.h5 with pgmp simulate SCENE --full instead",
+    ),
 )
 
 

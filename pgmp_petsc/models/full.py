@@ -46,7 +46,7 @@ class FullModel:
         mechanism = Mechanism.from_scene(scene, meshes)
         self.kinematics = RigidKinematics(mechanism) if kinematics is None else kinematics.of_bodies(mechanism)
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
-        self._start = start_of(scene, self.kinematics.mechanism)
+        self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
 
     def with_loads(self, scene: Scene) -> Self:
@@ -69,7 +69,7 @@ class FullModel:
         """Return a batch of samples on this rank, at most `largest_batch`."""
         if any(body.continuum for body in self.scene.bodies.values()):
             return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
-        settled = self._settled_batch(values, n_samples) if self.scene.initial.equilibrium else None
+        settled = self.settled(values, n_samples) if self.scene.initial.equilibrium else None
         return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions, settled)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
@@ -88,7 +88,7 @@ class FullModel:
         with FullStatics(equations, theta.size, comm) as statics:
             return settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
 
-    def _settled_batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:
+    def settled(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:
         """Return the static equilibria of samples, each found by itself."""
         each = [
             self._settled({name: float(value[k]) for name, value in values.items()}, MPI.COMM_SELF)

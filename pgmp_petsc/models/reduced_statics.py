@@ -52,6 +52,8 @@ class ReducedStatics:
         torques, lost = self._deform(eta, np.zeros((self.n_samples, 0)), None, samples)
         if self._angles is not None:
             torques, lost = self._hold_joints(eta, theta, torques, samples & ~lost, lost)
+        # one that ran away is a record: no number of it may reach what is evaluated for the whole batch
+        eta[lost, :r], eta[lost, r:] = theta[lost], 0.0
         self._eta = np.where(samples[:, None], eta, before)
         return torques, lost & samples
 
@@ -105,6 +107,8 @@ class ReducedStatics:
             active = active & ~lost
             found, failed = self._deform(eta, mu, slopes, active)
             left = np.where(active[:, None], found, left)
+            # theta may stand still while mu still bends the joint
+            size = np.maximum(size, np.max(np.abs(self._angles.of(eta) - angles), axis=1))
             lost = lost | (failed & active)
             active = active & ~lost & (size > TOLERANCE) & ~((size < ROUND_OFF) & (size >= 0.5 * last))
             last = size

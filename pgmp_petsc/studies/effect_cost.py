@@ -23,6 +23,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -149,7 +150,7 @@ def table(costs: list[EffectCost]) -> str:
 
 def print_tables(path: Path) -> None:
     """Measure the full-order and the reduced model of a scene, and print both tables."""
-    scene, meshes = read_scene(path, (), (), MPI.COMM_SELF)
+    scene, meshes = read_scene(path, (), (), MPI.COMM_SELF, Purpose.BUILD)
     full = measure(scene, meshes, lambda changed: FullModel(changed, meshes))
     print(f"full-order model\n{table(full)}\n", flush=True)
     reduced = measure(scene, meshes, lambda changed: reduced_model(changed, meshes), of_reduced(scene))

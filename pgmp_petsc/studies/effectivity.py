@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
@@ -151,9 +152,9 @@ def refer(path: Path, load: str, values: Mapping[str, np.ndarray], refinement: i
     """Integrate the full-order samples with a step that is `refinement` times smaller, and with twice that."""
     runs = []
     for finer in (refinement // 2, refinement):
-        scene, meshes = read_scene(path, (load,), (), MPI.COMM_SELF)
+        scene, meshes = read_scene(path, (load,), (), MPI.COMM_SELF, Purpose.FULL)
         step = f"simulation.step={scene.simulation.step / finer!r}"
-        fine, _ = read_scene(path, (load, step), (), MPI.COMM_SELF)
+        fine, _ = read_scene(path, (load, step), (), MPI.COMM_SELF, Purpose.FULL)
         runs.append(history(FullModel(fine, meshes), values, finer))
     before, exact = runs
     return Reference(exact, {name: np.max(np.abs(exact[name] - before[name]), axis=0) for name in exact})
@@ -210,11 +211,11 @@ def measure(
     roms = {}
     for torque in torques or TORQUES:
         load = f"effects.{MOTOR}.table={TORQUES[torque]}"
-        scene, meshes = read_scene(path, (load,), (), comm)
+        scene, meshes = read_scene(path, (load,), (), comm, Purpose.FULL)
         values = draw(scene, seed, 0, n_samples)
         reference = refer(path, load, values, refinement)
         for setting in settings or SETTINGS:
-            reduced, _ = read_scene(path, (*SETTINGS[setting], load), (), comm)
+            reduced, _ = read_scene(path, (*SETTINGS[setting], load), (), comm, Purpose.BUILD)
             first = setting not in roms
             if first:
                 with RankGroup.split(comm, 1) as group:

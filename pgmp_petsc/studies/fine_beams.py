@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.modes.problem import ModalProblem
@@ -104,7 +105,7 @@ def frequencies(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[np.ndarray
     RunError
         If the eigenproblem fails.
     """
-    scene, meshes = read_scene(path, (), (), comm)
+    scene, meshes = read_scene(path, (), (), comm, Purpose.MODES)
     overrides = []
     for name, body in scene.bodies.items():
         x, y = np.asarray(meshes[name].nodes)[:, :2].T
@@ -113,7 +114,7 @@ def frequencies(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[np.ndarray
         entries = body.model_dump(exclude_unset=True, exclude={"mesh", "line"})
         entries["line"] = {"length": float(np.ptp(x)), "elements": n_elements, "start": float(x.min())}
         overrides.append(f"bodies.{name}={toml(entries)}")
-    scene, meshes = read_scene(path, overrides, (), comm)
+    scene, meshes = read_scene(path, overrides, (), comm, Purpose.MODES)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
     theta = np.array([c.lower + PLACE * (c.upper - c.lower) for c in kinematics.coordinates])
     with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, comm) as problem:

@@ -37,7 +37,7 @@ def read_scene(
     overrides: Sequence[str],
     settings: Sequence[str],
     comm: MPI.Comm,
-    purpose: Purpose = Purpose.CHECK,
+    purpose: Purpose,
 ) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
 

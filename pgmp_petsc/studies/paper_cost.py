@@ -10,6 +10,7 @@ from time import process_time
 from mpi4py import MPI
 
 from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.studies.inputs import read_rom, read_scene
@@ -53,7 +54,7 @@ def measure(scene: Path, directory: Path) -> list[Cost]:
     """Measure both models on both meshes, in this process alone."""
     costs = []
     for n_elements, overrides in ((5, ()), (40, FINE)):
-        loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF)
+        loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL)
         full = FullModel(loaded, meshes)
         reduced_scene, rom = read_rom(directory / ROMS[n_elements], (), (), MPI.COMM_SELF)
         mechanism = full.kinematics.mechanism

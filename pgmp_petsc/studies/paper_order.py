@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies.inputs import read_scene
@@ -61,7 +62,7 @@ class Case:
     def model(self, scene: Path) -> FullModel:
         """Return the model of the case."""
         overrides = [*self.overrides, f"simulation.duration={self.duration}"]
-        return FullModel(*read_scene(scene, overrides, (), MPI.COMM_SELF))
+        return FullModel(*read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL))
 
 
 AT_REST = Case("at rest, ramped torque, 1 s", (), 1.0, (1e-3, 5e-4, 2.5e-4))

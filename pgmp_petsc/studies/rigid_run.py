@@ -11,6 +11,7 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.settled_start import require_settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.joints import PointOnLine
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -72,8 +73,8 @@ def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKin
 
     Raises
     ------
-    RunError
-        If the run fails.
+    InputError, RunError
+        If there is no static equilibrium to start from, or the run fails.
     """
     stiff = _with_rigid_bodies(scene)
     model = FullModel(stiff, meshes, kinematics)
@@ -93,7 +94,9 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     times, states, energies = [], [], []
     simulation = model.scene.simulation
     simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
-    with model.distributed(model.scene.values, MPI.COMM_SELF) as system:
+    system = model.distributed(model.scene.values, MPI.COMM_SELF)
+    require_settled(system)
+    with system:
 
         def record(step: int, time: float, state: State) -> None:
             times.append(time)

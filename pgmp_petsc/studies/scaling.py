@@ -26,6 +26,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -84,10 +85,10 @@ def measure(
         On the first rank, None elsewhere.
     """
     world, clocks = group.world, Clocks()
-    read_scene(path, overrides, (), world)  # once for the imports
+    read_scene(path, overrides, (), world, Purpose.BUILD)  # once for the imports
     idle, load = world.gather(peak_memory()), os.getloadavg()[0]
     with clocks.phase(phases.READING):
-        scene, meshes = read_scene(path, overrides, (), world)
+        scene, meshes = read_scene(path, overrides, (), world, Purpose.BUILD)
     solids = [mesh for mesh in meshes.values() if isinstance(mesh, SolidMesh)]
     if not solids:
         raise InputError(f"'{path}' has no body of continuum elements; the study needs one")

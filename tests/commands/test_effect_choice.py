@@ -12,6 +12,7 @@ import tomllib
 from conftest import ROOT
 from runs import PGMP, pgmp
 
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
 from pgmp_petsc.scene import load_scene, scene_to_toml
@@ -36,7 +37,7 @@ def sizes_of(path: Path, *overrides: str) -> EffectSizes:
     """Estimate the effects of a scene."""
     from mpi4py import MPI
 
-    return estimate_effects(*read_scene(path, overrides, [], MPI.COMM_SELF))
+    return estimate_effects(*read_scene(path, overrides, [], MPI.COMM_SELF, Purpose.BUILD))
 
 
 def shares(sizes: EffectSizes) -> dict[str, float]:
@@ -72,11 +73,11 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
     from mpi4py import MPI
 
     slow = "effects.motor.table=[[0.0,0.0],[1.0,1e-6]]"
-    scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF)
+    scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
     chosen, sizes = choose_effects(scene, meshes)
     assert not chosen.second_order and not chosen.gyroscopic
     assert "motor" in chosen.effects
-    fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF))
+    fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD))
     assert fast.second_order and fast.gyroscopic
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
 

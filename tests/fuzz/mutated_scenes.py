@@ -28,6 +28,7 @@ from typing import Any
 import tomli_w
 from mpi4py import MPI
 
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.check import describe_scene
 from pgmp_petsc.studies.inputs import read_scene
@@ -131,7 +132,7 @@ def failure_of(case: Case, path: Path) -> tuple[str, str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            scene, meshes = read_scene(path, case.overrides, case.settings, MPI.COMM_SELF)
+            scene, meshes = read_scene(path, case.overrides, case.settings, MPI.COMM_SELF, Purpose.CHECK)
             describe_scene(scene, meshes)
     except InputError as error:
         strange = _message(str(error))

@@ -14,6 +14,7 @@ from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Ensemble
@@ -27,7 +28,7 @@ N, SEED = 64, 0
 @pytest.fixture(scope="module")
 def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("press") / "rom.h5"
-    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF, Purpose.BUILD)
     build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)).write(path)
     return path
 
@@ -63,7 +64,7 @@ def test_it_says_that_mean_and_deviation_are_biased_and_where(command: tuple) ->
 def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_been(command: tuple, rom: Path) -> None:
     """The full-order model integrates them all; with its outputs in place of those that failed, the bounds hold."""
     _, output, ensemble = command
-    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF, Purpose.BUILD)
     full = FullModel(scene, meshes)
     failed = np.flatnonzero(ensemble.status != Status.FINE)
     values = {name: value[failed] for name, value in draw(scene, SEED, 0, N).items()}

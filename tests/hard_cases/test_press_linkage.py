@@ -15,6 +15,7 @@ from runs import rom_of
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
@@ -57,7 +58,7 @@ def test_the_linear_model_errs_and_warns() -> None:
 
 def test_the_change_of_stiffness_is_that_of_the_size_check() -> None:
     """The rigid mechanism's run gives the largest share at a few instants, the reduced run that at others."""
-    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF)
+    scene, meshes = read_scene(SCENE, (), (), MPI.COMM_SELF, Purpose.SIZES)
     sizes = {size.kind: size.share for size in estimate_effects(scene, meshes).sizes}
     found = max(abs(linear().validity[name]) for name in ("stiffness_gained", "stiffness_lost"))
     assert 0.5 < found / sizes["geometric_stiffening"] < 2.0

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
 
@@ -160,7 +161,7 @@ def test_there_are_many() -> None:
 def test_refused(name: str) -> None:
     scene, overrides, entry, words = REFUSED[name]
     with pytest.raises(InputError) as caught:
-        read_scene(scene, overrides, (), MPI.COMM_SELF)
+        read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.CHECK)
     lines = [line for line in str(caught.value).splitlines() if line.startswith((f"{entry} = ", f"{entry}: "))]
     assert lines and words in lines[0], str(caught.value)
 
@@ -168,7 +169,7 @@ def test_refused(name: str) -> None:
 @pytest.mark.parametrize("name", WARNED)
 def test_warned(name: str) -> None:
     scene, overrides, entry, words = WARNED[name]
-    remarks = read_scene(scene, overrides, (), MPI.COMM_SELF)[0].remarks
+    remarks = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks
     lines = [r.text for r in remarks if r.text.startswith((f"{entry} = ", f"{entry}: "))]
     assert lines and words in lines[0], remarks
     assert all(remark.kind == "warning" for remark in remarks)
@@ -177,4 +178,4 @@ def test_warned(name: str) -> None:
 @pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_scenes_make_sense(path: Path) -> None:
     assert tomllib.loads(path.read_text(encoding="utf-8"))
-    assert read_scene(path, (), (), MPI.COMM_SELF)[0].remarks == ()
+    assert read_scene(path, (), (), MPI.COMM_SELF, Purpose.CHECK)[0].remarks == ()

@@ -13,6 +13,7 @@ from pictures import assert_inside, legend_texts, visible
 
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.figures import scaling as figures
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import scaling as phases
 from pgmp_petsc.results.scaling import ScalingCase, exponent, over_unknowns
@@ -54,7 +55,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScalingCase, Pat
 
 def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) -> None:
     found, path = measured
-    _, meshes = read_scene(SOLIDS, (), (), MPI.COMM_SELF)
+    _, meshes = read_scene(SOLIDS, (), (), MPI.COMM_SELF, Purpose.BUILD)
     assert found.unknowns == sum(2 * mesh.n_nodes for mesh in meshes.values())
     assert (found.dimension, found.bodies, found.modes, found.angles, found.ranks) == (2, 2, 4, 6, 1)
     for times in (found.wall, found.processor):
@@ -71,7 +72,7 @@ def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) 
 
 
 def test_a_fresh_solve_has_the_condensed_frequencies() -> None:
-    scene, meshes = read_scene(SOLIDS, SMALL, (), MPI.COMM_SELF)
+    scene, meshes = read_scene(SOLIDS, SMALL, (), MPI.COMM_SELF, Purpose.BUILD)
     components = condensed(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
     fresh = scaling.fresh_solve(scene, meshes, MPI.COMM_SELF)
     # condensing leaves 1e-10 of the compliances; round-off of the mesh's stiffness stands above

@@ -13,6 +13,7 @@ import pytest
 from conftest import ROOT
 from mpi4py import MPI
 
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -33,7 +34,7 @@ SMALLER = {
 def read(name: str, *overrides: str) -> tuple[Scene, dict[str, LineMesh]]:
     """Return a scene of the repository and its meshes."""
     smaller = SMALLER.get(name, ())
-    return read_scene(ROOT / "scenes" / f"{name}.toml", (*smaller, *overrides), (), MPI.COMM_SELF)
+    return read_scene(ROOT / "scenes" / f"{name}.toml", (*smaller, *overrides), (), MPI.COMM_SELF, Purpose.CHECK)
 
 
 @lru_cache(maxsize=None)

@@ -31,6 +31,7 @@ from pgmp_petsc.bodies.free_modes import free_modes
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -76,14 +77,14 @@ ANGLES = (0.0, 0.7, np.pi / 2, 2.4, np.pi, 4.0)
 @lru_cache(maxsize=None)
 def round_rods() -> tuple[Scene, dict[str, BodyShape]]:
     """Return the repository's slider-crank of solid rods, condensed."""
-    scene, meshes = read_scene(ROOT / "scenes" / "slider_crank_solid3d.toml", (), (), MPI.COMM_SELF)
+    scene, meshes = read_scene(ROOT / "scenes" / "slider_crank_solid3d.toml", (), (), MPI.COMM_SELF, Purpose.CHECK)
     return scene, condensed(scene, meshes, group())
 
 
 def test_the_modes_in_the_plane_are_those_of_beams() -> None:
     scene, shapes = round_rods()
     fine = [f'bodies.{name}.mesh="../meshes/{name}_40.msh"' for name in ("crank", "rod")]
-    planar, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", fine, (), MPI.COMM_SELF)
+    planar, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", fine, (), MPI.COMM_SELF, Purpose.CHECK)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes))
     beams = RigidKinematics(Mechanism.from_scene(planar, meshes))
     # rigid bodies do not need what holds the rod in the plane twice, flexible ones do
@@ -278,7 +279,7 @@ def turned(seed: int, found: list[float], modes: ModeSet) -> ModeSet:
 
 def crossing_scene(name: str) -> Scene:
     overrides = (*WEIGHT, *RANGES[name])
-    return read_scene(ROOT / "scenes" / "slider_crank_solid3d.toml", overrides, (), MPI.COMM_SELF)[0]
+    return read_scene(ROOT / "scenes" / "slider_crank_solid3d.toml", overrides, (), MPI.COMM_SELF, Purpose.CHECK)[0]
 
 
 def build(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+from pathlib import Path
+
 import numpy as np
 import pytest
+import spatial
 from mpi4py import MPI
+from two_coordinates import DOUBLE_PENDULUM
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from combinations import without_effects
 from scenes import PENDULUM, RADIUS, SLIDER_CRANK, STEEL, meshes_of
 
 BAR = PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(
@@ -200,3 +208,113 @@ def test_no_loads_leave_the_mechanism_where_it_is() -> None:
     system = FullModel(scene, meshes_of(scene)).batch({}, 1)
     np.testing.assert_allclose(system.settled.theta, 0.7)
     assert not system.settled.reasons and not system.settled.unstable[0]
+
+
+def errors_at_the_start(text: str, coordinates: str, start: float, *overrides: str) -> tuple[dict, dict]:
+    """Return estimated and true errors of outputs at time zero."""
+    scene = scene_from_toml(scene_to_toml(scene_of(text, coordinates, start)), ".", (SHORT, *overrides))
+    reduced = ReducedModel(scene, build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)))
+    run = simulate_reduced(reduced, MPI.COMM_SELF)
+    full = simulate_full(FullModel(scene, meshes_of(scene)), MPI.COMM_SELF)
+    true = {name: values[0] - full.outputs[name][0] for name, values in run.outputs.items()}
+    assert run.errors is not None, run.record.remarks
+    if coordinates == "free":  # nothing moves, so what is off at the start stays off by as much
+        for name, error in true.items():
+            np.testing.assert_allclose(run.errors.outputs[name], error, rtol=1e-3, atol=1e-12)
+    return {name: values[0] for name, values in run.errors.outputs.items()}, true
+
+
+SHORT = "simulation.duration=0.005"
+TIP = 'outputs.height={type="position", point="%s:tip", axis="y"}'
+
+
+@pytest.mark.parametrize(
+    ("text", "coordinates", "start", "overrides", "least"),
+    [
+        # two modes answer the weight poorly: the crank hangs 5e-6 rad beside where it would
+        (LINK, "free", 0.4, ("reduction.modes=2", "reduction.static_modes=false",
+                             'outputs.angle={type="angle", joint="crank_hinge"}'), 1e-6),
+        # the cubic strain energy of second order lacks what bounds it: 3 % of a sag of 7 mm
+        (BAR, "held", 0.0, ("reduction.second_order=true", TIP % "arm"), 1e-4),
+    ],
+)  # fmt: skip
+def test_the_estimate_knows_how_far_the_start_is_off(text, coordinates, start, overrides, least) -> None:
+    estimated, true = errors_at_the_start(text, coordinates, start, *overrides)
+    assert max(abs(error) for error in true.values()) > least
+    for name, error in true.items():
+        np.testing.assert_allclose(estimated[name], error, rtol=1e-3)
+
+
+CHAIN = without_effects(DOUBLE_PENDULUM)
+
+
+def test_two_free_coordinates_hang_straight_down() -> None:
+    text = CHAIN + GRAVITY + RUN + '[initial]\nequilibrium = true\ncoordinates = "free"\n'
+    start = ("simulation.initial.theta1.position=0.4", "simulation.initial.theta2.position=1.1")
+    scene = scene_from_toml(text, ".", (*start, "reduction.static_modes=true"))
+    meshes = meshes_of(scene)
+    reduced = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
+    for model in (FullModel(scene, meshes), reduced):
+        settled = model.batch({}, 1).settled
+        assert not settled.reasons and not settled.unstable[0]
+        turns = (settled.theta[0] - [-np.pi / 2, 0.0]) / (2 * np.pi)
+        np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)
+
+
+DRIVEN = (
+    '\n[parameters.T]\nnominal = 1.0\ndistribution = { name = "uniform", loc = 0.0, scale = 2.0 }\n'
+    '[effects.winch]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 3.0], [1.0, 3.0]]\nscale = "T"\n'
+)
+
+
+def driven() -> Scene:
+    """Return a pendulum whose torque holds it at an angle in some samples and drives it round in the others."""
+    scene = scene_of(BAR, "free", 0.0, DRIVEN)
+    short = scene.simulation.model_copy(update={"duration": 0.01})
+    return scene.model_copy(update={"simulation": short})
+
+
+@pytest.mark.parametrize("name", ["reduced", "full"])
+def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
+    scene = driven()
+    model = FullModel(scene, meshes_of(scene)) if name == "full" else reduced_of(scene, BAR)
+    ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), MPI.COMM_SELF)
+    # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
+    largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.81 / 3.0
+    held = ensemble.parameters["T"] < largest
+    assert 0 < held.sum() < 8 and np.min(np.abs(ensemble.parameters["T"] - largest)) > 1e-2
+    np.testing.assert_array_equal(ensemble.status, np.where(held, Status.FINE, Status.NO_EQUILIBRIUM))
+    np.testing.assert_array_equal(ensemble.steps_divided, 1)
+    np.testing.assert_array_equal(ensemble.failure_time[~held], 0.0)
+    assert any("no static equilibrium was found to start from" in remark.text for remark in ensemble.record.remarks)
+
+
+def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
+    scene = scene_of(BAR, "free", np.pi / 2, DRIVEN)
+    motor = scene.effects["winch"].model_copy(update={"scale": 0.0})
+    short = scene.simulation.model_copy(update={"duration": 2e-3})
+    scene = scene.model_copy(update={"effects": scene.effects | {"winch": motor}, "simulation": short})
+    ensemble = run_ensemble(FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), MPI.COMM_SELF)
+    texts = [remark.text for remark in ensemble.record.remarks if remark.kind == "warning"]
+    assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
+
+
+@pytest.mark.parametrize("coordinates", ["held", "free"])
+def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
+    entries = ('effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}', "reduction.static_modes=true",
+               "reduction.modes=6", "reduction.angles=24", "simulation.duration=0.002", "simulation.step=1e-3",
+               "simulation.initial.theta.position=0.5", TIP % "crank",
+               'outputs.sag={type="deformation", point="crank:tip", axis="y"}')  # fmt: skip
+    settled = ("initial.equilibrium=true", f'initial.coordinates="{coordinates}"')
+    scene = scene_from_toml(spatial.SLIDER_CRANK, ".", (*entries, *settled))
+    meshes = spatial.bars_of(scene)
+    rom = build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    found = []
+    for model in (FullModel(scene, meshes), ReducedModel(scene, rom)):
+        with closing(model.batch({}, 1)) as system:
+            outputs = model.outputs.evaluate(model.output_frames(system, system.start()))
+            found.append((outputs["height"][0], outputs["sag"][0], system.settled.theta[0, 0]))
+    full, reduced = found
+    assert full[1] != 0.0
+    np.testing.assert_allclose(reduced[1], full[1], rtol=0.02)
+    np.testing.assert_allclose(reduced[0], full[0], atol=0.02 * abs(full[1]))

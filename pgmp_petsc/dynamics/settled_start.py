@@ -1,4 +1,4 @@
-"""What is said of runs that start from static equilibrium."""
+"""What is said of runs and samples that start from static equilibrium."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import numpy as np
 
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.scene import Scene
+
+ELSEWHERE = "begin elsewhere (simulation.initial) to find the one that it falls to"
 
 
 def require_settled(system: SecondOrderSystem) -> None:
@@ -34,7 +37,24 @@ def start_remarks(system: SecondOrderSystem) -> tuple[Remark, ...]:
         remarks.append(
             warning(
                 f"the static equilibrium at {places} is unstable: the smallest disturbance, round-off too, makes the "
-                "mechanism leave it; begin elsewhere (simulation.initial) to find the one that it falls to"
+                f"mechanism leave it; {ELSEWHERE}"
+            )
+        )
+    return tuple(remarks)
+
+
+def starts_remarks(scene: Scene, unstable: np.ndarray) -> tuple[Remark, ...]:
+    """Return where the samples of an ensemble start from, and how many will not stay there (a mask)."""
+    if not scene.initial.equilibrium:
+        return ()
+    if scene.initial.coordinates == "held":
+        return (note("every sample starts from its own static deformation with coordinates held, and lets them go"),)
+    remarks = [note("every sample starts from its own static equilibrium")]
+    if unstable.any():
+        remarks.append(
+            warning(
+                f"the static equilibrium of {int(unstable.sum())} of {unstable.size} samples is unstable: the smallest "
+                f"disturbance, round-off too, makes the mechanism leave it; {ELSEWHERE}"
             )
         )
     return tuple(remarks)

@@ -1,0 +1,29 @@
+"""Features with kinds of mechanism through a chain of commands: each works, or is refused by name with its cure.
+
+Every feature once, every kind with three or four of them; ``python tests/combinations.py`` tries all with all.
+"""
+
+from __future__ import annotations
+
+import pytest
+from combinations import FEATURES, KINDS, outcome
+
+CHOSEN = [
+    (kind, feature)
+    for k, kind in enumerate(KINDS)
+    for f, feature in enumerate(FEATURES)
+    if (f + k) % len(KINDS) == 0
+]
+
+
+@pytest.mark.parametrize(("kind", "feature"), CHOSEN, ids=[", ".join(pair) for pair in CHOSEN])
+def test_it_works_or_is_refused_by_name(kind: str, feature: str) -> None:
+    found = outcome(kind, feature)
+    assert not {command: result for command, result in found.items() if result.startswith(("TRACEBACK", "failed"))}
+    for result in found.values():
+        # "refused: entry: why; cure", the entry as a user writes it or the command
+        assert result == "fine" or ": " in result.removeprefix("refused: "), result
+
+
+def test_every_feature_and_every_kind_is_chosen() -> None:
+    assert {feature for _, feature in CHOSEN} == set(FEATURES) and {kind for kind, _ in CHOSEN} == set(KINDS)

@@ -1,0 +1,65 @@
+"""Runs and samples that start from static equilibrium, by the commands; those that have none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from runs import overridden
+from test_scene_files import message_of, status_of
+
+from pgmp_petsc.results import Ensemble, Trajectory
+
+SCENE = ROOT / "scenes" / "slider_crank.toml"
+SHORT = overridden(
+    "reduction.modes=2", "reduction.angles=8", "reduction.parameter_modes=0", "simulation.duration=0.004",
+    "coordinates.theta.range=[-0.3, 0.6]", "coordinates.theta.periodic=false", "ensemble.checked_share=1.0",
+)  # fmt: skip
+HELD = overridden("initial.equilibrium=true", "effects.motor.table=[[0.0, 0.5], [1.0, 0.5]]")
+# nothing holds a torque on a mechanism without weight
+LOST = [*HELD, *overridden('initial.coordinates="free"')]
+
+
+@pytest.fixture(scope="module")
+def rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("settled") / "rom.h5"
+    assert status_of("build", SCENE, *SHORT, "-o", path) == 0
+    return path
+
+
+def test_a_built_model_takes_another_start(rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.h5"
+    assert status_of("simulate", rom, *HELD, "-o", path) == 0
+    out, err = capfd.readouterr()
+    assert "note: the run starts from static deformation with coordinates held at theta = 0 rad" in out
+    run = Trajectory.read(path)
+    assert run.balance.strain[0] > 0.0 and run.errors is not None
+    assert any("starts from static deformation" in remark.text for remark in run.record.remarks)
+    # held, the crank turns by nothing
+    assert abs(run.outputs["crank_angle"][0]) < 1e-9
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_a_run_without_equilibrium_is_refused(
+    full: bool, rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    source = [SCENE, "--full", *SHORT] if full else [rom]
+    message = message_of(capfd, "simulate", *source, *LOST, "-o", tmp_path / "run.h5")
+    for words in ('initial.coordinates = "free"', "no static equilibrium", "N m on theta", 'coordinates = "held"'):
+        assert words in message
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_samples_without_equilibrium_are_records(
+    full: bool, rom: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    source, path = [SCENE, "--full", *SHORT] if full else [rom], tmp_path / "samples.h5"
+    assert status_of("montecarlo", *source, *LOST, "-n", 3, "-o", path) == 1
+    out, err = capfd.readouterr()
+    assert "Traceback" not in err
+    warned = "3 of 3 samples failed (status 7): no static equilibrium was found to start from"
+    assert out.count(warned) == 1, "said once"
+    np.testing.assert_array_equal(Ensemble.read(path).status, 7)
