@@ -54,7 +54,9 @@ class GeneralisedAlpha:
         Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
     """
 
-    def __init__(self, system: SecondOrderSystem, spectral_radius: float, step: float, alive: np.ndarray) -> None:
+    def __init__(
+        self, system: SecondOrderSystem, spectral_radius: float, duration: float, n_steps: int, alive: np.ndarray
+    ) -> None:
         self.system = system
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
@@ -62,7 +64,8 @@ class GeneralisedAlpha:
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
-        self._step = step
+        self._duration, self._n_steps, self._n_done = duration, n_steps, 0
+        self._step = duration / n_steps
         self._auxiliary = self.state.a.copy()
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
 
@@ -72,7 +75,9 @@ class GeneralisedAlpha:
         return self._stepper.n_iterations
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
-        """Advance all living samples to `end`, one step on."""
+        """Advance all living samples one step; PETSc's own `end` of it is a sum of steps, with its round-off."""
+        self._n_done += 1
+        end = instant(self._n_done, self._duration, self._n_steps)
         alive = self.status == Status.FINE
         if alive.any():
             previous, auxiliary = self.state, self._auxiliary
@@ -159,8 +164,7 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    step = simulation.duration / n_steps
-    stepper = GeneralisedAlpha(system, simulation.spectral_radius, step, alive)
+    stepper = GeneralisedAlpha(system, simulation.spectral_radius, simulation.duration, n_steps, alive)
     solution = PETSc.Vec().createMPI((stepper.state.q.size, None), comm=system.comm)
     solution.setArray(stepper.state.q.ravel())
     ts = PETSc.TS().create(comm=system.comm)
@@ -169,7 +173,7 @@ def integrate(
         ts.setType(PETSc.TS.Type.PYTHON)
         ts.setPythonContext(stepper)
         ts.setTime(0.0)
-        ts.setTimeStep(step)
+        ts.setTimeStep(simulation.duration / n_steps)
         ts.setMaxTime(2 * simulation.duration)  # the number of steps ends the run, not round-off in their sum
         ts.setMaxSteps(n_steps)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)

@@ -112,8 +112,7 @@ class _Part:
         known += [values.T for values in recorded.values() if isinstance(values, np.ndarray)]
         finite = np.all([np.isfinite(values.reshape(-1, time.size)).all(axis=0) for values in known], axis=0)
         if done.status[0] != Status.FINE:
-            # a time is a sum of steps: round-off must not keep the failed one
-            finite &= time < done.failure_time[0] - 1e-6 * attempt.simulation.step
+            finite &= time < done.failure_time[0]
         kept = time.size if finite.all() else int(np.argmin(finite))
         if done.status[0] == Status.FINE and kept < time.size:
             done = replace(done, status=np.array([Status.NOT_FINITE]), failure_time=time[kept : kept + 1])

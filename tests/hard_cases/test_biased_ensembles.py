@@ -87,12 +87,16 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
     saved = (ensemble.status == Status.FINE) & (ensemble.steps_divided > 1)
     assert saved.any()
     assert f"{saved.sum()} of {N} samples failed with simulation.step = 0.001 s" in output
+    batch = run_batch(model, SEED, 0, N)
     system = model.batch(draw(scene, SEED, 0, N), N)
     plain = integrate(system, scene.simulation)
     np.testing.assert_array_equal(plain.status != Status.FINE, ensemble.steps_divided > 1)
     untouched = plain.status == Status.FINE
     for name, values in model.outputs.evaluate(model.output_frames(system, plain.state)[..., untouched]).items():
-        np.testing.assert_array_equal(ensemble.outputs[name][untouched], values, err_msg=name)
+        np.testing.assert_array_equal(batch.outputs[name][untouched], values, err_msg=name)
+        # A process that compiles runs other machine code than one that loads what was compiled: their last bits differ,
+        # which the steps amplify.
+        np.testing.assert_allclose(ensemble.outputs[name][untouched], values, rtol=1e-9, atol=1e-12, err_msg=name)
 
 
 def test_batches_have_no_part_in_it(command: tuple, rom: Path) -> None:

@@ -81,7 +81,7 @@ ENTRIES = [
         "foo=1",
         (
             "foo = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints,"
-            " coordinates, effects, reduction, simulation, ensemble, outputs)"
+            " coordinates, effects, reduction, initial, simulation, ensemble, outputs)"
         ),
     ),
     (
