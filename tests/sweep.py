@@ -61,6 +61,8 @@ class Ending:
         What rank 0 printed.
     seconds
         Wall time.
+    refused
+        Part of the message with which it must end (see `refusal`); None where it is to work.
     """
 
     scene: str
@@ -69,6 +71,7 @@ class Ending:
     out: str
     err: str
     seconds: float
+    refused: str | None = None
 
     @property
     def faults(self) -> list[str]:
@@ -76,12 +79,11 @@ class Ending:
         found = [f"'{word}' on stderr" for word in TRACE if word in self.err]
         if len(set(self.status)) > 1:
             found.append(f"ranks end with {self.status}")
-        refused = refusal(ROOT / "scenes" / f"{self.scene}.toml", self.command)
-        if refused is not None and not (self.status[0] == 2 and refused in self.err):
-            found.append(f"status {self.status[0]} instead of a refusal with '{refused}'")
-        if refused is None and self.status[0] not in (0,):
+        if self.refused is not None and not (self.status[0] == 2 and self.refused in self.err):
+            found.append(f"status {self.status[0]} instead of a refusal with '{self.refused}'")
+        if self.refused is None and self.status[0] != 0:
             found.append(f"status {self.status[0]}: {self.err.strip()[-300:]}")
-        if refused is None and self.wants_estimate and not OUTPUT.search(self.out):
+        if self.refused is None and self.wants_estimate and not OUTPUT.search(self.out):
             found.append("no word on errors")
         return found
 
@@ -169,7 +171,8 @@ def work(scene: Path, folder: Path, report: Path, whole: bool) -> None:
         statuses = comm.gather(int(status))
         if comm.rank == 0:
             taken = time.perf_counter() - start
-            endings.append(Ending(scene.stem, name, tuple(statuses), out.getvalue(), err.getvalue(), taken))
+            printed = out.getvalue(), err.getvalue()
+            endings.append(Ending(scene.stem, name, tuple(statuses), *printed, taken, refusal(scene, name)))
             report.write_text(json.dumps([asdict(ending) for ending in endings]))
 
 
