@@ -24,17 +24,30 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import Joint, PointOnLine
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.spatial_joints import SpatialJoint
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import effects as schema
 
 GROUND_ORIGIN = Attachment(-1, -1, np.zeros(2))
 
 
 def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
-    """Return the effect that fits the force's direction; see the module."""
+    """Return the effect that fits the force's direction; see the module.
+
+    Raises
+    ------
+    InputError
+        If the force would be an action, and the mechanism moves in space.
+    """
     point = mechanism.attachment(entry.point, f"effects.{name}.point")
     if point.at_node and entry.towards is None and not entry.follows:
         return FixedForce(name, entry, point, _is_guided(mechanism, point))
+    if mechanism.space is SPATIAL:
+        raise InputError(
+            f'effects.{name}.point = "{entry.point}": in space a force acts on a point of a flexible body, or on the centre '
+            "of mass of a rigid one; take such a point, or make the body flexible"
+        )
     scale, amplitude = Quantity.of(entry.scale), amplitude_of(entry)
     if entry.towards is not None:
         # it makes the distance shorter

@@ -64,7 +64,7 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
             low, high = parameter.bounds
             text = (
                 f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "
-                f"they cut off {100 * below:.2g} % below and {100 * above:.2g} % above"
+                f"they cut off {_percent(below)} below and {_percent(above)} above"
             )
             if below + above > MUCH_CUT_OFF:
                 text += "; so much is missing that bounds and distribution may not mean the same quantity: check both"
@@ -88,3 +88,8 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def _stream(seed: int, number: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
+
+
+def _percent(share: float) -> str:
+    """Return a share in percent; one that no ensemble notices is nothing."""
+    return f"{100 * share:.2g} %" if share > 1e-9 or share == 0.0 else "less than 1e-7 %"
