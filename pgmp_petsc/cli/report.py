@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import click
 
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.runtime.streams import first_line
 
 if TYPE_CHECKING:
     import h5py
@@ -34,33 +29,9 @@ class Writable(Protocol):
 
 
 def say(context: click.Context, text: str) -> None:
-    """Print ``text`` on rank 0, at once; not collective.
-
-    Where that fails (a full disk) the command goes on, so that nothing is lost, and ends with an error.
-    """
-    if context.obj.comm.rank > 0:
-        return
-    try:
+    """Print ``text`` on rank 0, at once; not collective."""
+    if context.obj.comm.rank == 0:
         click.echo(text)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        _write_off_output()
-        message = f"standard output could not be written: {first_line(error)}; files are not concerned"
-        context.call_on_close(partial(_fail, message))
-
-
-def _write_off_output() -> None:
-    """Let what waits for standard output, and all that follows, go nowhere: it would fail again when Python ends."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, sys.stdout.fileno())
-    finally:
-        os.close(nowhere)
-
-
-def _fail(message: str) -> None:
-    raise RunError(message)
 
 
 def say_remarks(context: click.Context, scene: Scene) -> None:
