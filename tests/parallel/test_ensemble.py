@@ -226,7 +226,7 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
         np.testing.assert_array_equal(np.isfinite(found.errors[name]), ~outside & (np.arange(N) < 20))
         assert found.statistics[name].mean == pytest.approx(output[~outside].mean(), rel=1e-12)
     assert f"{outside.sum()} of {N} samples failed (status 1)" in done.stdout
-    assert "they fail mostly at low r1" in done.stdout
+    assert "may be biased: no parameter alone tells" in done.stdout  # one of 22 tells nothing
     assert "Traceback" not in done.stderr
     assert not path.with_name(f"{path.name}.partial").exists()
 
