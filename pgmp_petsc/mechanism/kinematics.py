@@ -89,6 +89,8 @@ class RigidKinematics:
 
     def of_bodies(self, mechanism: Mechanism) -> RigidKinematics:
         """Return the kinematics of the same mechanism with bodies that deform where these are rigid, or the reverse."""
+        if [body.name for body in mechanism.bodies] != [body.name for body in self.mechanism.bodies]:
+            return RigidKinematics(mechanism)  # masses on rigid bodies are bodies of their own: nothing can be shared
         other = copy(self)
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
         other.coordinate, other._closure = mechanism.coordinates[0], LoopClosure(mechanism)

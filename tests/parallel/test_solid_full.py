@@ -38,7 +38,7 @@ def test_samples_in_space_are_dealt_out(mpirun: Callable, tmp_path: Path) -> Non
     paths = []
     for n in (1, 2):
         paths.append(tmp_path / f"many_{n}.h5")
-        few = overridden(*FEW[1:], "simulation.duration=0.001")
+        few = overridden(*FEW[1:], "simulation.duration=0.002")
         mpirun(n, *PGMP, "montecarlo", SCENE, "--full", "-n", 2, "--seed", 3, "-o", paths[-1], *few)
     one, two = (Ensemble.read(path) for path in paths)
     assert not one.status.any() and one.outputs["crank_angle"][0] != one.outputs["crank_angle"][1]
