@@ -121,10 +121,10 @@ def test_other_threads_leave_handlers_alone() -> None:
 
 
 def test_what_is_kept_is_what_is_there(tmp_path: Path) -> None:
-    assert what_is_kept() == NOTHING
-    keep(tmp_path)
-    try:
+    keep(tmp_path / "of_an_earlier_run")
+    with ending_on_signals(0):
+        assert what_is_kept() == NOTHING
+        keep(tmp_path)
         assert what_is_kept() == KEPT.format(tmp_path)
-    finally:
         keep_no_longer(tmp_path)
-    assert what_is_kept() == NOTHING
+        assert what_is_kept() == NOTHING

@@ -131,7 +131,7 @@ def test_the_share_of_checked_samples(folder: Path, rom: Path, expected: Ensembl
             np.testing.assert_allclose(values[both], expected.errors[name][both], rtol=1e-6, atol=1e-12)
             assert np.all(values[:n_checked] >= np.abs(found.errors_at_end[name][:n_checked]))
     path = folder / "unwatched.h5"
-    pgmp("montecarlo", rom, "-n", 3, "-o", path, "--override", "simulation.error_indicator=false")
+    pgmp("montecarlo", rom, "-n", 3, "--seed", SEED, "-o", path, "--override", "simulation.error_indicator=false")
     unwatched = Ensemble.read(path)
     assert unwatched.errors == {}
     assert any("error_indicator = false" in remark.text for remark in unwatched.record.remarks)
