@@ -299,13 +299,13 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
     assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
 
 
-UNEXPLAINED = "2.2 % apart at the free equilibrium, with 6 modes as with 12: the cause is not known yet"
-
-
-@pytest.mark.parametrize(
-    "coordinates", ["held", pytest.param("free", marks=pytest.mark.xfail(strict=True, reason=UNEXPLAINED))]
-)
+@pytest.mark.parametrize("coordinates", ["held", "free"])
 def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
+    """Hanging free, the crank is stretched by 5e-8 m only, and what a linear deformation leaves out is 2 % of that.
+
+    The modes turn the crank by psi against theta (9e-5 rad): a linear deformation, which lengthens it by
+    L (1 - cos psi) = 1.2e-9 m.
+    """
     entries = ('effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}', "reduction.static_modes=true",
                "reduction.modes=6", "reduction.angles=24", "simulation.duration=0.002", "simulation.step=1e-3",
                "simulation.initial.theta.position=0.5", TIP % "crank",
@@ -321,5 +321,6 @@ def test_reduced_and_full_deformation_agree_in_space(coordinates: str) -> None:
             found.append((outputs["height"][0], outputs["sag"][0], system.settled.theta[0, 0]))
     full, reduced = found
     assert full[1] != 0.0
-    np.testing.assert_allclose(reduced[1], full[1], rtol=0.02)
-    np.testing.assert_allclose(reduced[0], full[0], atol=0.02 * abs(full[1]))
+    lengthened = 0.3 * (1.0 - np.cos(reduced[2] - full[2]))
+    np.testing.assert_allclose(reduced[1] + lengthened, full[1], rtol=2e-3)
+    np.testing.assert_allclose(reduced[0], full[0], atol=0.02 * abs(full[1]) + lengthened)
