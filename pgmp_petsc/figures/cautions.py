@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from pgmp_petsc.figures.style import scene_of
@@ -45,9 +46,17 @@ def of_records(records: Sequence[RunRecord], labels: Sequence[str] = ()) -> list
         for remark in record.remarks
         if remark.kind == "warning"
     )
-    shown = [text if len(text) <= LONGEST else f"{text[:LONGEST].rstrip()} …" for text in list(texts)[:MOST]]
+    shown = [_short(text) for text in list(texts)[:MOST]]
     left = len(texts) - len(shown)
     return [*shown, f"and {left} more warnings: see pgmp info"] if left else shown
+
+
+def _short(text: str) -> str:
+    """Return as many clauses of a warning as a picture has room for, the first one at least."""
+    if len(text) <= LONGEST:
+        return text
+    end = max(text.rfind(mark, 0, LONGEST) for mark in ("; ", ": ", ". "))
+    return f"{text[:end]} …" if end > 0 else textwrap.shorten(text, LONGEST, placeholder=" …")
 
 
 def _labelled(text: str, label: str) -> str:

@@ -55,21 +55,6 @@ class StiffnessChanges:
             samples = samples.over_two_turns(axis)
         return StiffnessChanges(influence, stiffness)
 
-    def shares(self, places: np.ndarray, loading: np.ndarray, stiffness_weights: np.ndarray) -> np.ndarray:
-        """Return s_k of n states, shape (n, n_modes).
-
-        Parameters
-        ----------
-        places
-            Number of the sample next to each state, shape (n,).
-        loading
-            How much of every column there is, shape (n, n_columns).
-        stiffness_weights
-            Shape (n, n_stiffness_terms).
-        """
-        stiffness = np.einsum("nt,ntm->nm", stiffness_weights, self.stiffness[places])
-        return np.einsum("nmc,nc->nm", self.influence[places], loading) / stiffness
-
 
 class InfluenceProbe:
     """Computes influences at any configuration. Collective on the problem's communicator.

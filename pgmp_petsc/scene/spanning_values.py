@@ -15,7 +15,6 @@ import numpy as np
 from pgmp_petsc.scene.schema import Scene
 
 OUTERMOST = 1.35e-3  # probability beyond three standard deviations of a normal distribution
-SMALLEST = 1e-9  # probability above which a parameter that must be positive is so
 LEAST_SHARE = 0.1  # of the nominal value, of a parameter that must be positive and may be as small as 0
 MOST_CORNERS = 3  # parameters whose corners are all taken; of more, only all low and all high
 
@@ -55,10 +54,6 @@ def _levels(scene: Scene, name: str) -> tuple[float, float]:
     if parameter.distribution is None:
         low, high = parameter.bounds
         return (LEAST_SHARE * parameter.nominal if name in scene.positive_parameters and low <= 0.0 else low), high
-    law = parameter.frozen()
-    low, high = (-np.inf, np.inf) if parameter.bounds is None else parameter.bounds
-    least, most = law.cdf(low), law.cdf(high)
-    if name in scene.positive_parameters and low <= 0.0:
-        least = max(least, law.cdf(0.0) + SMALLEST)
-    first, last = law.ppf(least + np.array([OUTERMOST, 1.0 - OUTERMOST]) * (most - least))
-    return float(first), float(last)
+    least = 0.0 if name in scene.positive_parameters else -np.inf
+    low, high = parameter.quantiles(np.array([OUTERMOST, 1.0 - OUTERMOST]), least)
+    return float(low), float(high)
