@@ -1,12 +1,13 @@
 """More ranks than angles, bodies, samples and results: every command ends, with the result of one rank.
 
 The commands of a group run one after the other in one start of MPI. That this process ends is part of the test: ranks
-that had no work must not leave the others waiting at the end of PETSc.
+that had no work must not leave the others waiting at the end of PETSc. ``PGMP_RANKS=7`` takes another number of ranks.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,6 +25,7 @@ from pgmp_petsc.results.trajectory import Trajectory
 BEAMS, SOLIDS = (str(ROOT / "scenes" / f"{name}.toml") for name in ("slider_crank", "slider_crank_solid2d"))
 FEW = overridden("reduction.modes=3", "reduction.angles=4", "simulation.duration=0.01", "simulation.step=1e-3")
 PLAIN = [*FEW, *overridden("reduction.parameter_modes=0", "reduction.second_order=false")]
+MANY = int(os.environ.get("PGMP_RANKS", "5"))
 SHORT = overridden("simulation.duration=0.003", "simulation.step=1e-3")
 
 
@@ -61,7 +63,7 @@ def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
         ["plot", trajectory, *to("pictures")],
         ["export", trajectory, *to("shapes.xdmf")],
     ]
-    return [beams, solids, runs, inspected]
+    return [[*beams, *solids], [*runs, *inspected]]
 
 
 def run_in_turn(mpirun: Callable, n: int, wanted: list[list[str]]) -> tuple[list, subprocess.CompletedProcess[str]]:
@@ -94,33 +96,33 @@ def close(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-7 * np.abs(values).max(), err_msg=name)
 
 
-@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("n", [MANY])
 @pytest.mark.parametrize("name", ["modes.h5", "solid_modes.h5"])
 def test_frequencies_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
     one, several = (ModesTable.read(folder(ranks) / name).full_hz for ranks in (1, n))
     np.testing.assert_allclose(several, one, rtol=1e-8)
 
 
-@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("n", [MANY])
 @pytest.mark.parametrize("name", ["rom.h5", "pairs.h5", "solid_rom.h5"])
 def test_models_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
     one, several = (ReducedOrderModel.read(folder(ranks) / name).frequencies_hz for ranks in (1, n))
     np.testing.assert_allclose(several, one, rtol=1e-8)
 
 
-@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("n", [MANY])
 @pytest.mark.parametrize("name", ["reduced.h5", "settled.h5", "full.h5", "solid_full.h5"])
 def test_runs_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
     close(Trajectory.read(folder(n) / name).outputs, Trajectory.read(folder(1) / name).outputs)
 
 
-@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("n", [MANY])
 @pytest.mark.parametrize("name", ["one.h5", "three.h5", "full_samples.h5"])
 def test_samples_are_those_of_one_rank(folder: Callable, n: int, name: str) -> None:
     close(Ensemble.read(folder(n) / name).outputs, Ensemble.read(folder(1) / name).outputs)
 
 
-@pytest.mark.parametrize("n", [5])
+@pytest.mark.parametrize("n", [MANY])
 def test_pictures_and_shapes_are_there(folder: Callable, n: int) -> None:
     assert (folder(n) / "shapes.xdmf").exists() and list((folder(n) / "pictures").glob("*.png"))
 
@@ -153,8 +155,8 @@ def test_errors_end_too(mpirun: Callable, tmp_path: Path) -> None:
         ["simulate", BEAMS, "--full", *pushed, "-o", str(tmp_path / "stopped.h5")],
         ["montecarlo", BEAMS, "--full", *pushed, "-n", "2", "-o", str(tmp_path / "failed.h5")],
     ]
-    statuses, done = run_in_turn(mpirun, 5, bad + failing)
-    assert statuses == [[2] * 5] * len(bad) + [[1] * 5] * len(failing), f"{done.stdout}\n{done.stderr}"
+    statuses, done = run_in_turn(mpirun, MANY, bad + failing)
+    assert statuses == [[2] * MANY] * len(bad) + [[1] * MANY] * len(failing), f"{done.stdout}\n{done.stderr}"
     # samples that fail are told on standard output
     assert sum(line.startswith("pgmp: error: ") for line in done.stderr.splitlines()) == len(bad) + 1
     assert not (tmp_path / "none.h5").exists()
