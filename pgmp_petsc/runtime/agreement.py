@@ -3,16 +3,21 @@
 A rank that leaves a collective operation alone makes the others wait for ever. Work that one rank can fail at
 by itself (reading a file, one eigenproblem, one sample) is therefore wrapped in :func:`agreed`, which ends
 with one reduction and lets all ranks raise together.
+
+Ranks without work wait there for those that have some, and leave the processor to them: MPI's own waiting keeps it busy.
 """
 
 from __future__ import annotations
 
 import pickle
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, plain_reason
 
@@ -20,6 +25,8 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 Result = TypeVar("Result")
+# s: what is ready soon is waited for in MPI's way, whose answer comes at once; then it is looked for now and then
+SOON, NOW_AND_THEN = 5e-3, 1e-3
 
 
 @contextmanager
@@ -99,8 +106,12 @@ def _lowest_failing_rank(comm: MPI.Comm, failed: bool) -> int | None:
         return 0 if failed else None
     from mpi4py import MPI
 
-    lowest = comm.allreduce(comm.rank if failed else comm.size, op=MPI.MIN)
-    return lowest if lowest < comm.size else None
+    own, lowest = np.array([comm.rank if failed else comm.size]), np.empty(1, dtype=int)
+    request, start = comm.Iallreduce(own, lowest, op=MPI.MIN), time.perf_counter()
+    while not request.Test():
+        if time.perf_counter() - start > SOON:
+            time.sleep(NOW_AND_THEN)
+    return int(lowest[0]) if lowest[0] < comm.size else None
 
 
 def _pack(failure: PgmpError) -> bytes:
