@@ -6,8 +6,22 @@ Every feature once, every kind with three or four of them; ``python tests/combin
 from __future__ import annotations
 
 import pytest
+from capability_table import table, verdict
 from combinations import FEATURES, KINDS, outcome
+from conftest import ROOT
 
+from pgmp_petsc.mechanism.capabilities import Purpose
+
+PURPOSES = {
+    "check": Purpose.CHECK,
+    "check --effects": Purpose.SIZES,
+    "build": Purpose.BUILD,
+    "modes": Purpose.MODES,
+    "simulate": Purpose.REDUCED,
+    "simulate --full": Purpose.FULL,
+    "montecarlo": Purpose.REDUCED,
+    "montecarlo --full": Purpose.FULL,
+}
 CHOSEN = [
     (kind, feature)
     for k, kind in enumerate(KINDS)
@@ -23,6 +37,13 @@ def test_it_works_or_is_refused_by_name(kind: str, feature: str) -> None:
     for result in found.values():
         # "refused: entry: why; cure", the entry as a user writes it or the command
         assert result == "fine" or ": " in result.removeprefix("refused: "), result
+    # what the checks say beforehand, and docs/capabilities.md with them, is what happens
+    said = {command: verdict(kind, feature, purpose) for command, purpose in PURPOSES.items()}
+    assert {command for command, why in said.items() if why} == {c for c, r in found.items() if r != "fine"}
+
+
+def test_the_page_is_what_the_checks_say() -> None:
+    assert (ROOT / "docs" / "capabilities.md").read_text() == table() + "\n"
 
 
 def test_every_feature_and_every_kind_is_chosen() -> None:

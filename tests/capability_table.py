@@ -1,0 +1,75 @@
+"""What works with which kind of mechanism, as a table: asked of the checks that every command passes.
+
+    .venv/bin/python tests/capability_table.py > docs/capabilities.md
+
+Each cell is a scene of `combinations`, read and checked as every command does it. That the cells are true is what
+`combinations` tries.
+"""
+
+from __future__ import annotations
+
+from combinations import FEATURES, KINDS, scene_of
+
+from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.runtime.errors import InputError
+
+OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)
+#: Commands that are a feature of their own, tried on plain scenes.
+COMMANDS = {"`pgmp check --effects`": Purpose.SIZES, "`pgmp tradeoff`": Purpose.TRADEOFF}
+OPENING = """# What works with which kind of mechanism
+
+**both**: in reduced and in full-order runs, single and in ensembles; **full**, **reduced**: in that one only; **no**: in
+none. A number tells the reason below, as the program says it of a small scene of that kind. A mechanism whose bodies are
+all rigid has no reduced model.
+
+`python tests/capability_table.py > docs/capabilities.md` makes this page from the checks that every command passes;
+`python tests/combinations.py` tries every cell.
+"""
+
+
+def verdict(kind: str, feature: str, purpose: Purpose) -> str:
+    """Return why a command refuses a feature with a kind of mechanism; empty where it takes it."""
+    try:
+        check_capabilities(scene_of(kind, feature), purpose)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def cell(kind: str, feature: str) -> tuple[str, tuple[str, ...]]:
+    """Return what works, in a word, and the reasons why not more."""
+    full = verdict(kind, feature, Purpose.FULL)
+    reduced = next(filter(None, (verdict(kind, feature, purpose) for purpose in OF_REDUCED)), "")
+    if "all are rigid, so there is nothing to reduce" in reduced:
+        return ("no", (full,)) if full else ("full", ())
+    if not full and not reduced:
+        return "both", ()
+    if full and reduced:
+        return "no", tuple(dict.fromkeys((full, reduced)))
+    return ("full", (reduced,)) if reduced else ("reduced", (full,))
+
+
+def of_command(kind: str, purpose: Purpose) -> tuple[str, tuple[str, ...]]:
+    """Return whether a command takes plain scenes of a kind, and why not."""
+    reason = verdict(kind, "nothing", purpose)
+    return ("no", (reason,)) if reason else ("yes", ())
+
+
+def table() -> str:
+    """Return the page."""
+    reasons: list[str] = []
+    rows = {feature: [cell(kind, feature) for kind in KINDS] for feature in FEATURES if feature != "nothing"}
+    rows |= {name: [of_command(kind, purpose) for kind in KINDS] for name, purpose in COMMANDS.items()}
+    lines = [OPENING, f"| | {' | '.join(KINDS)} |", f"|{'---|' * (len(KINDS) + 1)}"]
+    for name, cells in rows.items():
+        shown = []
+        for word, why in cells:
+            reasons += [reason for reason in why if reason not in reasons]
+            shown.append(" ".join([word, *(f"[{reasons.index(reason) + 1}]" for reason in why)]))
+        lines.append(f"| {name} | {' | '.join(shown)} |")
+    lines += ["", *(f"{number}. {reason}" for number, reason in enumerate(reasons, 1))]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(table())
