@@ -1,10 +1,14 @@
-"""Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions."""
+"""Elastic modes of a free body in its own frame: ``(K - omega^2 M) phi = 0`` beyond its rigid motions.
+
+The frames of a body on a mesh have neither mass nor stiffness of their own: its modes are those of its mesh.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
@@ -15,7 +19,7 @@ from pgmp_petsc.runtime.errors import InputError
 DENSE = 300  # unknowns up to which a dense solver is faster
 
 
-def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str) -> tuple[np.ndarray, np.ndarray]:
+def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
     """Compute the first elastic modes of a body.
 
     Parameters
@@ -34,7 +38,9 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
     omega
         Angular frequencies, shape (n_modes,), rad/s.
     phi
-        M-orthonormal modes in the body's frame, shape (n_body_dofs, n_modes).
+        M-orthonormal modes in the body's frame, shape (n_own, n_modes), at the unknowns `own_unknowns`.
+    mass
+        M, shape (n_own, n_own).
 
     Raises
     ------
@@ -42,11 +48,14 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
         If the mesh has fewer modes.
     """
     alone = body.alone()
-    n_dofs, n_rigid = alone.dofs.size, alone.node_dofs  # as many rigid motions as a node has unknowns
+    own = own_unknowns(alone)
+    n_dofs, n_rigid = own.size, alone.node_dofs  # as many rigid motions as a node has unknowns
     if n_modes > n_dofs - n_rigid:
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
-    matrices = assemble([alone], range(n_dofs))
-    mass, stiffness = weighted_sum(matrices.mass, values), weighted_sum(matrices.stiffness, values)
+    matrices = assemble([alone], range(alone.dofs.size))
+    mass, stiffness = (
+        weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness)
+    )
     wanted = n_rigid + n_modes
     if n_dofs <= DENSE or wanted >= n_dofs - 1:
         squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))
@@ -57,4 +66,9 @@ def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str
         squares, vectors = eigsh(stiffness.tocsc(), wanted, mass.tocsc(), sigma=shift, v0=start)
         order = np.argsort(squares)
         squares, vectors = squares[order], vectors[:, order]
-    return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:]
+    return np.sqrt(squares[n_rigid:]), vectors[:, n_rigid:], mass
+
+
+def own_unknowns(body: Body) -> np.ndarray:
+    """Return the unknowns of a body that have mass and stiffness, shape (n_own,)."""
+    return body.dofs if body.meshed is None else body.dofs[body.node_dofs * body.n_nodes :]

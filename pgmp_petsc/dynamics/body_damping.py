@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.effects.modal_damping import ModalDamping, modal_damping
 from pgmp_petsc.effects.structural_damping import BodyDamping, StructuralDamping
-from pgmp_petsc.mechanism.attachment import rotate
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 
@@ -27,18 +26,19 @@ class BodyDampings:
         Name of the effect that each of these belongs to.
     modal
         Modal damping of bodies.
-    mechanism
-        The mechanism.
     """
 
     rayleigh: dict[int, BodyDamping]
     effects: dict[int, str]
     modal: tuple[ModalDamping, ...]
-    mechanism: Mechanism
 
     @classmethod
-    def of(cls, effects: Sequence[Effect], mechanism: Mechanism) -> BodyDampings:
+    def of(
+        cls, effects: Sequence[Effect], mechanism: Mechanism, bodies: Sequence[Body] | None = None
+    ) -> BodyDampings:
         """Collect the structural damping of all effects.
+
+        `bodies` are the mechanism's with another numbering of their unknowns, where it is not the mechanism's own.
 
         Raises
         ------
@@ -51,7 +51,8 @@ class BodyDampings:
                 for number, damping in effect.of_body.items():
                     if damping.stiffness or damping.mass:
                         rayleigh[number], names[number] = damping, effect.name
-        return cls(rayleigh, names, modal_damping(effects, mechanism, mechanism.scene.nominal), mechanism)
+        bodies = mechanism.bodies if bodies is None else bodies
+        return cls(rayleigh, names, modal_damping(effects, bodies, mechanism.scene.nominal))
 
     @property
     def any_rayleigh(self) -> bool:
@@ -73,19 +74,7 @@ class BodyDampings:
         """
         powers: dict[str, np.ndarray] = {}
         for modal in self.modal:
-            body = self.mechanism.bodies[modal.body]
-            own = slice(DOFS_PER_NODE * body.nodes.start, DOFS_PER_NODE * body.nodes.stop)
-            angle = modal.weights @ q[own][2::DOFS_PER_NODE]
-            rates = modal.factor.T @ _turned(-angle, v[own])
-            total[own] -= _turned(angle, modal.factor @ rates)
-            powers[modal.effect] = powers.get(modal.effect, 0.0) - np.sum(rates**2, axis=0)
+            forces, power = modal.forces(q, v)
+            total[modal.dofs] += forces
+            powers[modal.effect] = powers.get(modal.effect, 0.0) + power
         return powers
-
-
-def _turned(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Turn nodal vectors (n_dofs, n) by angles (n,)."""
-    turned = vectors.copy()
-    turned[0::DOFS_PER_NODE], turned[1::DOFS_PER_NODE] = rotate(
-        angle, np.array([vectors[0::DOFS_PER_NODE], vectors[1::DOFS_PER_NODE]])
-    )
-    return turned

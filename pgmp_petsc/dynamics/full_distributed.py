@@ -23,7 +23,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_equations import FullEquations
 from pgmp_petsc.dynamics.rank_elements import ElementState
@@ -333,7 +332,7 @@ class FullDistributed:
             np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern, *lower)
         )
         elements, lumped = [part.dofs for part in (self._elements, *self._parts)], self._elements.lumped
-        modal = [b.dofs for b in self._modal_bodies()]
+        modal = [damping.dofs for damping in self._damping.modal]
         off_diagonal = curved_rows != curved_columns
         self._mirrored = off_diagonal
         self._needed_dofs = np.unique(
@@ -411,9 +410,6 @@ class FullDistributed:
         everywhere = np.zeros(self.n_dofs)
         everywhere[self._needed_dofs] = self._ghosts.getArray(readonly=True)[: self._needed_dofs.size]
         return everywhere
-
-    def _modal_bodies(self) -> list[Body]:
-        return [self._damping.mechanism.bodies[modal.body] for modal in self._damping.modal]
 
     def _assemble(
         self,

@@ -170,7 +170,7 @@ class SpatialEquations:
         self.n_dofs = unknowns.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
         self.constraints = natural_constraints(unknowns).independent(self.start()[0])
-        self.damping = BodyDampings.of(effects, mechanism)
+        self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
         self.elements = RankElements((), self.rows, values, self.damping)
         masses = spatial_masses(unknowns, self.rows, values, self.damping)
         self.parts = (*rank_solids(unknowns.bodies, self.rows, values, self.damping), *masses)

@@ -6,8 +6,8 @@ damped by beta. Modal: ratios ``zeta_i`` of the elastic modes phi_i of each free
 
     -sum_i 2 zeta_i omega_i M phi_i phi_i^T M R^T q',
 
-in the body's frame, whose rotation R is the mass-weighted mean of its nodes' rotations; the modes are M-orthogonal to
-rigid motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so
+in the body's frame, which turns with its mean rotation R (`modal_damping`); the modes are M-orthogonal to rigid
+motions, so these are not damped either. The iteration matrix of the full-order model leaves modal damping out, so
 that each correction of a step leaves up to the largest ratio of the one before: ratios beyond 0.3 or so need small
 steps.
 """

@@ -17,7 +17,6 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import StructuralDamping
 
 BYTES = 8
 # of an eigenproblem with 15 modes on one core, measured from 36 to 3006 unknowns
@@ -90,15 +89,6 @@ def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: (f"effects.{name}" for name, effect in scene.effects.items() if effect.type in types)
 
 
-def _modal_ratios(scene: Scene) -> Iterator[str]:
-    """Yield ratios of damping that a continuum body would take."""
-    for name, effect in scene.effects.items():
-        if isinstance(effect, StructuralDamping) and any(effect.ratios):
-            chosen = effect.bodies or [name for name, body in scene.bodies.items() if body.flexible]
-            if any(scene.bodies[body].continuum for body in chosen):
-                yield f"effects.{name}.ratios"
-
-
 def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: iter((purpose.value,))
 
@@ -124,13 +114,6 @@ FEATURES = (
         beams_only=True,
     ),
     Feature("stiffness by loads", _effects_of("geometric_stiffening"), OF_THE_REDUCTION, one_coordinate=True),
-    Feature(
-        "damping of the modes of continuum bodies",
-        _modal_ratios,
-        frozenset({Purpose.FULL}),
-        beams_only=True,
-        cure="give stiffness and mass instead, or take the reduced model",
-    ),
     Feature(
         "sizes of effects",
         _command(Purpose.SIZES),

@@ -23,7 +23,6 @@ ASKING = {
     "stiffness by loads, inertia of changing modes": ('effects.x={type="mode_inertia"}',
                                                       'effects.y={type="geometric_stiffening"}'),
     "stiffness by loads": ('effects.x={type="mode_inertia"}', 'effects.y={type="geometric_stiffening"}'),
-    "damping of the modes of continuum bodies": ('effects.x={type="structural_damping",ratios=[0.01]}',),
 }  # fmt: skip
 
 

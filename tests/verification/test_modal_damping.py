@@ -1,0 +1,80 @@
+"""Modal damping of bodies on meshes: of each mode its ratio, of rigid motions nothing, and what it takes is what is lost.
+
+Beams are in test_damping_and_drives.py and test_free_modes.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from combinations import KINDS, TINY, meshes_for
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+from pgmp_petsc.bodies.free_modes import free_modes
+from pgmp_petsc.effects import effects_of
+from pgmp_petsc.effects.modal_damping import modal_damping
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+RATIOS = (0.05, 0.05)
+
+
+def scene_of(kind: str, *more: str) -> Scene:
+    damping = f'effects.loss={{type="structural_damping",ratios={list(RATIOS)}}}'
+    return scene_from_toml(KINDS[kind], ".", (*TINY, damping, *more))
+
+
+@pytest.mark.parametrize("kind", ["cells in the plane", "solids in space"])
+def test_modes_are_damped_and_rigid_motions_are_not(kind: str) -> None:
+    scene = scene_of(kind)
+    mechanism = Mechanism.from_scene(scene, meshes_for(scene))
+    damping = modal_damping(effects_of(scene, mechanism), mechanism.bodies, scene.nominal)[0]
+    body, d = mechanism.bodies[0], scene.dimension
+    omega, phi, mass = free_modes(body, scene.nominal, 2, "entry")
+    places = body.meshed.solid.mesh.nodes
+    turn = Rotation.from_rotvec([0.3, -1.1, 2.0] if d == 3 else [0.0, 0.0, 2.0]).as_matrix()[:d, :d]
+    q, moving = np.zeros((mechanism.n_dofs, 1)), np.zeros((mechanism.n_dofs, 1))
+    q[damping.dofs, 0] = (places @ turn.T + 0.7).ravel()
+    # a spin about an axis off the body, and a translation
+    spin = np.zeros((d, d))
+    spin[0, 1], spin[1, 0] = -3.0, 3.0
+    moving[damping.dofs, 0] = ((places @ turn.T + 0.7) @ spin.T + 0.2).ravel()
+    forces, power = damping.forces(q, moving)
+    # modes are orthogonal to rigid motions to the round-off of the eigensolver, some 1e-9; these move at 4 m/s
+    np.testing.assert_allclose(forces, 0.0, atol=1e-8 * np.abs(damping.factor).max() ** 2)
+    for ratio, frequency, mode in zip(RATIOS, omega, phi.T):
+        turned = (mode.reshape(-1, d) @ turn.T).ravel()
+        moving[damping.dofs, 0] = turned
+        forces, power = damping.forces(q, moving)
+        assert power[0] == pytest.approx(-2.0 * ratio * frequency, rel=1e-6)
+        inertia = ((mass @ mode).reshape(-1, d) @ turn.T).ravel()
+        np.testing.assert_allclose(forces[:, 0], -2.0 * ratio * frequency * inertia, atol=1e-6 * np.abs(forces).max())
+
+
+@pytest.mark.parametrize("kind", ["cells in the plane", "solids in space"])
+def test_what_it_takes_is_what_is_lost(kind: str) -> None:
+    """The energy balance falls at order 2, and the reduced model with the same modes loses the same."""
+    down = "[0.0,-1.0,0.0]" if kind == "solids in space" else "[0.0,-1.0]"
+    # let go from rest under its weight, the rod vibrates with some 45 Hz in the first mode
+    common = (
+        f'effects.weight={{type="gravity",direction={down}}}', "coordinates.theta.range=[-0.6,1.2]",
+        "coordinates.theta.periodic=false", "simulation.initial.theta.position=0.5", "simulation.duration=0.02",
+        "simulation.spectral_radius=1.0", "reduction.static_modes=true", "reduction.modes=5", "reduction.angles=9",
+        "simulation.step=1e-4",
+    )  # fmt: skip
+    found = []
+    for step in (2e-4, 1e-4):
+        scene = scene_of(kind, *common, f"simulation.step={step}")
+        found.append(simulate_full(FullModel(scene, meshes_for(scene)), MPI.COMM_SELF))
+    coarse, fine = (np.abs(run.balance.residual).max() for run in found)
+    lost = -found[1].balance.work["loss"]
+    assert np.all(np.diff(lost) > -1e-12) and lost[-1] > 1e-7
+    assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.4)
+    rom = build_rom(scene, meshes_for(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    assert -reduced.balance.work["loss"][-1] == pytest.approx(lost[-1], rel=0.05)
