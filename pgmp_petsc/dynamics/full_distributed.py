@@ -37,6 +37,8 @@ from pgmp_petsc.runtime.matrices import aij_matrix
 from pgmp_petsc.runtime.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
+SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
+SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work array
 
 
 class FullDistributed:
@@ -307,7 +309,28 @@ class FullDistributed:
         return solution[:n_own].copy(), scale * solution[n_own:]
 
     def _solved(self) -> bool:
-        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks."""
+        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
+
+        The multipliers' zero pivots, nine a node of a beam in space with its joints, are put off within MUMPS until it
+        may run out of the memory that it foresaw: it is then given more.
+        """
+        solved = self._solve_once()
+        while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
+            self._spare *= 4
+            preconditioner = self._ksp.getPC()
+            preconditioner.reset()  # a matrix that is as it was would not be factorised again
+            self._ksp.setOperators(self._matrix)
+            preconditioner.setFactorSetUpSolverType()
+            preconditioner.getFactorMatrix().setMumpsIcntl(14, self._spare)
+            solved = self._solve_once()
+        return solved
+
+    def _short_of_memory(self) -> bool:
+        preconditioner = self._ksp.getPC()
+        direct = preconditioner.getType() == PETSc.PC.Type.LU and preconditioner.getFactorSolverType() == "mumps"
+        return direct and preconditioner.getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
+
+    def _solve_once(self) -> bool:
         try:
             with petsc_solver(PREFIX, "full-order linear solver"):
                 self._ksp.solve(self._rhs, self._x)
@@ -394,6 +417,7 @@ class FullDistributed:
         self._ksp.setOperators(self._matrix)
         with petsc_solver(PREFIX, "full-order linear solver"):
             self._ksp.setFromOptions()
+        self._spare = SPARE_MEMORY
 
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""

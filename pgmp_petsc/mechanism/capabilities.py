@@ -54,7 +54,7 @@ class Feature:
     purposes
         What it is used for; for others it is without effect, and allowed.
     beams_only
-        Whether continuum bodies are refused.
+        Whether continuum bodies and beams in space are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
     flexible_body
@@ -91,11 +91,11 @@ def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
 
 
 def _modal_ratios(scene: Scene) -> Iterator[str]:
-    """Yield ratios of damping that a continuum body would take."""
+    """Yield ratios of damping that another body than a beam in the plane would take."""
     for name, effect in scene.effects.items():
         if isinstance(effect, StructuralDamping) and any(effect.ratios):
             chosen = effect.bodies or [name for name, body in scene.bodies.items() if body.flexible]
-            if any(scene.bodies[body].continuum for body in chosen):
+            if any(scene.bodies[body].element != "beam2d" for body in chosen):
                 yield f"effects.{name}.ratios"
 
 
@@ -125,7 +125,7 @@ FEATURES = (
     ),
     Feature("stiffness by loads", _effects_of("geometric_stiffening"), OF_THE_REDUCTION, one_coordinate=True),
     Feature(
-        "damping of the modes of continuum bodies",
+        "damping of the modes of continuum bodies and of beams in space",
         _modal_ratios,
         frozenset({Purpose.FULL}),
         beams_only=True,
@@ -188,6 +188,9 @@ def _check_beams(scene: Scene, what: str, cure: str) -> None:
         verb = "is" if len(continuum) == 1 else "are"
         names = ", ".join(continuum)
         raise InputError(f"{what}: for bodies of beams only, but {names} {verb} of continuum elements; {cure}")
+    if scene.dimension == 3:
+        names = ", ".join(scene.bodies)
+        raise InputError(f"{what}: for mechanisms of beams in the plane only, but {names} move in space; {cure}")
 
 
 def _check_single(scene: Scene, what: str, cure: str) -> None:
