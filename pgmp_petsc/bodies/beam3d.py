@@ -36,7 +36,10 @@ N_FRAME = 12
 N_ELEMENT = 2 * N_FRAME
 N_FORMS = 7
 PARALLEL = 1e-6  # sine of the angle between an element and the orientation of its section
-SERIES = 0.05  # of sin^2(|Theta| / 2), below which f is a power series: 14 terms leave 1e-18
+SMALL = 0.05  # of s = sin^2(|Theta| / 2), below which f is a power series in it: 14 terms leave 1e-18
+# arcsin(sqrt s) / sqrt(s (1 - s)) = 1 + 2/3 s + 8/15 s^2 + ..., and its derivatives
+SERIES = [np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in range(14))])[::-1]]
+SERIES += [np.polyder(SERIES[0], order) for order in (1, 2)]
 
 
 def _forms() -> tuple[np.ndarray, np.ndarray]:
@@ -97,6 +100,8 @@ class Stretch:
     ----------
     forms, gradients
         z, shape (n, 7), and B_m u, shape (n, 7, 24).
+    coefficients
+        Of `_coefficients`.
     slope
         Derivatives of the strains in z, shape (n, 6, 7).
     strain, stress
@@ -105,6 +110,7 @@ class Stretch:
 
     forms: np.ndarray
     gradients: np.ndarray
+    coefficients: tuple[tuple[np.ndarray, ...], ...]
     slope: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
@@ -138,7 +144,7 @@ class Beams3d:
         gradients = self._patterns @ vectors[:, None]
         forms = 0.5 * np.sum(gradients * vectors[:, None], axis=(2, 3))
         g, w, tau = forms[:, :3], forms[:, 3:6], forms[:, 6]
-        (a, da, _), (b, db, _), (f, df, _) = _coefficients(tau)
+        (a, da, _), (b, db, _), (f, df, _) = coefficients = _coefficients(tau)
         wg = np.sum(w * g, axis=1)
         eye = np.eye(3)
         slope = np.zeros((len(forms), 6, N_FORMS))
@@ -149,7 +155,7 @@ class Beams3d:
         slope[:, 3:, 6] = df[:, None] * w
         strain = np.concatenate([a[:, None] * g - (b * wg)[:, None] * w - self._rest, f[:, None] * w], axis=1)
         stress = (self._resists @ strain[:, :, None])[:, :, 0]
-        return Stretch(forms, gradients.reshape(-1, N_FORMS, N_ELEMENT), slope, strain, stress)
+        return Stretch(forms, gradients.reshape(-1, N_FORMS, N_ELEMENT), coefficients, slope, strain, stress)
 
     def forces(self, now: Stretch) -> np.ndarray:
         """Return the gradient of the strain energy, shape (n, 24)."""
@@ -183,8 +189,8 @@ class Beams3d:
 def _bending_of(now: Stretch) -> np.ndarray:
     """Return the second derivatives of ``stress . strain`` in the forms with the stress held, (n, 7, 7)."""
     forms, stress = now.forms, now.stress
-    g, w, tau = forms[:, :3], forms[:, 3:6], forms[:, 6]
-    (_, da, dda), (b, db, ddb), (_, df, ddf) = _coefficients(tau)
+    g, w = forms[:, :3], forms[:, 3:6]
+    (_, da, dda), (b, db, ddb), (_, df, ddf) = now.coefficients
     force, moment = stress[:, :3], stress[:, 3:]
     wg, fw, fg = (np.sum(x * y, axis=1) for x, y in ((w, g), (force, w), (force, g)))
     found = np.zeros((len(forms), N_FORMS, N_FORMS))
@@ -216,19 +222,15 @@ def _angle_over_sine(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
     On the way to orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``.
     """
     s = 0.25 * (3.0 - tau)  # sin^2 of half the angle
-    near = np.abs(s) < SERIES
+    near = np.abs(s) < SMALL
     x = np.where(near, 0.0, 1.0 - 2.0 * s)
     across = 1.0 - x**2
     size = np.sqrt(np.abs(across))
     far = np.where(x > 1.0, np.arcsinh(size), np.arctan2(size, x)) / size
     slope = (x * far - 1.0) / across
     bend = (far + 3.0 * x * slope) / across
-    # arcsin(sqrt s) / sqrt(s (1 - s)) = 1 + 2/3 s + 8/15 s^2 + ...
-    factors = np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in range(14))])[::-1]
     small = np.where(near, s, 0.0)
-    series = [np.polyval(factors, small)]
-    for order in (1, 2):
-        series.append(np.polyval(np.polyder(factors, order), small))
+    series = [np.polyval(factors, small) for factors in SERIES]
     return (
         np.where(near, series[0], far),
         np.where(near, -0.25 * series[1], 0.5 * slope),

@@ -81,7 +81,7 @@ class FullDistributed:
         self._typical_mass = comm.allreduce(float(diagonal)) / self.n_dofs
         self._numbering()
         self._units = equations.units[self.rows.start : self.rows.stop]
-        self._solver_failed = False
+        self._solver_failed, self._finite_matrix = False, True
         self._solver()
 
     def close(self) -> None:
@@ -311,9 +311,12 @@ class FullDistributed:
     def _solved(self) -> bool:
         """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
 
-        The multipliers' zero pivots, nine a node of a beam in space with its joints, are put off within MUMPS until it
-        may run out of the memory that it foresaw: it is then given more.
+        Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it is
+        then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
         """
+        finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            return False
         solved = self._solve_once()
         while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
             self._spare *= 4
@@ -460,6 +463,7 @@ class FullDistributed:
             ]
         )
         data = np.bincount(self._positions, weights=values[self._chosen], minlength=self._indices.size)
+        self._finite_matrix = bool(np.isfinite(data).all())
         self._matrix.setValuesCSR(self._indptr, self._indices, data)
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
