@@ -113,7 +113,6 @@ BALANCED = {
     "quick_return": (0.3, 2e-4),
     "spinning_beam": (4.0, 1.25e-3),
     "slider_crank_effects": (0.3, 1e-4),
-    "rssr_beams": (0.1, 1.25e-4),
 }
 
 
