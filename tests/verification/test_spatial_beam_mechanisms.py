@@ -26,6 +26,7 @@ from spatial_beams import (
 from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.indicator.validity import BodyStrains, half_height
 from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -188,6 +189,32 @@ def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
         share = np.abs(reduced.outputs[name] - values).max() / np.abs(values).max()
         assert share < limit, f"{name}: {share:.2e}"
     assert any("beams in space" in remark.text for remark in reduced.record.remarks)
+
+
+@pytest.mark.parametrize("strain", ["extension", "bending"])
+def test_strains_of_reduced_runs(strain: str) -> None:
+    """A stretched beam, and one bent about both axes of its section: the curvature times half the diagonal."""
+    scene = pendulum_in_space()
+    kinematics = kinematics_of_beams(scene)
+    places = kinematics.mechanism.bodies[0].mesh.nodes[:, 0]
+    local = np.zeros((1, places.size, 6))
+    if strain == "extension":
+        local[0, :, 0] = 1e-3 * places
+        wanted = 1e-3
+    else:
+        local[0, :, 4], local[0, :, 5] = 0.3 * places, 0.4 * places
+        local[0, :, 2], local[0, :, 1] = -0.15 * places**2, 0.2 * places**2
+        wanted = 0.5 * 0.5 * np.hypot(WIDTH, HEIGHT)
+    rotation, found = BodyStrains(scene, kinematics.mechanism, {}, False).largest(local)
+    assert found[0] == pytest.approx(wanted) and rotation[0] == pytest.approx(0.0 if strain == "extension" else 0.5)
+
+
+def test_a_section_by_coefficients_has_the_height_of_its_larger_bending() -> None:
+    scene = slider_crank_of_beams(
+        f'bodies.rod={{mesh="0.3:1.0:5", element="beam3d", orientation=[0, 1, 0], {COEFFICIENTS}}}',
+        "bodies.rod.section.bending_3=640.0",
+    )
+    assert half_height(scene, "rod", {}) == pytest.approx(2.0 * np.sqrt(640.0 / 2e7))
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------
