@@ -22,6 +22,7 @@ from two_coordinates import DOUBLE_PENDULUM
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results import Trajectory
@@ -52,6 +53,8 @@ PLANE = without_effects(SLIDER_CRANK).replace("[parameters.r1]\nnominal = 5.6e-3
 ROD = 'mesh = "0.3:1.0:5"\nelement = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = 5.6e-3 }'
 ROD_OF_CELLS = f'mesh = "0.3:1.0:4"\n{SOLID}'
 SPATIAL = PARAMETER + without_effects(IN_SPACE)
+OF_CELLS = 'element = "solid3d"\nmaterial = "steel"'
+IN_A_LINE = 'element = "beam3d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
 
 #: A scene of every kind of mechanism; joints crank_hinge and elbow (shoulder and elbow of two coordinates).
 KINDS = {
@@ -60,6 +63,8 @@ KINDS = {
     "cells in the plane": PLANE.replace(BEAM, SOLID).replace(ROD, ROD_OF_CELLS),
     "mixture": PLANE.replace(ROD, ROD_OF_CELLS),
     "solids in space": SPATIAL,
+    "beams in space": SPATIAL.replace(OF_CELLS, IN_A_LINE),
+    "beam and solid in space": SPATIAL.replace(OF_CELLS, IN_A_LINE, 1),
     "rigid crank in space": SPATIAL.replace('mesh = "0.0:0.3:2"', 'mesh = "0.0:0.3:2"\nflexible = false'),
     "all rigid in space": SPATIAL.replace('material = "steel"', 'material = "steel"\nflexible = false'),
     "all rigid in the plane": PLANE.replace('material = "steel"', 'material = "steel"\nflexible = false'),
@@ -109,9 +114,11 @@ def meshes_for(scene: Scene) -> dict:
     """Return the meshes of lines and bars that a scene's entries ``mesh`` describe."""
     meshes = {}
     for name, body in scene.bodies.items():
+        first, last, n = body.mesh.split(":")
         if body.continuum:
-            first, last, n = body.mesh.split(":")
             meshes[name] = bar(float(first), float(last), int(n), scene.dimension)
+        elif scene.dimension == 3:
+            meshes[name] = straight_beam(float(last) - float(first), int(n), float(first), 3)
         else:
             only = scene.model_copy(update={"bodies": {name: body}})
             meshes[name] = meshes_of(only)[name]

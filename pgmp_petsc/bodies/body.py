@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies import beam2d
+from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
 if TYPE_CHECKING:
@@ -58,6 +58,8 @@ class Body:
         Nodes (m) in the body's own frame, and line cells; of a rigid body its centre of mass, without cells.
     section
         Sectional coefficients; None for a particle.
+    axes
+        Axes of the elements of a beam in space, shape (n_elements, 3, 3); see `beam3d`.
     shape
         The mesh that the scene gives, with the named points; `mesh` itself for a beam.
     lumps
@@ -74,18 +76,24 @@ class Body:
 
     name: str
     mesh: LineMesh
-    section: BeamSection | None
+    section: BeamSection | SpatialSection | None
     shape: LineMesh
     lumps: dict[int, dict[Monomial, LumpedMass]] = field(default_factory=dict)
     first_node: int = 0
     component: Component | None = None
     meshed: FramedSolid | None = None
     first_internal: int = 0
+    axes: np.ndarray | None = None
 
     @classmethod
     def beam(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
-        """Return a flexible body."""
+        """Return a flexible body in the plane."""
         return cls(name, mesh, section, mesh)
+
+    @classmethod
+    def beam_in_space(cls, name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Body:
+        """Return a flexible body of beams in space, their axes of shape (n_elements, 3, 3)."""
+        return cls(name, mesh, section, mesh, axes=axes)
 
     @classmethod
     def rigid(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
@@ -176,6 +184,11 @@ class Body:
     def is_beam(self) -> bool:
         """Whether the body is made of flexible beams."""
         return len(self.mesh.cells) > 0 and not self.is_continuum
+
+    @property
+    def is_planar_beam(self) -> bool:
+        """Whether the body is made of flexible beams in the plane."""
+        return self.is_beam and self.axes is None
 
     @property
     def is_continuum(self) -> bool:
@@ -272,17 +285,17 @@ class Body:
 
     @property
     def directions(self) -> np.ndarray:
-        """Directions of the elements in the mesh, shape (n_elements,), rad."""
+        """Directions of the elements of a mesh in the plane, shape (n_elements,), rad."""
         edges = np.diff(self.mesh.nodes[self.mesh.cells], axis=1)[:, 0]
         return np.arctan2(edges[:, 1], edges[:, 0])
 
     def stiffness_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
-        """Return element tangents at rest in the body's frame, (n_chosen, 6, 6), by weight."""
+        """Return element tangents at rest in the body's frame, (n_chosen, 6, 6), in space (n_chosen, 12, 12), by
+        weight."""
         if not self.is_beam:
             return {}
-        lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
-            monomial: beam2d.undeformed_stiffness(lengths, directions, np.array(coefficients))
+            monomial: self._undeformed_stiffness(chosen, coefficients)
             for monomial, coefficients in self.section.stiffness_terms().items()
         }
 
@@ -290,12 +303,12 @@ class Body:
         """Return the part of `stiffness_entries` that resists extension."""
         if not self.is_beam:
             return {}
-        lengths, directions, axial = self.mesh.lengths[chosen], self.directions[chosen], self.section.axial
-        entries = beam2d.undeformed_stiffness(lengths, directions, np.array([axial.coefficient, 0.0, 0.0]))
+        axial, n_strains = self.section.axial, 3 if self.is_planar_beam else 6
+        entries = self._undeformed_stiffness(chosen, (axial.coefficient, *[0.0] * (n_strains - 1)))
         return {axial.monomial: entries}
 
     def cubic_entries(self, chosen: np.ndarray, vectors: np.ndarray) -> dict[Monomial, np.ndarray]:
-        """Return third derivatives of the strain energy at rest, times pairs of vectors, by weight.
+        """Return third derivatives of the strain energy at rest, times pairs of vectors, by weight; in the plane.
 
         Parameters
         ----------
@@ -309,7 +322,7 @@ class Body:
         dict
             Each of shape (n_chosen, 6, m (m + 1) / 2), pairs as in `beam2d.third_derivative`.
         """
-        if not self.is_beam:
+        if not self.is_planar_beam:
             return {}
         lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
         return {
@@ -318,14 +331,43 @@ class Body:
         }
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
-        """Return consistent element masses, (n_chosen, 6, 6), by weight."""
+        """Return consistent element masses, (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
         if not self.is_beam:
             return {}
-        lengths = self.mesh.lengths[chosen]
+        lengths, terms = self.mesh.lengths[chosen], self.section.mass_terms()
+        if self.is_planar_beam:
+            return {monomial: beam2d.consistent_mass(lengths, *coefficients) for monomial, coefficients in terms.items()}
+        axes = self.axes[chosen]
         return {
-            monomial: beam2d.consistent_mass(lengths, *coefficients)
-            for monomial, coefficients in self.section.mass_terms().items()
+            monomial: beam3d.consistent_mass(lengths, axes, np.array(coefficients))
+            for monomial, coefficients in terms.items()
         }
+
+    def section_turns(self) -> np.ndarray:
+        """Return how the sections of a beam in space turn at its nodes with a linear field ``u = A X``, (n_nodes, 3, 9).
+
+        A is taken row by row. A section's fibres move with the second and third columns of A in the element's axes; the
+        rotation with the same moment of momentum is ``((J_22 A_32 - J_33 A_23) / (J_22 + J_33), A_13, -A_12)``. For
+        spins it is the rotation itself; for strain rates it gives the moments of centripetal accelerations. Where the
+        shape of the section depends on parameters, the share of J is that at the nominal values.
+        """
+        lever = self.section.lever
+        local = np.zeros((3, 3, 3))
+        local[0, 2, 1], local[0, 1, 2] = 0.5 * (1.0 + lever), -0.5 * (1.0 - lever)
+        local[1, 0, 2], local[2, 0, 1] = 1.0, -1.0
+        turned = np.einsum("ear,rst,ebs,ect->eabc", self.axes, local, self.axes, self.axes, optimize=True)
+        lengths = self.mesh.lengths
+        shares, found = np.zeros(self.n_nodes), np.zeros((self.n_nodes, 3, 9))
+        for nodes in self.mesh.cells.T:
+            np.add.at(shares, nodes, lengths)
+            np.add.at(found, nodes, lengths[:, None, None] * turned.reshape(-1, 3, 9))
+        return found / shares[:, None, None]
+
+    def _undeformed_stiffness(self, chosen: np.ndarray, coefficients: tuple[float, ...]) -> np.ndarray:
+        lengths = self.mesh.lengths[chosen]
+        if self.is_planar_beam:
+            return beam2d.undeformed_stiffness(lengths, self.directions[chosen], np.array(coefficients))
+        return beam3d.undeformed_stiffness(lengths, self.axes[chosen], np.array(coefficients))
 
 
 def _frame_mesh(centres: np.ndarray, points: Mapping[str, int]) -> LineMesh:

@@ -74,7 +74,7 @@ def _assemble_terms(
     row_parts, column_parts, value_parts = [], [], []
     for body in bodies:
         chosen = touching(body, rows)
-        dofs = element_dofs(body.elements[chosen])
+        dofs = element_dofs(body.elements[chosen], body.node_dofs)
         row_parts.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
         column_parts.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
         value_parts.append({m: values.ravel() for m, values in entries_of(body, chosen).items()})
@@ -137,13 +137,13 @@ def lumped_entries(body: Body) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
 
 def touching(body: Body, rows: range) -> np.ndarray:
     """Return the numbers of the body's elements that touch the given rows, shape (n_chosen,)."""
-    first_node, last_node = rows.start // DOFS_PER_NODE, rows.stop // DOFS_PER_NODE
     if body.is_continuum:
         return np.zeros(0, dtype=int)
-    touches = (body.elements >= first_node) & (body.elements < last_node)
+    first = body.node_dofs * body.elements
+    touches = (first < rows.stop) & (first + body.node_dofs > rows.start)
     return np.flatnonzero(touches.any(axis=1))
 
 
-def element_dofs(elements: np.ndarray) -> np.ndarray:
-    """Return the unknowns of two-node elements, shape (n_elements, 6)."""
-    return (DOFS_PER_NODE * elements[:, :, None] + np.arange(DOFS_PER_NODE)).reshape(len(elements), 2 * DOFS_PER_NODE)
+def element_dofs(elements: np.ndarray, per_node: int = DOFS_PER_NODE) -> np.ndarray:
+    """Return the unknowns of two-node elements, shape (n_elements, 2 per_node)."""
+    return (per_node * elements[:, :, None] + np.arange(per_node)).reshape(len(elements), 2 * per_node)

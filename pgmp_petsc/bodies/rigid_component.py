@@ -1,4 +1,4 @@
-"""A rigid continuum body: its mass about the centre of mass, from its mesh.
+"""A rigid body's mass about its centre of mass, from a continuum mesh, or from the lines of beams in space.
 
 Its unknowns are the displacement and rotation of the centre of mass, y. With the body's mass matrix M, its rigid
 motions R and its linear displacement fields F, the mass is ``R^T M R``, and ``(R^T M R)^-1 R^T M F`` is the rigid
@@ -10,8 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.bodies import elasticity
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.section import SpatialSection
+from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.runtime.errors import InputError
 
@@ -31,22 +34,56 @@ def rigid_component(meshed: FramedSolid) -> Component:
             f"bodies.{solid.name}.flexible = false: a rigid body's density has one factor, but its regions have "
             f"{', '.join(map(str, sorted(weights)))}; its centre of mass would move with the parameters"
         )
-    second = _moments(meshed)
-    d = solid.mesh.dimension
+    frames = {name: number for number, name in enumerate(meshed.frames)}
+    centres = np.array([frame.centre for frame in meshed.frames.values()])
+    (weight,) = weights
+    return _component(frames, centres, weight, _moments(meshed), solid.n_dofs)
+
+
+def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Component:
+    """Return the component of a rigid body with the mass of beams in space, their axes of shape (n_cells, 3, 3).
+
+    A line of length L with its middle at m and the axes e has ``int rho X X^T dV = rho A L (m m^T + L^2 / 12 e_1
+    e_1^T) + L (rho I_3 e_2 e_2^T + rho I_2 e_3 e_3^T)``.
+
+    Raises
+    ------
+    InputError
+        If lengths and sections have densities that vary apart: inertia forces would not be affine in them.
+    """
+    weights = {quantity.monomial for quantity in (section.line_density, *section.rotary)}
+    if len(weights) > 1:
+        raise InputError(
+            f"bodies.{name}.flexible = false: a rigid body in space has a section of numbers, but its mass has the "
+            f"factors {', '.join(map(str, sorted(weights)))}; give the section without parameters, or make it flexible"
+        )
+    lengths, middles = mesh.lengths, mesh.nodes[mesh.cells].mean(axis=1)
+    line, rotary = section.line_density.coefficient, [part.coefficient for part in section.rotary]
+    points = np.column_stack([middles, np.ones(len(middles))])
+    second = line * np.einsum("e,ei,ej->ij", lengths, points, points)
+    within = np.array([line * lengths**2 / 12.0, np.full(len(lengths), rotary[1]), np.full(len(lengths), rotary[0])])
+    second[:3, :3] += np.einsum("e,se,eis,ejs->ij", lengths, within, axes, axes)
+    (weight,) = weights
+    return _component(dict(mesh.points), mesh.nodes, weight, second, 6 * mesh.n_nodes)
+
+
+def _component(
+    frames: dict[str, int], centres: np.ndarray, weight: Monomial, second: np.ndarray, n_mesh_dofs: int
+) -> Component:
+    """Return the component of a body with moments as of `_moments`."""
+    d = centres.shape[1]
     mass, centre = second[d, d], second[:d, d] / second[d, d]
     about = second[:d, :d] - mass * np.outer(centre, centre)  # int rho x x^T about the centre of mass
     momenta = _momenta(mass, centre, about)
-    rigid = _rigid(d, centre)
-    matrix = momenta @ rigid
-    (weight,) = weights
+    matrix = momenta @ _rigid(d, centre)
     return Component(
-        frames={name: number for number, name in enumerate(meshed.frames)},
-        centres=np.array([frame.centre for frame in meshed.frames.values()]),
+        frames=frames,
+        centres=centres,
         mass={weight: 0.5 * (matrix + matrix.T)},
         stiffness={},
         fields=np.linalg.solve(matrix, momenta),
         probes=np.zeros((len(matrix), 1)),
-        n_mesh_dofs=solid.n_dofs,
+        n_mesh_dofs=n_mesh_dofs,
         error=0.0,
         centre_of_mass=centre,
     )

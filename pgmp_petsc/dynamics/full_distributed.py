@@ -36,6 +36,8 @@ from pgmp_petsc.runtime.matrices import aij_matrix
 from pgmp_petsc.runtime.petsc import petsc_solver
 
 PREFIX = "pgmp_full_"
+SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
+SHORT_OF_MEMORY = (-8, -9)  # INFOG(1) of MUMPS, the integer and the real work array
 
 
 class FullDistributed:
@@ -78,7 +80,7 @@ class FullDistributed:
         self._typical_mass = comm.allreduce(float(diagonal)) / self.n_dofs
         self._numbering()
         self._units = equations.units[self.rows.start : self.rows.stop]
-        self._solver_failed = False
+        self._solver_failed, self._finite_matrix = False, True
         self._solver()
 
     def close(self) -> None:
@@ -306,7 +308,31 @@ class FullDistributed:
         return solution[:n_own].copy(), scale * solution[n_own:]
 
     def _solved(self) -> bool:
-        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks."""
+        """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
+
+        Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it is
+        then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
+        """
+        finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
+        if not self.comm.allreduce(finite, op=MPI.LAND):
+            return False
+        solved = self._solve_once()
+        while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
+            self._spare *= 4
+            preconditioner = self._ksp.getPC()
+            preconditioner.reset()  # a matrix that is as it was would not be factorised again
+            self._ksp.setOperators(self._matrix)
+            preconditioner.setFactorSetUpSolverType()
+            preconditioner.getFactorMatrix().setMumpsIcntl(14, self._spare)
+            solved = self._solve_once()
+        return solved
+
+    def _short_of_memory(self) -> bool:
+        preconditioner = self._ksp.getPC()
+        direct = preconditioner.getType() == PETSc.PC.Type.LU and preconditioner.getFactorSolverType() == "mumps"
+        return direct and preconditioner.getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
+
+    def _solve_once(self) -> bool:
         try:
             with petsc_solver(PREFIX, "full-order linear solver"):
                 self._ksp.solve(self._rhs, self._x)
@@ -393,6 +419,7 @@ class FullDistributed:
         self._ksp.setOperators(self._matrix)
         with petsc_solver(PREFIX, "full-order linear solver"):
             self._ksp.setFromOptions()
+        self._spare = SPARE_MEMORY
 
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""
@@ -432,6 +459,7 @@ class FullDistributed:
             ]
         )
         data = np.bincount(self._positions, weights=values[self._chosen], minlength=self._indices.size)
+        self._finite_matrix = bool(np.isfinite(data).all())
         self._matrix.setValuesCSR(self._indptr, self._indices, data)
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)

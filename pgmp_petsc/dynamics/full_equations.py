@@ -18,6 +18,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import assemble, meshed_rows, owned_rows, weighted_sum
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.rank_beams import RankBeams, rank_beams
 from pgmp_petsc.dynamics.rank_elements import RankElements
 from pgmp_petsc.dynamics.rank_solids import RankSolid, rank_solids
 from pgmp_petsc.dynamics.spatial_masses import SpatialMasses, spatial_masses
@@ -64,7 +65,7 @@ class FullEquations(Protocol):
     mass
         This rank's rows, shape (n_rows, n_dofs).
     elements
-        Beams and masses of nodes.
+        Beams and masses of nodes in the plane.
     parts
         Other elements.
     load_effects, load_vectors
@@ -83,7 +84,7 @@ class FullEquations(Protocol):
     constraints: ConstraintSet | QuadraticConstraints
     mass: sp.csr_matrix
     elements: RankElements
-    parts: Sequence[RankSolid | SpatialMasses]
+    parts: Sequence[RankSolid | RankBeams | SpatialMasses]
     load_effects: Sequence[Effect]
     load_vectors: np.ndarray
     couples: Sequence[Couple]
@@ -172,7 +173,10 @@ class SpatialEquations:
         self.constraints = natural_constraints(unknowns).independent(self.start()[0])
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
         self.elements = RankElements((), self.rows, values, self.damping)
-        masses = spatial_masses(unknowns, self.rows, values, self.damping)
+        masses = (
+            *rank_beams(unknowns, self.rows, values, self.damping),
+            *spatial_masses(unknowns, self.rows, values, self.damping),
+        )
         self.parts = (*rank_solids(unknowns.bodies, self.rows, values, self.damping), *masses)
         self.mass = _mass(unknowns.bodies, masses, self.rows, values, self.n_dofs)
         vectors = {effect: effect.natural_load(unknowns, self.mass, self.rows, values) for effect in effects}
@@ -241,9 +245,13 @@ def full_equations(
 
 
 def _mass(
-    bodies: Sequence[Body], masses: Sequence[SpatialMasses], rows: range, values: Mapping[str, float], n_dofs: int
+    bodies: Sequence[Body],
+    masses: Sequence[RankBeams | SpatialMasses],
+    rows: range,
+    values: Mapping[str, float],
+    n_dofs: int,
 ) -> sp.csr_matrix:
-    """Return the given rows of the mass matrix of meshes and frames."""
+    """Return the given rows of the mass matrix of meshes, beams and frames."""
     row, column, data = [], [], []
     for body in bodies:
         if body.meshed is not None:

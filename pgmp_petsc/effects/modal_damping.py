@@ -3,9 +3,9 @@
     D = sum_i 2 zeta_i omega_i (M phi_i) (M phi_i)^T = P P^T,     forces  -R P P^T R^T q'
 
 with the elastic modes of the free body at the nominal parameters. Rigid motions are M-orthogonal to them and not
-damped. The rotation R of a beam is the mass-weighted mean of those of its nodes; that of a body on a mesh is the one
-that brings the places of its points closest to where they are, ``int rho x X'^T dV = R U`` (polar decomposition, with
-X' the places less their centre of mass).
+damped. The rotation R of a beam is the mass-weighted mean of those of its nodes, in space the rotation closest to the
+mean of their directors. That of a body on a mesh is the one that brings the places of its points closest to where they
+are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.free_modes import free_modes, own_unknowns
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.structural_damping import StructuralDamping
+from pgmp_petsc.mechanism.space import SPATIAL
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class ModalDamping:
     factor
         P in the body's frame, shape (n_own, n_modes).
     levers
-        What R is measured by: where nodes have a rotation of their own their shares in the body's mass, shape (n_nodes,
+        What R is measured by: where nodes have rotations of their own their shares in the body's mass, shape (n_nodes,
         1), and on a mesh ``M X'``, shape (n_nodes, d), kg m.
     """
 
@@ -67,10 +68,39 @@ class ModalDamping:
             angle = self.levers[:, 0] @ nodes[:, 2]
             cos, sin = np.cos(angle), np.sin(angle)
             return np.array([[cos, -sin], [sin, cos]])
-        moment = np.einsum("ain,aj->nij", nodes, self.levers)
-        left, _, right = np.linalg.svd(moment)
-        left[..., -1] *= np.linalg.det(left @ right)[:, None]
-        return np.moveaxis(left @ right, 0, 2)
+        return _closest_rotation(np.einsum("ain,aj->nij", nodes, self.levers))
+
+
+class ModalDampingInSpace(ModalDamping):
+    """Modal damping of a beam in space, whose nodes have a position and three directors each.
+
+    The angular velocity of a node is ``1/2 sum_k d_k x d_k'``, so that a couple m acts on its director d_k with the force
+    ``1/2 m x d_k``.
+    """
+
+    def forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the forces on `dofs` and their power; see `ModalDamping.forces`."""
+        nodes, rates = self._by_node(q[self.dofs]), self._by_node(v[self.dofs])
+        n_nodes, _, n = nodes.shape
+        # component c of director k: [node, k, c, sample]
+        directors, turning = (part[:, 3:].reshape(n_nodes, 3, 3, n) for part in (nodes, rates))
+        turn = _closest_rotation(np.einsum("a,akcn->nck", self.levers[:, 0], directors))
+        spins = 0.5 * np.cross(directors, turning, axis=2).sum(axis=1)
+        moving = np.stack([rates[:, :3], spins], axis=1)  # velocity and spin: [node, which, c, sample]
+        local = np.einsum("cin,aucn->auin", turn, moving)
+        along = self.factor.T @ local.reshape(-1, n)
+        acting = -(self.factor @ along).reshape(n_nodes, 2, 3, n)
+        force, couple = np.moveaxis(np.einsum("cin,auin->aucn", turn, acting), 1, 0)
+        on_directors = 0.5 * np.cross(couple[:, None], directors, axis=2)
+        found = np.concatenate([force, on_directors.reshape(n_nodes, 9, n)], axis=1)
+        return found.reshape(-1, n), -np.sum(along**2, axis=0)
+
+
+def _closest_rotation(matrices: np.ndarray) -> np.ndarray:
+    """Return the rotations closest to matrices (n, d, d), shape (d, d, n)."""
+    left, _, right = np.linalg.svd(matrices)
+    left[..., -1] *= np.linalg.det(left @ right)[:, None]
+    return np.moveaxis(left @ right, 0, 2)
 
 
 def modal_damping(
@@ -97,13 +127,15 @@ def _of_body(
 ) -> ModalDamping:
     omega, phi, mass = free_modes(body, nominal, len(ratios), f"effects.{effect}.ratios")
     factor = mass @ phi * np.sqrt(2.0 * np.array(ratios) * omega)
-    if body.meshed is None:
-        of_nodes = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs, None]
-        levers = of_nodes / of_nodes.sum()
-    else:
+    if body.meshed is not None:
         places = body.meshed.solid.mesh.nodes
         d = places.shape[1]
         along = mass[::d, ::d]
         centre = np.asarray(along.sum(axis=0)) @ places / along.sum()
-        levers = along @ (places - centre)
-    return ModalDamping(effect, number, own_unknowns(body), factor, levers)
+        return ModalDamping(effect, number, own_unknowns(body), factor, along @ (places - centre))
+    of_nodes = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs, None]
+    shares = of_nodes / of_nodes.sum()
+    if body.node_dofs == SPATIAL.n_dofs:
+        first, last = (SPATIAL.n_pose * node for node in (body.nodes.start, body.nodes.stop))
+        return ModalDampingInSpace(effect, number, np.arange(first, last), factor, shares)
+    return ModalDamping(effect, number, own_unknowns(body), factor, shares)

@@ -26,6 +26,8 @@ def why_not_covered(scene: Scene) -> str:
     for name, body in scene.bodies.items():
         if body.continuum:
             reasons.append(f"bodies.{name} is of continuum elements, and the estimate is for beams")
+        elif body.dimension == 3:
+            reasons.append(f"bodies.{name} is a beam in space, and the estimate is for beams in the plane")
         elif not body.flexible:
             reasons.append(f"bodies.{name} is rigid, and the estimate is for flexible beams")
     reasons += [
@@ -56,7 +58,7 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
 def why_not_of_full_order(scene: Scene) -> tuple[Remark, ...]:
     """Return that the errors of full-order runs are not estimated, and what measures them."""
     cure = "pgmp tradeoff measures those of the reduced one and of the step"
-    if any(body.continuum for body in scene.bodies.values()):
+    if any(body.element != "beam2d" for body in scene.bodies.values()):
         cure = "compare with a finer mesh and a smaller simulation.step"
     return (
         note(

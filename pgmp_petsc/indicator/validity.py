@@ -23,6 +23,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.beam3d import strain_gradients
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
@@ -169,7 +170,12 @@ class BodyStrains:
 
     def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
         """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
-        ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, 3)
+        ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
+        if self._spatial:
+            gradients = strain_gradients(body.mesh.lengths, body.axes)
+            strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
+            bending = np.linalg.norm(strains[..., 4:], axis=2)
+            return np.max(np.abs(strains[..., 0]) + self._half_heights[body.name] * bending, axis=1)
         change = ends[:, :, 1] - ends[:, :, 0]
         lengths, angles = body.mesh.lengths, body.directions
         along = lengths * np.cos(angles) + change[..., 0], lengths * np.sin(angles) + change[..., 1]
@@ -183,14 +189,22 @@ class BodyStrains:
 def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
     """Return the distance of a beam's outermost fibre from its axis, m.
 
-    A section given by coefficients has none; ``2 sqrt(EI / EA)`` is that of a circle with its radius of gyration.
+    A section given by coefficients has none; ``2 sqrt(EI / EA)`` is that of a circle with its radius of gyration. In
+    space a section bends both ways, and the distance is half its diagonal.
     """
     section = scene.bodies[body].section
-    if section.shape == "coefficients":
-        return 2.0 * np.sqrt(scene.number(section.bending, values) / scene.number(section.axial, values))
     if section.shape == "circle":
         return scene.number(section.radius, values)
-    return 0.5 * scene.number(section.height, values)
+    if section.shape == "rectangle":
+        height = scene.number(section.height, values)
+        if scene.dimension == 2:
+            return 0.5 * height
+        return 0.5 * np.hypot(height, scene.number(section.width, values))
+    if section.shape == "coefficients":
+        bending = scene.number(section.bending, values)
+    else:
+        bending = np.maximum(*(scene.number(entry, values) for entry in (section.bending_2, section.bending_3)))
+    return 2.0 * np.sqrt(bending / scene.number(section.axial, values))
 
 
 def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tuple[Remark, ...]:
@@ -218,10 +232,13 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
                 "their condensed model holds no stresses; rotations are those of their frames only"
             )
         )
+    in_space = [name for name, body in scene.bodies.items() if body.element == "beam3d" and body.flexible]
+    if in_space:
+        remarks.append(note(f"change of stiffness is not computed with beams in space ({', '.join(in_space)})"))
     by_coefficients = [
         name
         for name, body in scene.bodies.items()
-        if body.flexible and body.section is not None and body.section.shape == "coefficients"
+        if body.flexible and body.section is not None and body.section.shape.startswith("coefficients")
     ]
     if by_coefficients:
         remarks.append(

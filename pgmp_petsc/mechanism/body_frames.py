@@ -28,13 +28,16 @@ def linear_fields(body: Body) -> np.ndarray:
     """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
 
     They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
-    nodes.
+    nodes. The sections of beams in space turn with their fibres.
     """
     if body.component is not None:
         return body.component.fields
     d = body.mesh.nodes.shape[1]
     unit = np.eye(d + d * d)
-    parts = [at_nodes(unit, body.mesh.nodes).reshape(-1, d + d * d)]
+    nodal = at_nodes(unit, body.mesh.nodes)
+    if body.axes is not None:
+        nodal[:, d:, d:] = body.section_turns()
+    parts = [nodal.reshape(-1, d + d * d)]
     if body.meshed is not None:
         parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
     return np.concatenate(parts)

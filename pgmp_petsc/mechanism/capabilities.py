@@ -53,7 +53,7 @@ class Feature:
     purposes
         What it is used for; for others it is without effect, and allowed.
     beams_only
-        Whether continuum bodies are refused.
+        Whether continuum bodies and beams in space are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
     flexible_body
@@ -171,6 +171,9 @@ def _check_beams(scene: Scene, what: str, cure: str) -> None:
         verb = "is" if len(continuum) == 1 else "are"
         names = ", ".join(continuum)
         raise InputError(f"{what}: for bodies of beams only, but {names} {verb} of continuum elements; {cure}")
+    if scene.dimension == 3:
+        names = ", ".join(scene.bodies)
+        raise InputError(f"{what}: for mechanisms of beams in the plane only, but {names} move in space; {cure}")
 
 
 def _check_single(scene: Scene, what: str, cure: str) -> None:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.rigid_component import rigid_component
-from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.rigid_component import rigid_component, rigid_line
+from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import N_FRAME, Fixed, Joint, PointOnLine, Revolute
+from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.effects import PointMass
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.schema import Scene
@@ -40,6 +44,9 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
         if entry.continuum:
             bodies[name] = _continuum(scene, name, meshes[name])
             continue
+        if entry.element == "beam3d":
+            bodies[name] = _beam_in_space(scene, name, meshes[name])
+            continue
         material = None if entry.material is None else scene.materials[entry.material]
         section = BeamSection.of(entry.section, material)
         make = Body.beam if entry.flexible else Body.rigid
@@ -62,6 +69,31 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
         first_node += body.n_nodes
         first_internal += body.n_internal
     return tuple(numbered)
+
+
+def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
+    """Return a body of beams in space, flexible or rigid.
+
+    Raises
+    ------
+    InputError
+        If the orientation of its section is parallel to one of its elements.
+    """
+    entry = scene.bodies[name]
+    edges = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]
+    axes = section_axes(edges, None if entry.orientation is None else np.array(entry.orientation))
+    parallel = np.flatnonzero(np.isnan(axes).any(axis=(1, 2)))
+    if parallel.size:
+        raise InputError(
+            f"bodies.{name}.orientation = {list(entry.orientation)}: parallel to element {parallel[0]} of the body, "
+            f"along {(edges[parallel[0]] / np.linalg.norm(edges[parallel[0]])).round(6).tolist()} in its frame; needed: "
+            "orientation = [x, y, z], a direction across all elements, that of the section's height"
+        )
+    material = None if entry.material is None else scene.materials[entry.material]
+    section = SpatialSection.of(entry.section, material, scene.nominal)
+    if entry.flexible:
+        return Body.beam_in_space(name, mesh, section, axes)
+    return replace(Body.condensed(name, rigid_line(name, mesh, section, axes)), shape=mesh)
 
 
 def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:

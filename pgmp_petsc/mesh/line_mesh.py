@@ -1,4 +1,4 @@
-"""Line meshes of planar beams: two-node cells in the plane z = 0, with the named points where joints attach.
+"""Line meshes of beams: two-node cells, in the plane z = 0 or in space, with the named points where joints attach.
 
 Whatever meshio reads is accepted. A point is named by a physical group of dimension
 0 (gmsh) or by a node set (Abaqus and others) that holds exactly one node.
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LineMesh:
-    """Two-node line cells in the plane.
+    """Two-node line cells.
 
     Parameters
     ----------
-    nodes : ndarray of float, shape (n_nodes, 2)
+    nodes : ndarray of float, shape (n_nodes, d)
         Coordinates in the mesh's own frame (m).
     cells : ndarray of int, shape (n_cells, 2)
         The two nodes of each cell.
@@ -90,7 +90,7 @@ class LineMesh:
         )
 
 
-def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
+def read_line_mesh(path: Path | str, entry: str, dimension: int = 2) -> LineMesh:
     """Read a line mesh from a file of one of meshio's formats.
 
     Nodes that are on no line cell are dropped; the others keep the file's order.
@@ -101,36 +101,38 @@ def read_line_mesh(path: Path | str, entry: str) -> LineMesh:
         The mesh file.
     entry : str
         Dotted name of the scene's entry, such as ``bodies.crank.mesh``, for the messages.
+    dimension : int
+        2 for beams in the plane, 3 for those in space.
 
     Raises
     ------
     InputError
-        If the file is missing or unreadable, holds cells that the element beam2d cannot use, leaves the plane
-        z = 0, has cells of zero length or twice the same cell, or is not connected.
+        If the file is missing or unreadable, holds cells that beams cannot use, leaves the plane z = 0 in two
+        dimensions, has cells of zero length or twice the same cell, or is not connected.
     """
     received = shortened(f'{entry} = "{path}"')
     mesh = read_mesh(Path(path), received)
     with usable(received):
-        all_cells = _line_cells(mesh, received)
+        all_cells = _line_cells(mesh, received, dimension)
         used, cells = np.unique(all_cells, return_inverse=True)
-        nodes = _planar(mesh.points, used, received)
+        nodes = _places(mesh.points, used, received, dimension)
         line_mesh = LineMesh(nodes, cells.reshape(-1, 2), *_named_points(mesh, used))
         _check_cells(line_mesh, all_cells, received)
     return line_mesh
 
 
-def _line_cells(mesh: meshio.Mesh, received: str) -> np.ndarray:
+def _line_cells(mesh: meshio.Mesh, received: str, dimension: int) -> np.ndarray:
     """Return the line cells in the file's node numbers; other cells than lines and vertices are refused."""
     types = sorted({block.type for block in mesh.cells if len(block.data)})
     others = [name for name in types if name not in ("line", "vertex")]
     if others:
         raise InputError(
-            f"{received}: it has cells of type {', '.join(others)}; the element beam2d takes two-node "
+            f"{received}: it has cells of type {', '.join(others)}; the element beam{dimension}d takes two-node "
             "cells of type line only"
         )
     if "line" not in types:
         raise InputError(
-            f"{received}: it has no cells of type line, which the element beam2d needs "
+            f"{received}: it has no cells of type line, which the element beam{dimension}d needs "
             f"(it has: {', '.join(types) or 'no cells at all'})"
         )
     cells = np.concatenate([block.data for block in mesh.cells if block.type == "line"]).astype(int)
@@ -139,8 +141,8 @@ def _line_cells(mesh: meshio.Mesh, received: str) -> np.ndarray:
     return cells
 
 
-def _planar(file_points: np.ndarray, used: np.ndarray, received: str) -> np.ndarray:
-    """Return x and y of the used nodes after checking that all are finite and in the plane z = 0."""
+def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension: int) -> np.ndarray:
+    """Return the used nodes after checking that all are finite and, in two dimensions, in the plane z = 0."""
     points = file_points[used]
     finite = np.isfinite(points).all(axis=1)
     if not finite.all():
@@ -149,6 +151,10 @@ def _planar(file_points: np.ndarray, used: np.ndarray, received: str) -> np.ndar
             f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers are "
             "needed"
         )
+    if dimension == 3:
+        places = np.zeros((len(points), 3))
+        places[:, : points.shape[1]] = points
+        return places
     out_of_plane = np.abs(points[:, 2:]).max(axis=1, initial=0.0)
     if (out_of_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max()).any():
         where = int(np.argmax(out_of_plane))

@@ -57,8 +57,8 @@ class FullModel:
 
     @property
     def largest_batch(self) -> int:
-        """Most samples that a batch may have: continuum bodies are integrated one by one."""
-        return 1 if any(body.continuum for body in self.scene.bodies.values()) else self.scene.ensemble.batch
+        """Most samples that a batch may have: all but mechanisms of beams in the plane are integrated one by one."""
+        return self.scene.ensemble.batch if self._in_lanes else 1
 
     @property
     def identity(self) -> str:
@@ -67,10 +67,14 @@ class FullModel:
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:
         """Return a batch of samples on this rank, at most `largest_batch`."""
-        if any(body.continuum for body in self.scene.bodies.values()):
+        if not self._in_lanes:
             return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
         settled = self.settled(values, n_samples) if self.scene.initial.equilibrium else None
         return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions, settled)
+
+    @property
+    def _in_lanes(self) -> bool:
+        return all(body.element == "beam2d" for body in self.scene.bodies.values())
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""

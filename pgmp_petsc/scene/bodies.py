@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
     Angle,
+    Axis,
     Integer,
     Name,
     NotNegativeOrParameter,
@@ -46,9 +47,11 @@ class Rectangle(Table):
 
     shape: Literal["rectangle"]
     width: PositiveOrParameter = Field(
-        description="size across the plane of motion (m), or a parameter's name"
+        description="size across the plane of motion (m), in space along the third axis; or a parameter's name"
     )
-    height: PositiveOrParameter = Field(description="size in the plane of motion (m), or a parameter's name")
+    height: PositiveOrParameter = Field(
+        description="size in the plane of motion (m), in space along `orientation`; or a parameter's name"
+    )
 
 
 class Coefficients(Table):
@@ -64,7 +67,22 @@ class Coefficients(Table):
     )
 
 
-Section = Annotated[Circle | Rectangle | Coefficients, Field(discriminator="shape")]
+class Coefficients3d(Table):
+    """The cross-section of a beam in space, given by its stiffness and inertia; its axes are those of `orientation`."""
+
+    shape: Literal["coefficients3d"]
+    axial: PositiveOrParameter = Field(description="EA (N), a number or a parameter's name")
+    shear_2: PositiveOrParameter = Field(description="GA_2 (N): shear along the second axis")
+    shear_3: PositiveOrParameter = Field(description="GA_3 (N): shear along the third axis")
+    torsion: PositiveOrParameter = Field(description="GJ (N m2)")
+    bending_2: PositiveOrParameter = Field(description="EI_2 (N m2): bending about the second axis")
+    bending_3: PositiveOrParameter = Field(description="EI_3 (N m2): bending about the third axis")
+    line_density: PositiveOrParameter = Field(description="rho A (kg/m)")
+    rotary_2: PositiveOrParameter = Field(description="rho I_2 (kg m)")
+    rotary_3: PositiveOrParameter = Field(description="rho I_3 (kg m)")
+
+
+Section = Annotated[Circle | Rectangle | Coefficients | Coefficients3d, Field(discriminator="shape")]
 
 
 class StraightBeam(Table):
@@ -96,12 +114,18 @@ class Body(Table):
     line: StraightBeam | None = Field(
         None, description="instead of a mesh file, a straight line { length = 0.3, elements = 5 }"
     )
-    element: Literal["beam2d", "solid2d", "solid3d"] = Field(
-        description="beam, plane stress or solid; the cells of the mesh say which element of its kind"
+    element: Literal["beam2d", "beam3d", "solid2d", "solid3d"] = Field(
+        description="beam in the plane or in space, plane stress or solid; the cells of the mesh say which element of "
+        "its kind"
     )
     material: str | None = Field(None, description="name of a material; not for a section given by coefficients")
     section: Section | None = Field(
         None, description='cross-section of a beam, such as { shape = "circle", radius = 0.01 }'
+    )
+    orientation: Axis | None = Field(
+        None,
+        description="direction (x, y, z) of the second axis of the section of a beam3d, that of its height, in the "
+        "body's frame; circles need none",
     )
     thickness: PositiveOrParameter | None = Field(
         None, description="thickness of solid2d (m), a number or a parameter's name"
@@ -120,17 +144,23 @@ class Body(Table):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         exactly_one(self, "mesh", "line")
-        return self._consistent_beam() if self.element == "beam2d" else self._consistent_solid()
+        return self._consistent_solid() if self.continuum else self._consistent_beam()
 
     @property
     def continuum(self) -> bool:
         """Whether the body is meshed with continuum elements."""
-        return self.element != "beam2d"
+        return self.element in ("solid2d", "solid3d")
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return int(self.element[-2])
 
     def _consistent_solid(self) -> Self:
-        for key in ("line", "section"):
+        for key in ("line", "section", "orientation"):
             if getattr(self, key) is not None:
-                raise refusal(f"{self.element} takes its shape from a mesh; {key} is for beam2d", key)
+                beam = f"beam{self.dimension}d" if key != "orientation" else "beam3d"
+                raise refusal(f"{self.element} takes its shape from a mesh; {key} is for {beam}", key)
         if self.material is None:
             raise refusal("missing; needed: name of a material", "material")
         if self.element == "solid2d" and self.thickness is None:
@@ -147,11 +177,27 @@ class Body(Table):
                 raise refusal("for solid2d and solid3d only", key)
         if self.section is None:
             raise refusal('missing; needed: a cross-section, such as { shape = "circle", radius = 0.01 }', "section")
-        given = isinstance(self.section, Coefficients)
+        wrong, right = (Coefficients3d, Coefficients)[:: 1 if self.dimension == 2 else -1]
+        if isinstance(self.section, wrong):
+            shapes = {Coefficients: "coefficients", Coefficients3d: "coefficients3d"}
+            raise refusal(f'a {self.element} has the shape "{shapes[right]}"', "section")
+        given = isinstance(self.section, right)
         if given and self.material is not None:
             raise refusal("a section given by coefficients has no material", "material")
         if not given and self.material is None:
             raise refusal("missing; needed: name of a material", "material")
-        if given and self.flexible and self.section.rotary_density == 0.0:
+        if isinstance(self.section, Coefficients) and self.flexible and self.section.rotary_density == 0.0:
             raise refusal("a flexible body needs section.rotary_density above 0", "section")
+        return self._oriented()
+
+    def _oriented(self) -> Self:
+        """Refuse a section in space without its direction, and a direction in the plane."""
+        if self.dimension == 2 and self.orientation is not None:
+            raise refusal("for beam3d only; in the plane the height of a section is in the plane", "orientation")
+        if self.dimension == 3 and self.orientation is None and not isinstance(self.section, Circle):
+            raise refusal(
+                "missing; needed in space for every section but a circle: orientation = [x, y, z], the direction of the "
+                "section's height (its second axis) in the body's frame",
+                "orientation",
+            )
         return self

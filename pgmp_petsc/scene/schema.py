@@ -78,8 +78,8 @@ class Scene(Table):
 
     @property
     def dimension(self) -> int:
-        """2 for a mechanism in the plane, 3 in space: as soon as one body is a solid3d."""
-        return 3 if any(body.element == "solid3d" for body in self.bodies.values()) else 2
+        """2 for a mechanism in the plane, 3 in space: as soon as one body is a beam3d or a solid3d."""
+        return max(body.dimension for body in self.bodies.values())
 
     @property
     def n_overconstrained(self) -> int:

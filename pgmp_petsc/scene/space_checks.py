@@ -1,4 +1,4 @@
-"""Checks that entries belong to the space that the mechanism moves in: the plane, or space where bodies are solid3d."""
+"""Checks that entries belong to the space that the mechanism moves in: the plane, or space where bodies are beam3d or solid3d."""
 
 from __future__ import annotations
 
@@ -66,10 +66,14 @@ def _in_the_plane(scene: Scene) -> Iterator[str]:
 
 def _in_space(scene: Scene) -> Iterator[str]:
     for name, body in scene.bodies.items():
-        if body.element != "solid3d":
-            others = ", ".join(other for other, entry in scene.bodies.items() if entry.element == "solid3d")
+        if body.dimension == 2:
+            others = ", ".join(
+                f"{other} ({entry.element})" for other, entry in scene.bodies.items() if entry.dimension == 3
+            )
             yield problem(
-                f"bodies.{name}.element", f"all bodies are solid3d in space, as {others} is; or none", body.element
+                f"bodies.{name}.element",
+                f"in the plane, but {others} in space; all bodies are beam2d and solid2d, or beam3d and solid3d",
+                body.element,
             )
         if body.placement is not None and body.placement.angle:
             yield problem(f"bodies.{name}.placement.angle", "for the plane; give rotation", body.placement.angle)

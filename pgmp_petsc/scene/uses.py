@@ -25,6 +25,13 @@ SECTION = {
     "bending": "N m2",
     "line_density": "kg/m",
     "rotary_density": "kg m",
+    "shear_2": "N",
+    "shear_3": "N",
+    "torsion": "N m2",
+    "bending_2": "N m2",
+    "bending_3": "N m2",
+    "rotary_2": "kg m",
+    "rotary_3": "kg m",
 }
 #: Entries of effects with their sign, and their units on a joint that turns and on what slides.
 EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {

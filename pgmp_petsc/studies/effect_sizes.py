@@ -78,6 +78,8 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
                 f"{', '.join(f'bodies.{name}' for name in continuum)} of continuum elements"
             ),
         )
+    if scene.dimension == 3:
+        return (note("sizes of effects were not estimated: the estimate is for beams in the plane"),)
     try:
         sizes = estimate_effects(scene, meshes)
     except PgmpError as error:

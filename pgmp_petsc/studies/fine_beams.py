@@ -108,8 +108,8 @@ def frequencies(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[np.ndarray
     scene, meshes = read_scene(path, (), (), comm, Purpose.MODES)
     overrides = []
     for name, body in scene.bodies.items():
-        x, y = np.asarray(meshes[name].nodes)[:, :2].T
-        if body.continuum or np.ptp(y) > 0.0:
+        x, *others = np.asarray(meshes[name].nodes).T
+        if body.continuum or np.ptp(others) > 0.0:
             raise InputError(f"bodies.{name}: a beam along the x axis is needed to make a line of many elements of it")
         entries = body.model_dump(exclude_unset=True, exclude={"mesh", "line"})
         entries["line"] = {"length": float(np.ptp(x)), "elements": n_elements, "start": float(x.min())}

@@ -59,14 +59,14 @@ def read_scene(
 def _mesh_of(scene: Scene, name: str) -> LineMesh | SolidMesh:
     body = scene.bodies[name]
     if body.line is not None:
-        return straight_beam(body.line.length, body.line.elements, body.line.start)
+        return straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
     path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
     if not body.continuum:
-        return read_line_mesh(path, entry)
+        return read_line_mesh(path, entry, body.dimension)
     # takes a noticeable time, and only runs with continuum bodies need it
     from pgmp_petsc.mesh.solid_mesh_reading import read_solid_mesh
 
-    return read_solid_mesh(path, 2 if body.element == "solid2d" else 3, entry)
+    return read_solid_mesh(path, body.dimension, entry)
 
 
 def read_rom(

@@ -243,3 +243,16 @@ def test_messages_number_nodes_as_the_file_does(tmp_path: Path) -> None:
 def test_a_directory_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="this is a directory"):
         read_line_mesh(tmp_path, ENTRY)
+
+
+def test_a_line_in_space_keeps_its_third_coordinate(tmp_path: Path) -> None:
+    path, places = tmp_path / "bow.vtu", np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.25], [2.0, 0.0, 1.0]])
+    meshio.write(path, meshio.Mesh(places, [("line", np.array([[0, 1], [1, 2]]))]))
+    mesh = read_line_mesh(path, ENTRY, 3)
+    np.testing.assert_array_equal(mesh.nodes, places)
+    np.testing.assert_allclose(mesh.lengths, np.linalg.norm(np.diff(places, axis=0), axis=1))
+    with pytest.raises(InputError, match="is off the plane z = 0"):
+        read_line_mesh(path, ENTRY)
+    meshio.write(path, meshio.Mesh(places, [("triangle", np.array([[0, 1, 2]]))]))
+    with pytest.raises(InputError, match="the element beam3d takes two-node cells of type line only"):
+        read_line_mesh(path, ENTRY, 3)

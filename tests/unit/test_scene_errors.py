@@ -101,8 +101,8 @@ ENTRIES = [
     ),
     ("scene={}", "scene.name: missing; needed: short name, used in reports and titles"),
     (
-        "bodies.crank.element='beam3d'",
-        "bodies.crank.element = \"beam3d\": unknown; did you mean 'beam2d'? (allowed: beam2d, solid2d, solid3d)",
+        "bodies.crank.element='beam4d'",
+        "bodies.crank.element = \"beam4d\": unknown; did you mean 'beam3d'? (allowed: beam2d, beam3d, solid2d, solid3d)",
     ),
     ("outputs.slider_position.axis='w'", 'outputs.slider_position.axis = "w": unknown (allowed: x, y, z)'),
     ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),
@@ -119,7 +119,7 @@ ENTRIES = [
     ),
     (
         "bodies.crank.section.shape=1",
-        "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients)",
+        "bodies.crank.section.shape = 1: unknown (allowed: circle, rectangle, coefficients, coefficients3d)",
     ),
     ('effects."my motor"={type="gravity"}', f'effects."my motor": {NAME_NEEDED}'),
     ('ground.points."a:b"=[0,1]', f'ground.points."a:b": {NAME_NEEDED}'),

@@ -33,7 +33,7 @@ ENTRIES = [
             f"bodies.crank.element='{element}'",
             (
                 'bodies.crank.section = { shape = "circle", radius = "r1" }: '
-                f"{element} takes its shape from a mesh; section is for beam2d"
+                f"{element} takes its shape from a mesh; section is for beam{element[-2:]}"
             ),
         )
         for element in ("solid2d", "solid3d")
@@ -46,14 +46,14 @@ ENTRIES = [
             (
                 scene,
                 "bodies.crank.section={shape='circle', radius=0.01}",
-                f"bodies.crank.section = {CIRCLE}: {element} takes its shape from a mesh; section is for beam2d",
+                f"bodies.crank.section = {CIRCLE}: {element} takes its shape from a mesh; section is for beam{element[-2:]}",
             ),
             (
                 scene,
                 f"bodies.crank={{line={{length=0.3, elements=4}}, element='{element}', material='steel'}}",
                 (
                     "bodies.crank.line = { length = 0.3, elements = 4 }: "
-                    f"{element} takes its shape from a mesh; line is for beam2d"
+                    f"{element} takes its shape from a mesh; line is for beam{element[-2:]}"
                 ),
             ),
             (
@@ -119,12 +119,14 @@ ENTRIES = [
     (
         SPACE,
         "bodies.rod={mesh='a.msh', element='solid2d', material='steel', thickness=0.01}",
-        'bodies.rod.element = "solid2d": all bodies are solid3d in space, as crank is; or none',
+        'bodies.rod.element = "solid2d": in the plane, but crank (solid3d) in space; all bodies are beam2d and solid2d, or '
+        'beam3d and solid3d',
     ),
     (
         SPACE,
         "bodies.crank={mesh='a.msh', element='beam2d', material='steel', section={shape='circle', radius=0.005}}",
-        'bodies.crank.element = "beam2d": all bodies are solid3d in space, as rod is; or none',
+        'bodies.crank.element = "beam2d": in the plane, but rod (solid3d) in space; all bodies are beam2d and solid2d, or '
+        'beam3d and solid3d',
     ),
     # joints: the plane's
     *[

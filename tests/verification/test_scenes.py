@@ -65,6 +65,8 @@ COMPARED = {
     "quick_return": (0.6, 1e-3, 1e-3, 2e-2),
     "spinning_beam": (20.0, 1e-2, 1e-3, 1e-2),
     "slider_crank_effects": (0.3, 2e-4, 1e-3, 0.04),
+    "rssr_beams": (0.2, 1e-3, 1e-3, 0.03),
+    "spatial_mixed": (0.1, 1e-3, 1e-3, 0.03),
 }
 
 

@@ -12,7 +12,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.bodies import Body, Circle, Coefficients
+from pgmp_petsc.scene.bodies import Body, Circle, Coefficients, Coefficients3d
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 
 SLENDERNESS = 5.0  # length over thickness, below which a beam is none
@@ -49,7 +49,7 @@ def sizes_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> dict[s
     for name, body in scene.bodies.items():
         mesh = meshes.get(name)
         if mesh is None and body.line is not None:
-            mesh = straight_beam(body.line.length, body.line.elements, body.line.start)
+            mesh = straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
         if mesh is not None:
             sizes[name] = _beam(scene, body, mesh) if isinstance(mesh, LineMesh) else _solid(scene, body, mesh)
     return sizes
@@ -101,7 +101,7 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
-        if body.flexible or not isinstance(body.section, Coefficients):  # those of a rigid body say its mass only
+        if body.flexible or not isinstance(body.section, (Coefficients, Coefficients3d)):  # those of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
             yield doubt(
@@ -131,7 +131,7 @@ def _slenderness(scene: Scene, name: str, size: Size) -> Iterator[Finding]:
 
 def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[object, ...]]:
     """Return the entry that says how thick a beam is, and its value if that is one number."""
-    if isinstance(body.section, Coefficients):
+    if isinstance(body.section, (Coefficients, Coefficients3d)):
         return entry, ()
     key = "radius" if isinstance(body.section, Circle) else "height"
     if key == "height" and scene.number(body.section.width) > scene.number(body.section.height):
@@ -143,10 +143,10 @@ def _thickness_entry(scene: Scene, body: Body, entry: str) -> tuple[str, tuple[o
 def _beam(scene: Scene, body: Body, mesh: LineMesh) -> Size:
     section = body.section
     length = float(np.max(np.ptp(mesh.nodes, axis=0)))
-    if isinstance(section, Coefficients):
-        axial, bending, line_density = (
-            scene.number(value) for value in (section.axial, section.bending, section.line_density)
-        )
+    if isinstance(section, (Coefficients, Coefficients3d)):
+        axial, line_density = scene.number(section.axial), scene.number(section.line_density)
+        about = [section.bending] if isinstance(section, Coefficients) else [section.bending_2, section.bending_3]
+        bending = min(map(scene.number, about))
         gyration, speed = math.sqrt(bending / axial), math.sqrt(axial / line_density)
         thickness = math.sqrt(12.0) * gyration
     else:
@@ -155,7 +155,8 @@ def _beam(scene: Scene, body: Body, mesh: LineMesh) -> Size:
             area, gyration, thickness = math.pi * radius**2, 0.5 * radius, 2.0 * radius
         else:
             width, height = scene.number(section.width), scene.number(section.height)
-            area, gyration, thickness = width * height, height / math.sqrt(12.0), max(width, height)
+            bending = height if scene.dimension == 2 else min(width, height)
+            area, gyration, thickness = width * height, bending / math.sqrt(12.0), max(width, height)
         density, speed = _material(scene, body)
         line_density = density * area
     frequency = 0.5 * math.pi * gyration * speed / length**2 if body.flexible else 0.0

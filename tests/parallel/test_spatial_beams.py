@@ -1,0 +1,76 @@
+"""Beams in space on several ranks: the same full-order runs, models and samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from runs import PGMP, overridden
+
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import Ensemble, Trajectory
+
+SCENE = ROOT / "scenes" / "rssr_beams.toml"
+SHORT = ("simulation.duration=0.02", "simulation.step=1e-3")
+FEW = ("reduction.angles=8",)
+
+
+@pytest.fixture(scope="module")
+def one_rank(mpirun: Callable, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that gives what one rank makes of a command's words, made once."""
+    directory, made = tmp_path_factory.mktemp("one"), {}
+
+    def make(name: str, *words: object) -> Path:
+        if name not in made:
+            made[name] = directory / f"{name}.h5"
+            mpirun(1, *PGMP, *words, "-o", made[name])
+        return made[name]
+
+    return make
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_ranks_share_a_run(one_rank: Callable, mpirun: Callable, tmp_path: Path, n: int) -> None:
+    """240 unknowns, the nodes of a beam on different ranks, with damping: measured 1e-12."""
+    words = ("simulate", SCENE, "--full", *overridden(*SHORT))
+    one, several = Trajectory.read(one_rank("full", *words)), tmp_path / "full.h5"
+    mpirun(n, *PGMP, *words, "-o", several)
+    several = Trajectory.read(several)
+    for name, values in one.outputs.items():
+        np.testing.assert_allclose(several.outputs[name], values, rtol=0, atol=1e-9 * np.abs(values).max())
+    np.testing.assert_allclose(several.balance.kinetic, one.balance.kinetic, rtol=1e-8, atol=1e-15)
+    np.testing.assert_allclose(several.balance.work["material_damping"], one.balance.work["material_damping"], rtol=1e-6,
+                               atol=1e-15)  # fmt: skip
+
+
+@pytest.mark.parametrize(("n", "per_angle"), [(2, 1), (2, 2), (3, 3)])
+def test_models_do_not_depend_on_ranks(
+    one_rank: Callable, mpirun: Callable, tmp_path: Path, n: int, per_angle: int
+) -> None:
+    words = ("build", SCENE, *overridden(*FEW))
+    expected, path = ReducedOrderModel.read(one_rank("rom", *words)), tmp_path / "rom.h5"
+    mpirun(n, *PGMP, *words, "--ranks-per-angle", per_angle, "-o", path)
+    rom = ReducedOrderModel.read(path)
+    for name in ("mass", "stiffness"):
+        found, wanted = (getattr(tables, name) for tables in (rom.tables, expected.tables))
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_samples_are_dealt_out(one_rank: Callable, mpirun: Callable, tmp_path: Path) -> None:
+    words = ("montecarlo", SCENE, "--full", "-n", 2, "--seed", 3, *overridden("simulation.duration=0.005"))
+    one, path = Ensemble.read(one_rank("many", *words)), tmp_path / "many.h5"
+    mpirun(2, *PGMP, *words, "-o", path)
+    two = Ensemble.read(path)
+    assert not one.status.any() and one.outputs["coupler_bending"][0] != one.outputs["coupler_bending"][1]
+    for name, values in one.outputs.items():
+        np.testing.assert_array_equal(two.outputs[name], values)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_bad_input_ends_with_status_2_on_all_ranks(mpirun: Callable, n: int) -> None:
+    wrong = overridden("bodies.crank.orientation=[1.0, 0.0, 0.0]")
+    done = mpirun(n, *PGMP, "check", SCENE, *wrong, check_status=2)
+    assert "bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0" in done.stderr

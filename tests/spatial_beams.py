@@ -1,0 +1,100 @@
+"""Mechanisms of beams in space made in memory.
+
+As in `scenes`, the entry ``mesh`` of a body is ``"first:last:n"``, a straight line of n cells on the x axis of the
+body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of `spatial`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scenes import HEADER
+from spatial import TURN, bar
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+WIDTH, HEIGHT = 0.008, 0.012  # of the rectangular sections, m
+RECTANGLE = f'section = {{ shape = "rectangle", width = {WIDTH}, height = {HEIGHT} }}\norientation = [0.0, 1.0, 0.0]'
+CIRCLE = 'section = { shape = "circle", radius = 5.6e-3 }'
+
+
+def beam(name: str, mesh: str, section: str = RECTANGLE, more: str = "") -> str:
+    """Return the table of a beam of steel."""
+    return f'[bodies.{name}]\nmesh = "{mesh}"\nelement = "beam3d"\nmaterial = "steel"\n{section}\n{more}\n'
+
+
+def lines_of(scene: Scene) -> dict[str, LineMesh | SolidMesh]:
+    """Return the meshes that a scene's entries ``mesh`` describe."""
+    meshes = {}
+    for name, body in scene.bodies.items():
+        first, last, n = body.mesh.split(":")
+        if body.continuum:
+            meshes[name] = bar(float(first), float(last), int(n))
+        else:
+            meshes[name] = straight_beam(float(last) - float(first), int(n), float(first), body.dimension)
+    return meshes
+
+
+def kinematics_of_beams(scene: Scene) -> RigidKinematics:
+    """Return the rigid kinematics of a scene."""
+    return RigidKinematics(Mechanism.from_scene(scene, lines_of(scene)))
+
+
+# the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with beams in space
+SLIDER_CRANK = HEADER + f"""
+[parameters.r1]
+nominal = 5.6e-3
+unit = "m"
+{beam("crank", "0.0:0.3:5", 'section = { shape = "circle", radius = "r1" }')}
+{beam("rod", "0.3:1.0:5", CIRCLE)}
+[joints.crank_hinge]
+type = "revolute"
+connect = ["ground:origin", "crank:hinge"]
+axis = [0.0, 0.0, 1.0]
+[joints.elbow]
+type = "revolute"
+connect = ["crank:tip", "rod:hinge"]
+axis = [0.0, 0.0, 1.0]
+[joints.slider]
+type = "point_on_line"
+connect = ["ground:origin", "rod:tip"]
+direction = [1.0, 0.0, 0.0]
+[coordinates.theta]
+joint = "crank_hinge"
+{TURN}
+[effects.motor]
+type = "torque"
+joint = "crank_hinge"
+table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
+[reduction]
+modes = 5
+angles = 24
+"""
+
+# one beam on a hinge about the y axis of a section's height
+PENDULUM = HEADER + beam("arm", "0.0:1.0:10") + f"""
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "arm:hinge"]
+axis = [0.0, 0.0, 1.0]
+[coordinates.phi]
+joint = "hinge"
+{TURN}
+[reduction]
+modes = 4
+angles = 6
+"""
+
+
+def slider_crank_of_beams(*overrides: str) -> Scene:
+    """Return the slider-crank of `scenes` given in space."""
+    return scene_from_toml(SLIDER_CRANK, ".", overrides)
+
+
+def pendulum_in_space(*overrides: str) -> Scene:
+    """Return a rectangular beam of 1 m on a hinge."""
+    return scene_from_toml(PENDULUM, ".", overrides)

@@ -1,0 +1,286 @@
+"""Mechanisms of beams in space: energy and momentum, inertia forces of their sections, rigid ones, bad input.
+
+`test_scenes` compares reduced and full-order runs of the repository's scenes, `test_combinations` all commands.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import HEADER
+from spatial import DENSITY, SECOND_AXIS, TURN
+from spatial_beams import (
+    HEIGHT,
+    SLIDER_CRANK,
+    WIDTH,
+    beam,
+    kinematics_of_beams,
+    lines_of,
+    pendulum_in_space,
+    slider_crank_of_beams,
+)
+
+from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.indicator.validity import BodyStrains, half_height
+from pgmp_petsc.mechanism.body_frames import linear_fields
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces; 10,000 take a minute
+
+
+def arm(*overrides: str) -> Scene:
+    """Return two beams with two coordinates, hinged about axes that are not parallel."""
+    text = HEADER + beam("upper", "0.0:0.5:2") + beam("lower", "0.0:0.4:2") + f"""
+[joints.shoulder]
+type = "revolute"
+connect = ["ground:origin", "upper:hinge"]
+axis = [0.0, 0.0, 1.0]
+[joints.elbow]
+type = "revolute"
+connect = ["upper:tip", "lower:hinge"]
+axis = {SECOND_AXIS.tolist()}
+[coordinates.theta1]
+joint = "shoulder"
+{TURN}
+[coordinates.theta2]
+joint = "elbow"
+{TURN}
+"""
+    return scene_from_toml(text, ".", overrides)
+
+
+# --- energy and momentum ---------------------------------------------------------------------------------------------
+
+
+def test_energy_and_momentum_of_free_motion() -> None:
+    """Two steel beams thrown about, spectral radius 1: energy and the momentum about the fixed axis stay.
+
+    Generalised-alpha keeps neither exactly: both swing with the square of the step. Measured over 10,000 steps, shares
+    of the first value: 4.7e-7 and 1.4e-7 with 1e-4 s, the same in all quarters; 1.9e-6 and 5.7e-7 with 2e-4 s until
+    step 7,500, and 1.5e-5 and 1.3e-6 after it. With spectral radius 1 an index-3 constraint makes accelerations and
+    multipliers alternate: with mean directors C, ``C (v_n + v_{n+1}) = 0`` has the root -1, and ``A_n + A_{n+1} = 2
+    (v_{n+1} - v_n) / h`` has it once more, so that the alternating part of A grows like the number of steps times h:
+    with steps that do not resolve the stiffest vibration it ends in a Newton iteration that fails (1e-3 s: after 3,600
+    steps). Radii below 1 damp it.
+    """
+    step = 1e-4
+    scene = arm(
+        f"simulation.duration={N_STEPS * step}", f"simulation.step={step}", "simulation.spectral_radius=1.0",
+        "simulation.initial={theta1={velocity=6.0}, theta2={velocity=-9.0}}",
+    )  # fmt: skip
+    model, energies, momenta = FullModel(scene, lines_of(scene)), [], []
+    with model.distributed({}, MPI.COMM_SELF) as system:
+        mass = model_mass(system)
+
+        def observe(number: int, time: float, state) -> None:
+            if number % 20 == 0:
+                now = system.energies(time, state)
+                energies.append(float(np.sum(now.kinetic + now.strain)))
+                vectors = state.q.reshape(-1, 3)
+                turned = np.cross([0.0, 0.0, 1.0], vectors).ravel()  # positions and directors alike
+                momenta.append(float(turned @ (mass @ state.v)))
+
+        run = integrate(system, scene.simulation, observer=observe)
+    assert run.status[0] == 0
+    for values, limit in ((energies, 1e-6), (momenta, 3e-7)):
+        assert np.abs(np.array(values) / values[0] - 1.0).max() < limit
+
+
+def model_mass(system) -> np.ndarray:
+    return system._equations.mass  # noqa: SLF001
+
+
+DAMPED = (
+    "effects.weight={type='gravity', direction=[0.0, -0.6, 0.8]}",
+    "effects.knob={type='point_mass', point='rod:3', mass=0.1, inertia=1e-4}",
+    "effects.friction={type='structural_damping', stiffness=1e-4, mass=1.0}",
+)
+
+
+def test_energy_is_balanced_with_the_square_of_the_step() -> None:
+    """With gravity out of the plane, a point mass on a node, both dampings and a torque."""
+    shares = []
+    for step in (1e-3, 5e-4):
+        made = slider_crank_of_beams(*DAMPED, "simulation.duration=0.06", f"simulation.step={step}")
+        run = simulate_full(FullModel(made, lines_of(made)), MPI.COMM_SELF)
+        assert run.balance.work["friction"][-1] < 0.0
+        shares.append(np.abs(run.balance.residual).max() / run.balance.exchanged)
+    assert np.log2(shares[0] / shares[1]) > 1.7, shares
+
+
+# --- inertia of sections ---------------------------------------------------------------------------------------------
+
+
+def test_sections_have_the_inertia_forces_of_their_fibres() -> None:
+    """Any linear field of accelerations, through the directors' masses and through the field's rotations."""
+    scene = pendulum_in_space('bodies.arm.mesh="0.0:1.0:3"', "bodies.arm.orientation=[0.0, 0.6, 0.8]")
+    (body,) = Mechanism.from_scene(scene, lines_of(scene)).bodies
+    mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
+    inertia = sum(np.array(terms) for terms in body.section.mass_terms().values())
+    gradient = np.random.default_rng(5).standard_normal((3, 3))
+    field = linear_fields(body) @ np.concatenate([np.zeros(3), gradient.ravel()])
+    wanted = np.zeros(body.dofs.size)
+    for element, axes, length in zip(body.mesh.cells, body.axes, body.mesh.lengths):
+        frames = [np.concatenate([gradient @ body.mesh.nodes[node], gradient.T.ravel()]) for node in element]
+        force = natural_mass(np.array([length]), axes[None], inertia)[0] @ np.concatenate(frames)
+        np.add.at(wanted, (6 * element[:, None] + np.arange(6)).ravel(), at_rest().T @ force)
+    np.testing.assert_allclose(mass @ field, wanted, atol=1e-14 * np.abs(wanted).max())
+
+
+def test_a_rigid_beam_has_the_inertia_of_its_line() -> None:
+    """About its centre of mass, against the flexible body's mass in rigid motion."""
+    scene = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]")
+    rigid = pendulum_in_space("bodies.arm.orientation=[0.0, 0.6, 0.8]", "bodies.arm.flexible=false")
+    (body,), (stiff,) = (Mechanism.from_scene(made, lines_of(made)).bodies for made in (scene, rigid))
+    mass = weighted_sum(assemble([body], range(body.dofs.size)).mass, {}).toarray()
+    unit = linear_fields(body)
+    motion = np.column_stack([*unit[:, :3].T, unit[:, 3:] @ [0, 0, 0, 0, 0, -1, 0, 1, 0],
+                              unit[:, 3:] @ [0, 0, 1, 0, 0, 0, -1, 0, 0],
+                              unit[:, 3:] @ [0, -1, 0, 1, 0, 0, 0, 0, 0]])  # fmt: skip
+    motion[:, 4] += 0.5 * motion[:, 2]  # rotations about the middle of the line
+    motion[:, 5] -= 0.5 * motion[:, 1]
+    (matrix,) = stiff.component.mass.values()
+    np.testing.assert_allclose(matrix, motion.T @ mass @ motion, atol=1e-13 * matrix.max())
+    assert matrix[0, 0] == pytest.approx(DENSITY * WIDTH * HEIGHT)
+    np.testing.assert_allclose(stiff.mesh.nodes, [[0.5, 0.0, 0.0]])
+
+
+def test_a_parameter_of_the_section_changes_modes_as_the_section_does() -> None:
+    """Affine terms at another radius against a scene with that radius."""
+    scene, other = slider_crank_of_beams(), slider_crank_of_beams("parameters.r1.nominal=7e-3")
+    found = []
+    for made, values in ((scene, {"r1": 7e-3}), (other, {"r1": 7e-3})):
+        mechanism = kinematics_of_beams(made).mechanism
+        matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+        found.append([weighted_sum(terms, values).toarray() for terms in (matrices.mass, matrices.stiffness)])
+    for one, two in zip(*found):
+        np.testing.assert_allclose(one, two, atol=1e-13 * np.abs(two).max())
+
+
+def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
+    """A slider-crank of which the weight bends the beams across its plane. Measured: 3e-6 and
+    5e-4."""
+    outputs = (
+        'outputs={angle={type="angle", joint="crank_hinge"}, '
+        'across={type="position", point="rod:3", axis="z"}}'
+    )
+    made = slider_crank_of_beams(
+        *DAMPED, outputs, "simulation.duration=0.1", "reduction.modes=8", "reduction.angles=48",
+        "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
+    )  # fmt: skip
+    meshes = lines_of(made)
+    full = simulate_full(FullModel(made, meshes), MPI.COMM_SELF)
+    rom = build_rom(made, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    reduced = simulate_reduced(ReducedModel(made, rom), MPI.COMM_SELF)
+    for name, limit in (("angle", 1e-5), ("across", 2e-3)):
+        values = full.outputs[name]
+        share = np.abs(reduced.outputs[name] - values).max() / np.abs(values).max()
+        assert share < limit, f"{name}: {share:.2e}"
+    assert any("beams in space" in remark.text for remark in reduced.record.remarks)
+
+
+@pytest.mark.parametrize("strain", ["extension", "bending"])
+def test_strains_of_reduced_runs(strain: str) -> None:
+    """A stretched beam, and one bent about both axes of its section: the curvature times half the diagonal."""
+    scene = pendulum_in_space()
+    kinematics = kinematics_of_beams(scene)
+    places = kinematics.mechanism.bodies[0].mesh.nodes[:, 0]
+    local = np.zeros((1, places.size, 6))
+    if strain == "extension":
+        local[0, :, 0] = 1e-3 * places
+        wanted = 1e-3
+    else:
+        local[0, :, 4], local[0, :, 5] = 0.3 * places, 0.4 * places
+        local[0, :, 2], local[0, :, 1] = -0.15 * places**2, 0.2 * places**2
+        wanted = 0.5 * 0.5 * np.hypot(WIDTH, HEIGHT)
+    rotation, found = BodyStrains(scene, kinematics.mechanism, {}, False).largest(local)
+    assert found[0] == pytest.approx(wanted) and rotation[0] == pytest.approx(0.0 if strain == "extension" else 0.5)
+
+
+def test_a_section_by_coefficients_has_the_height_of_its_larger_bending() -> None:
+    scene = slider_crank_of_beams(
+        f'bodies.rod={{mesh="0.3:1.0:5", element="beam3d", orientation=[0, 1, 0], {COEFFICIENTS}}}',
+        "bodies.rod.section.bending_3=640.0",
+    )
+    assert half_height(scene, "rod", {}) == pytest.approx(2.0 * np.sqrt(640.0 / 2e7))
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+SQUARE = 'section={shape="rectangle", width=0.01, height=0.01}'
+COEFFICIENTS = (
+    'section={shape="coefficients3d", axial=2e7, shear_2=6e6, shear_3=6e6, torsion=120.0, bending_2=160.0, '
+    "bending_3=160.0, line_density=0.77, rotary_2=6e-6, rotary_3=6e-6}"
+)
+WRONG = {
+    f'bodies.rod={{mesh="0.3:1.0:5", element="beam3d", material="steel", {SQUARE}}}':
+        r"bodies\.rod\.orientation: missing; needed in space for every section but a circle: orientation = \[x, y, z\]",
+    f'bodies.rod={{mesh="0.3:1.0:5", element="beam3d", {COEFFICIENTS}}}': r"bodies\.rod\.orientation: missing; needed",
+    "bodies.rod.orientation=[0.0, 0.0, 0.0]":
+        r"bodies\.rod\.orientation = \[0\.0, 0\.0, 0\.0\]: a direction other than \[0, 0, 0\] is needed",
+    "bodies.rod.orientation=[1.0, 0.0]": r"bodies\.rod\.orientation = \[1\.0, 0\.0\]: three",
+    "bodies.rod.orientation=[-2.0, 0.0, 0.0]":
+        r"bodies\.rod\.orientation = \[-2\.0, 0\.0, 0\.0\]: parallel to element 0 .* needed: orientation = \[x, y, z\]",
+    'bodies.rod.section={shape="coefficients", axial=1.0, shear=1.0, bending=1.0, line_density=1.0}':
+        r'bodies\.rod\.section = .*: a beam3d has the shape "coefficients3d"',
+    "bodies.rod.thickness=0.01": r"bodies\.rod\.thickness = 0\.01: for solid2d and solid3d only",
+    f'bodies.rod={{mesh="0.3:1.0:5", element="beam2d", material="steel", {SQUARE}}}':
+        r'bodies\.rod\.element = "beam2d": in the plane, but crank \(beam3d\) in space; all bodies are',
+    "bodies.crank.flexible=false":
+        r"bodies\.crank\.flexible = false: .* its mass has the factors r1\^2, r1\^4; give the section without",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("override", "message"), WRONG.items(), ids=[key[:45] for key in WRONG])
+def test_a_wrong_entry_is_refused_by_name(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        made = slider_crank_of_beams(override)
+        Mechanism.from_scene(made, lines_of(made))
+
+
+def test_entries_of_space_are_refused_in_the_plane() -> None:
+    plane = SLIDER_CRANK.replace("beam3d", "beam2d").replace("axis = [0.0, 0.0, 1.0]\n", "")
+    plane = plane.replace("direction = [1.0, 0.0, 0.0]", "direction = [1.0, 0.0]")
+    scene_from_toml(plane, ".")
+    with pytest.raises(InputError, match=r"bodies\.rod\.orientation = .*: for beam3d only"):
+        scene_from_toml(plane, ".", ["bodies.rod.orientation=[0.0, 1.0, 0.0]"])
+    with pytest.raises(InputError, match=r'bodies\.rod\.section = .*: a beam2d has the shape "coefficients"'):
+        scene_from_toml(plane, ".", [f"bodies.rod.{COEFFICIENTS}", 'bodies.rod.orientation=[0.0, 1.0, 0.0]'])
+
+
+def test_a_bent_line_may_be_along_the_orientation_somewhere() -> None:
+    scene = pendulum_in_space()
+    nodes = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.5, 0.5, 0.0]])
+    with pytest.raises(InputError, match=r"parallel to element 1 of the body, along \[0\.0, 1\.0, 0\.0\]"):
+        Mechanism.from_scene(scene, {"arm": LineMesh(nodes, np.array([[0, 1], [1, 2]]), {"hinge": 0, "tip": 2})})
+
+
+def test_a_section_by_coefficients_is_the_section() -> None:
+    """A rectangle's own coefficients give its matrices."""
+    area, about_2, about_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
+    rectangle = pendulum_in_space()
+    (body,) = Mechanism.from_scene(rectangle, lines_of(rectangle)).bodies
+    terms = sum(np.array(terms) for terms in body.section.stiffness_terms().values())
+    keys = ("axial", "shear_2", "shear_3", "torsion", "bending_2", "bending_3")
+    given = ", ".join(f"{key}={value!r}" for key, value in zip(keys, terms.tolist()))
+    given += f", line_density={DENSITY * area!r}, rotary_2={DENSITY * about_2!r}, rotary_3={DENSITY * about_3!r}"
+    section = f'section={{shape="coefficients3d", {given}}}'
+    other = pendulum_in_space(f'bodies.arm={{mesh="0.0:1.0:10", element="beam3d", orientation=[0, 1, 0], {section}}}')
+    (twin,) = Mechanism.from_scene(other, lines_of(other)).bodies
+    for kind in ("mass_entries", "stiffness_entries"):
+        one, two = (sum(getattr(each, kind)(np.arange(10)).values()) for each in (body, twin))
+        np.testing.assert_allclose(two, one, rtol=1e-12)
+
+
