@@ -21,12 +21,7 @@ from pgmp_petsc.mechanism.joints import Driver
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
 from pgmp_petsc.mechanism.spatial_composition import spatial_attachment, spatial_connections, spatial_first_guess
-from pgmp_petsc.mechanism.spatial_connection import (
-    PoseConnection,
-    SpatialConnection,
-    angle_between,
-    angle_derivatives,
-)
+from pgmp_petsc.mechanism.spatial_connection import PoseConnection, SpatialConnection
 from pgmp_petsc.mechanism.spatial_joints import orthonormality
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
@@ -49,13 +44,14 @@ class Coordinate:
     def measure(self, frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
         """Return the coordinate for frames of shape (n_pose, ...), rad."""
         if isinstance(self.connection, SpatialConnection):
-            return angle_between(self.connection.axes, frame_a, frame_b)
+            return self.connection.angle.value(frame_a, frame_b)
         return frame_b[2] - frame_a[2]
 
     def derivatives(self, frame_a: np.ndarray, frame_b: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Return first and second derivatives in both frames, (2 n_pose, ...) and (2 n_pose, 2 n_pose, ...) or None."""
         if isinstance(self.connection, SpatialConnection):
-            return angle_derivatives(self.connection.axes, frame_a, frame_b)
+            angle = self.connection.angle
+            return angle.gradient(frame_a, frame_b), angle.hessian(frame_a, frame_b)
         gradient = np.zeros((2 * PLANE.n_pose, *frame_a.shape[1:]))
         gradient[2], gradient[5] = -1.0, 1.0
         return gradient, None
