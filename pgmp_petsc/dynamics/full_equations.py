@@ -29,25 +29,6 @@ from pgmp_petsc.mechanism.quadratic_constraints import QuadraticConstraints, nat
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL
 
 
-class Couple:
-    """A torque about the axis of a joint in space, whose axis turns with the bodies.
-
-    Attributes
-    ----------
-    effect
-        What it belongs to.
-    angle
-        The rotation that it does work on.
-    """
-
-    def __init__(self, effect: Effect, angle: JointAngle, scale: float) -> None:
-        self.effect, self.angle, self._scale = effect, angle, scale
-
-    def strength(self, time: float) -> float:
-        """Return the torque, N m."""
-        return self._scale * float(self.effect.amplitude(time))
-
-
 class FullEquations(Protocol):
     """The equations of one sample on one rank.
 
@@ -69,8 +50,6 @@ class FullEquations(Protocol):
         Other elements.
     load_effects, load_vectors
         Effects with constant vectors, shape (n_loads, n_rows).
-    couples
-        Torques whose direction depends on the state.
     local
         Effects between points.
     damping
@@ -86,7 +65,6 @@ class FullEquations(Protocol):
     parts: Sequence[RankSolid | SpatialMasses]
     load_effects: Sequence[Effect]
     load_vectors: np.ndarray
-    couples: Sequence[Couple]
     local: LocalForces
     damping: BodyDampings
 
@@ -107,8 +85,6 @@ class FullEquations(Protocol):
 class PlanarEquations:
     """A mechanism in the plane; see `FullEquations`."""
 
-    couples = ()
-
     def __init__(
         self,
         kinematics: RigidKinematics,
@@ -128,7 +104,8 @@ class PlanarEquations:
         self.load_effects = [by_name[load.effect] for load in loads]
         vectors = [load.weight.evaluate(values) * load.vector for load in loads]
         self.load_vectors = np.array(vectors).reshape(len(loads), len(self.rows))
-        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        self.local = LocalForces(actions_of(effects), of_sample, 1, mechanism.node_dofs)
         self.damping = BodyDampings.of(effects, mechanism)
         self.elements = RankElements(mechanism.bodies, self.rows, values, self.damping)
         self.parts = tuple(rank_solids(mechanism.bodies, self.rows, values, self.damping))
@@ -169,6 +146,9 @@ class SpatialEquations:
         self._coordinates = [JointAngle(unknowns, c.connection) for c in mechanism.coordinates]
         self.n_dofs = unknowns.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
+        actions = [action for effect in effects for action in effect.natural_actions()]
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        self.local = LocalForces(actions, of_sample, 1, unknowns.frame, 3)
         self.constraints = natural_constraints(unknowns).independent(self.start()[0])
         self.damping = BodyDampings.of(effects, mechanism)
         self.elements = RankElements((), self.rows, values, self.damping)
@@ -179,12 +159,6 @@ class SpatialEquations:
         vectors = {effect: vector for effect, vector in vectors.items() if vector is not None}
         self.load_effects = list(vectors)
         self.load_vectors = np.array(list(vectors.values())).reshape(len(vectors), len(self.rows))
-        couples = [(effect, effect.couple()) for effect in effects]
-        self.couples = [
-            Couple(effect, JointAngle(unknowns, connection), float(scale.at(values)))
-            for effect, (connection, scale) in filter(lambda pair: pair[1] is not None, couples)
-        ]
-        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
         self.units = np.full(self.n_dofs, 1.0 / kinematics.size)
         unknowns.frames(self.units)[:, 3:] = 1.0
 
@@ -195,6 +169,7 @@ class SpatialEquations:
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the undeformed mechanism, from where turns are counted."""
         self._counted = np.array(theta, dtype=float)
+        self.local.count_from(self._counted)
         poses = self._kinematics.poses(theta)
         turning = self._kinematics.rates(poses)[..., 0] @ rates
         return self._unknowns.place(poses[..., 0]), self._unknowns.place(turning)

@@ -65,7 +65,7 @@ class Coordinate:
         frames = [side.frame_of_pose(poses) for side in sides]
         gradient, _ = self.derivatives(*frames)
         return [
-            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.frame_gradient(frame) @ side.node_map)
+            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.natural_gradient(frame, side.arm))
             for first, side, frame in zip((0, SPATIAL.n_pose), sides, frames)
             if not side.on_ground
         ]
@@ -164,6 +164,10 @@ class Mechanism:
     def node(self, address: str, entry: str) -> int:
         """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
         return self.attachment(address, entry).node
+
+    def node_dofs(self, node: int) -> np.ndarray:
+        """Return the unknowns of a node, shape (3,), in space (6,)."""
+        return self.space.n_dofs * node + np.arange(self.space.n_dofs)
 
     def driven_connections(self, first_row: int) -> tuple[Connection, ...]:
         """The rotations that prescribed coordinates hold, in the coordinates' order; rows after all joints' ones."""

@@ -101,6 +101,6 @@ class SpatialConnection:
         found = []
         for first, side, frame in zip((0, SPATIAL.n_pose), self.sides, frames):
             if not side.on_ground:
-                gradient = SPATIAL.frame_gradient(frame) @ side.node_map
+                gradient = SPATIAL.natural_gradient(frame, side.arm)
                 found.append((side.dofs, jacobian[:, first : first + SPATIAL.n_pose] @ gradient))
         return found
