@@ -39,6 +39,12 @@ EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
         "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
     },
     kinds.EndStop: {"stiffness": ("positive", ("N m/rad",), ("N/m",))},
+    kinds.Bushing: {
+        "stiffness": ("not negative", ("N/m",), ("N/m",)),
+        "damping": ("not negative", ("N s/m",), ("N s/m",)),
+        "turning_stiffness": ("not negative", ("N m/rad",), ("N m/rad",)),
+        "turning_damping": ("not negative", ("N m s/rad",), ("N m s/rad",)),
+    },
 }
 
 
@@ -85,4 +91,6 @@ def uses_of(scene: Scene) -> Iterator[Use]:
     for name, effect in scene.effects.items():
         turns = not slides(scene, effect)
         for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
-            yield Use(f"effects.{name}.{key}", getattr(effect, key), sign, turning if turns else sliding)
+            found = getattr(effect, key)
+            for value in found if isinstance(found, tuple) else (found,):
+                yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)
