@@ -151,6 +151,7 @@ class FullDistributed:
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put the sample back."""
         if samples[0]:
+            self._equations.forget()
             for now, before in (
                 (state.q, previous.q),
                 (state.v, previous.v),
@@ -253,7 +254,7 @@ class FullDistributed:
         """
         gain_v, gain_a, gain_k = gains
         q, multipliers = self._gather(state)
-        self._equations.follow(q)
+        self._equations.follow(q, time)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
         solids = [solid.evaluate(q, v, gain_v, fresh) for solid in self._parts]

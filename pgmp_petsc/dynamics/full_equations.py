@@ -74,8 +74,11 @@ class FullEquations(Protocol):
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
 
-    def follow(self, q: np.ndarray) -> None:
-        """Take note of a state on the way, unknowns (n_dofs,), for what counts turns."""
+    def follow(self, q: np.ndarray, time: float) -> None:
+        """Take note of a state at an instant, unknowns (n_dofs,), for what counts turns."""
+
+    def forget(self) -> None:
+        """Forget the states of an instant that is not kept."""
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes as outputs take them, shape (n_nodes, n_frame, 1), for unknowns (n_dofs,
@@ -121,8 +124,11 @@ class PlanarEquations:
         """Return the undeformed mechanism."""
         return self._kinematics.undeformed(theta, rates)
 
-    def follow(self, q: np.ndarray) -> None:
+    def follow(self, q: np.ndarray, time: float) -> None:
         """Do nothing: angles count turns."""
+
+    def forget(self) -> None:
+        """Do nothing."""
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return ``(x, y, phi)``."""
@@ -168,22 +174,30 @@ class SpatialEquations:
 
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the undeformed mechanism, from where turns are counted."""
-        self._counted = np.array(theta, dtype=float)
+        self._counted, self._known = np.array(theta, dtype=float), np.array(theta, dtype=float)
+        self._time = 0.0
         self.local.count_from(self._counted)
         poses = self._kinematics.poses(theta)
         turning = self._kinematics.rates(poses)[..., 0] @ rates
         return self._unknowns.place(poses[..., 0]), self._unknowns.place(turning)
 
-    def follow(self, q: np.ndarray) -> None:
-        """Count the turns of the coordinates."""
+    def follow(self, q: np.ndarray, time: float) -> None:
+        """Count the turns of the coordinates from the instant before."""
+        if time != self._time:
+            self._known, self._time = self._counted.copy(), time
         if np.all(np.isfinite(q)):
             for number, angle in enumerate(self._coordinates):
-                away = SPATIAL.principal(angle.value(q) - self._counted[number])
-                self._counted[number] += away
+                known = self._known[number]
+                self._counted[number] = known + SPATIAL.principal(angle.value(q) - known)
+
+    def forget(self) -> None:
+        """Go back to the instant before."""
+        self._counted = self._known.copy()
+        self.local.forget(np.ones(1, dtype=bool))
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return position, directors and the coordinates."""
-        self.follow(q[:, 0])
+        self.follow(q[:, 0], self._time)
         frames = self._unknowns.frames(q)
         counted = np.broadcast_to(self._counted[None, :, None], (len(frames), self._counted.size, 1))
         return np.concatenate([frames, counted], axis=1)

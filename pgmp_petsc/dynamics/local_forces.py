@@ -74,7 +74,9 @@ class LocalForces:
         self.actions = tuple(actions)
         self.n_actions = len(self.actions)
         self._compiled = compile_actions(self.actions, values, n_samples, dimension)
-        self._turned = np.zeros((self.n_actions, n_samples))
+        # angles at the instant before, and in the last state of this one, which may be any trial of an iteration
+        self._known, self._turned = np.zeros((2, self.n_actions, n_samples))
+        self._time = 0.0
         m = node_dofs(0).size
         self.dofs = np.full((self.n_actions, 2, m), -1)
         for action, dofs in zip(self.actions, self.dofs):
@@ -97,8 +99,13 @@ class LocalForces:
 
     def count_from(self, theta: np.ndarray) -> None:
         """Count the turns of angles from coordinates (n_theta,) on; of joints that are none from (-pi, pi]."""
-        for action, turned in zip(self.actions, self._turned):
-            turned[:] = theta[action.coordinate] if action.coordinate >= 0 else 0.0
+        for action, known in zip(self.actions, self._known):
+            known[:] = theta[action.coordinate] if action.coordinate >= 0 else 0.0
+        self._turned[:] = self._known
+
+    def forget(self, samples: np.ndarray) -> None:
+        """Forget the angles of samples (a mask) at an instant that is not kept."""
+        self._turned[:, samples] = self._known[:, samples]
 
     def evaluate(self, time: float, q: np.ndarray, v: np.ndarray, gain_v: float) -> LocalState:
         """Evaluate all actions.
@@ -113,6 +120,8 @@ class LocalForces:
             Derivative of velocities with positions in the iteration, 1/s.
         """
         n = q.shape[1]
+        if time != self._time:
+            self._known[:], self._time = self._turned, time
         grounded = self.dofs < 0
         y, rates = q[self.dofs], v[self.dofs]
         y[grounded] = rates[grounded] = 0.0
@@ -120,7 +129,7 @@ class LocalForces:
         powers, stored, depths = (np.empty((self.n_actions, n)) for _ in range(3))
         with log_event("local_effects"):
             evaluate_actions(
-                self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._turned, gain_v,
+                self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned, gain_v,
                 forces, tangents, powers, stored, depths,
             )  # fmt: skip
         return LocalState(forces, tangents, powers, stored, depths)

@@ -18,7 +18,7 @@ PLANAR = 3  # unknowns of a node in the plane
 
 @njit(cache=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, turned, gain_v, forces, tangents, powers, stored, depths
+    actions, entries, amplitudes, y, rates, known, turned, gain_v, forces, tangents, powers, stored, depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
 
@@ -32,8 +32,8 @@ def evaluate_actions(
     y, rates
         Unknowns of both nodes and their rates, zero on the ground, shape (n_actions, 2 m, n_samples), m = 3 in the
         plane or 12.
-    turned
-        What angles were last, rad, shape (n_actions, n_samples); they are put to what they are now.
+    known, turned
+        What angles are nearest to, and as a result what they are, rad, shape (n_actions, n_samples).
     gain_v
         Derivative of velocities with positions in the iteration, 1/s.
     forces, tangents
@@ -58,10 +58,9 @@ def evaluate_actions(
                 g[:], h[:] = 0.0, 0.0
                 g[2], g[5] = -1.0, 1.0
             else:
-                s = evaluate(actions.kinds[k], actions.axes[k], z, turned[k, sample], gradient, hessian)
+                s = evaluate(actions.kinds[k], actions.axes[k], z, known[k, sample], gradient, hessian)
                 to_unknowns(actions.arms[k], z, gradient, hessian, half, g, h)
-            if np.isfinite(s):
-                turned[k, sample] = s
+            turned[k, sample] = s if np.isfinite(s) else known[k, sample]
             rate = 0.0
             for i in range(2 * m):
                 rate += g[i] * rates[k, i, sample]

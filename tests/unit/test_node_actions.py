@@ -100,7 +100,10 @@ def test_turns_in_space_are_counted_from_where_they_begin() -> None:
         own = np.array([0, 0, 0, 1, 0, 0, 0, cos, sin, 0, -sin, cos], dtype=float)
         return np.concatenate([np.zeros(12), own])[:, None]
 
-    for angle in np.linspace(0.0, 17.0, 20):
-        found = local.evaluate(0.0, turned(angle), np.zeros((24, 1)), 0.0)
+    for step, angle in enumerate(np.linspace(0.0, 17.0, 20)):
+        # a wild trial at an instant that is taken back does no harm
+        local.evaluate(step - 0.5, turned(angle + 2.5), np.zeros((24, 1)), 0.0)
+        local.forget(np.ones(1, dtype=bool))
+        found = local.evaluate(float(step), turned(angle), np.zeros((24, 1)), 0.0)
         # 1/2 k (s - rest)^2
         assert found.stored[0, 0] == pytest.approx(1.5 * (angle - 0.2) ** 2)

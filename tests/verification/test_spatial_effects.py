@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 from effect_scenes import line_meshes, turning
@@ -13,6 +16,7 @@ from spatial import WIDTH, assembled, bars_of, table
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.scene.loading import scene_to_toml
 from pgmp_petsc.studies.simulate import simulate_full
 
 LENGTH = 0.5
@@ -308,3 +312,31 @@ def test_a_bushing_resists_rotations_about_all_its_axes(number: int) -> None:
     )
     assert np.ptp(expected) > 0.8
     np.testing.assert_allclose(found.outputs["angle"], expected, rtol=0, atol=2e-3)
+
+
+ON_RANKS = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from spatial import bars_of
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.scene import load_scene
+from pgmp_petsc.studies.simulate import simulate_full
+scene = load_scene(sys.argv[1])
+found = simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_WORLD)
+if MPI.COMM_WORLD.rank == 0:
+    np.savez(sys.argv[2], **found.outputs, **{f"work of {name}": work for name, work in found.balance.work.items()})
+"""
+
+
+@pytest.mark.parametrize("n_ranks", [2])
+def test_all_effects_in_space_on_several_ranks(mpirun: Callable, tmp_path: Path, n_ranks: int) -> None:
+    path, scene = tmp_path / "space.toml", spatial(list(ALL))
+    path.write_text(scene_to_toml(scene))
+    one = run(scene)
+    mpirun(n_ranks, "-c", ON_RANKS, path, tmp_path / "found.npz")
+    found = np.load(tmp_path / "found.npz")
+    for name, values in one.outputs.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-9, err_msg=name)
+    for name in ALL:
+        np.testing.assert_allclose(found[f"work of {name}"], one.balance.work[name], rtol=0, atol=1e-8, err_msg=name)
