@@ -1,16 +1,16 @@
-"""Local effects in the reduced model, sample by sample, compiled.
+"""Local effects in the reduced model, sample by sample, compiled, in the plane and in space.
 
-The frame ``zeta = (x, y, phi)`` of a node is that of the reconstruction (`reduction.reconstruction`),
+The frame ``zeta = (p, d_1 .. d_d)`` of a node is that of the reconstruction (`reduction.reconstruction`),
 
-    zeta = z(theta) + R(Phi(theta)) u,     u = Psi(theta) delta + 1/2 chi(theta) delta delta,
+    p = z(theta) + sum_j u_j D_j(theta),   d_k = sum_j exp(phi)_jk D_j,   (u, phi) = Psi(theta) delta + 1/2 chi(theta) delta delta,
 
-with z and the body's angle Phi from the rigid kinematics on a fine grid, and Psi, chi in the body's frame; J is the
-exact derivative of what is interpolated. An action (`effects.action`) with the measure s, its gradient g and second
+with z and the body's directors D from the rigid kinematics on a fine grid, and Psi, chi in the body's frame; J is the
+exact derivative of what is interpolated. An action (`effects.action`) with the statement s, its gradient g and second
 derivative h in the frames then adds to the equations of motion
 
     r -= J^T F g,     dr/d eta = J^T ((k + gain_v c) g g^T - F h) J,     k = -dF/ds,  c = -dF/ds'
 
-without the change of J with eta.
+without the change of J with eta. An angle is that turn of its joint which is nearest to the rigid mechanism's.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 
 from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
 from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
+from pgmp_petsc.dynamics.rotations import rotation_of, spin_of
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
-from pgmp_petsc.effects.measures import ROTATION, measure
+from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.runtime.compiled import njit
 
-N_FRAME, N_PAIR = 3, 6
 POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
 
 
@@ -36,25 +36,20 @@ class Places(NamedTuple):
     Attributes
     ----------
     rigid
-        Polynomials of z on the fine grid, angles less their winding, shape (n_cells, 4**n_theta, n_nodes * 3).
+        Polynomials on the fine grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
+        winding, 0 where they have none, shape (n_cells, 4**n_theta, n_nodes * n_frame + n_actions).
     shapes
-        Polynomials of Psi and chi, shape (n_cells, 4**n_theta, n_nodes * 3 * n_shapes).
+        Polynomials of Psi and chi, shape (n_cells, 4**n_theta, n_nodes * n_dofs * n_shapes).
     winding
-        Turns of the node's body for each turn of a coordinate, shape (n_nodes, n_theta).
+        What the angles of the actions turn with each coordinate on the whole, shape (n_actions, n_theta).
     sides
         Node of both sides of each action, -1 on the ground, shape (n_actions, 2).
-    arms
-        From the node to the point, in the body's frame, shape (n_actions, 2, 2), m.
-    ground
-        Frames of sides on the ground, shape (n_actions, 6).
     """
 
     rigid: np.ndarray
     shapes: np.ndarray
     winding: np.ndarray
     sides: np.ndarray
-    arms: np.ndarray
-    ground: np.ndarray
 
 
 class LocalEffects(NamedTuple):
@@ -93,16 +88,21 @@ class LocalWork(NamedTuple):
         In the cells, shape (n_theta, 1).
     rigid, rigid_slopes, shapes, shape_slopes
         Tables at one theta, and their derivatives.
+    moved, moving
+        Displacement and rotation of a node in its body's frame, always in space, shape (6,), and derivatives (6,
+        n_eta).
+    turn, spin
+        ``exp(phi)`` and its change with a coordinate, shapes (3, 3) and (3,).
     frames, jacobians
-        Of the nodes, shapes (n_nodes, 3) and (n_nodes, 3, n_eta).
-    z, rates, gradient
-        Of one action's two frames, shape (6,).
+        Of the nodes, shapes (n_nodes, n_frame) and (n_nodes, n_frame, n_eta).
+    z, gradient
+        Of one action's two frames, shape (2 n_frame,).
     hessian
-        Of its measure, shape (6, 6).
-    jacobian, bent
-        Of its frames, J and h J, shape (6, n_eta).
-    projected
-        ``J^T g``, shape (n_eta,).
+        Of its statement, shape (2 n_frame, 2 n_frame).
+    jacobian
+        Of its frames, shape (2 n_frame, n_eta).
+    bent, projected
+        A row of h J, and ``J^T g``, shape (n_eta,).
     """
 
     place: np.ndarray
@@ -110,10 +110,13 @@ class LocalWork(NamedTuple):
     rigid_slopes: np.ndarray
     shapes: np.ndarray
     shape_slopes: np.ndarray
+    moved: np.ndarray
+    moving: np.ndarray
+    turn: np.ndarray
+    spin: np.ndarray
     frames: np.ndarray
     jacobians: np.ndarray
     z: np.ndarray
-    rates: np.ndarray
     gradient: np.ndarray
     hessian: np.ndarray
     jacobian: np.ndarray
@@ -122,50 +125,57 @@ class LocalWork(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def allocate_local(places, r, n_eta):
+def allocate_local(local, r, n_eta):
     """Return work arrays."""
-    n_nodes, n_entries = places.winding.shape[0], places.shapes.shape[2]
+    n_rigid, n_entries = local.places.rigid.shape[2], local.places.shapes.shape[2]
+    n_frame = local.actions.ground.shape[1] // 2
+    n_nodes = (n_rigid - local.places.sides.shape[0]) // n_frame
     return LocalWork(
         np.zeros((r, 1)),
-        np.zeros(N_FRAME * n_nodes),
-        np.zeros((r, N_FRAME * n_nodes)),
+        np.zeros(n_rigid),
+        np.zeros((r, n_rigid)),
         np.zeros(n_entries),
         np.zeros((r, n_entries)),
-        np.zeros((n_nodes, N_FRAME)),
-        np.zeros((n_nodes, N_FRAME, n_eta)),
-        np.zeros(N_PAIR),
-        np.zeros(N_PAIR),
-        np.zeros(N_PAIR),
-        np.zeros((N_PAIR, N_PAIR)),
-        np.zeros((N_PAIR, n_eta)),
-        np.zeros((N_PAIR, n_eta)),
+        np.zeros(6),
+        np.zeros((6, n_eta)),
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.zeros((n_nodes, n_frame)),
+        np.zeros((n_nodes, n_frame, n_eta)),
+        np.zeros(2 * n_frame),
+        np.zeros(2 * n_frame),
+        np.zeros((2 * n_frame, 2 * n_frame)),
+        np.zeros((2 * n_frame, n_eta)),
+        np.zeros(n_eta),
         np.zeros(n_eta),
     )
 
 
 @njit(cache=True, error_model="numpy")
-def place_nodes(places, grids, q, sample, work):
+def place_nodes(local, grids, q, sample, work):
     """Fill the nodes' frames and their derivatives with eta, for a sample's q (n_samples, n_eta)."""
+    places = local.places
     fine, grid = grids
-    r, n = len(grid), q.shape[1]
+    r, n, d = len(grid), q.shape[1], local.actions.axes.shape[2]
     m = n - r
     cell = locate_all(q, sample, fine, 0, work.place)
     evaluate_row(places.rigid[cell], fine, work.place[0, 0], work.place[-1, 0], work.rigid, work.rigid_slopes)
     cell = locate_all(q, sample, grid, 0, work.place)
     evaluate_row(places.shapes[cell], grid, work.place[0, 0], work.place[-1, 0], work.shapes, work.shape_slopes)
-    n_nodes = places.winding.shape[0]
-    n_shapes = work.shapes.size // max(1, N_FRAME * n_nodes)
+    n_nodes, n_dofs = work.frames.shape[0], d * (d + 1) // 2
+    n_shapes = work.shapes.size // max(1, n_dofs * n_nodes)
     for node in range(n_nodes):
-        frame, jacobian = work.frames[node], work.jacobians[node]
-        for d in range(N_FRAME):
-            at = (N_FRAME * node + d) * n_shapes
-            frame[d] = _displace(work.shapes, at, q, sample, r, m, n_shapes)
+        for dof in range(n_dofs):
+            at = (n_dofs * node + dof) * n_shapes
+            into = dof if dof < d else 6 - n_dofs + dof  # in the plane phi turns about the third axis
+            work.moved[into] = _displace(work.shapes, at, q, sample, r, m, n_shapes)
+            row = work.moving[into]
             for k in range(r):
-                jacobian[d, k] = _displace(work.shape_slopes[k], at, q, sample, r, m, n_shapes)
+                row[k] = _displace(work.shape_slopes[k], at, q, sample, r, m, n_shapes)
             for i in range(m):
-                jacobian[d, r + i] = work.shapes[at + i]
-            _add_curvature(work.shapes, at, q, sample, r, m, n_shapes, jacobian[d])
-        _turn(places, node, q, sample, r, work)
+                row[r + i] = work.shapes[at + i]
+            _add_curvature(work.shapes, at, q, sample, r, m, n_shapes, row)
+        _turn(d, node, r, work)
 
 
 @njit(inline="always")
@@ -196,46 +206,63 @@ def _add_curvature(shapes, at, q, sample, r, m, n_shapes, row):
                 pair += 1
 
 
-@njit(inline="always")
-def _turn(places, node, q, sample, r, work):
-    """Turn a node's displacement and its derivatives from the body's frame, and add the rigid motion."""
-    frame, jacobian, first = work.frames[node], work.jacobians[node], N_FRAME * node
-    angle = work.rigid[first + 2]
-    for k in range(r):
-        angle += places.winding[node, k] * q[sample, k]
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = cos * frame[0] - sin * frame[1], sin * frame[0] + cos * frame[1]
+@njit(cache=True, error_model="numpy")
+def _turn(d, node, r, work):
+    """Turn a node's displacement and rotation from the body's frame, and add the rigid motion."""
+    n_frame = d * (d + 1)
+    frame, jacobian, rigid = work.frames[node], work.jacobians[node], work.rigid[n_frame * node : n_frame * (node + 1)]
+    turn, spin = work.turn, work.spin
+    rotation_of(work.moved[3:], turn)
+    for c in range(d):
+        frame[c] = rigid[c]
+        for j in range(d):
+            frame[c] += work.moved[j] * rigid[d + d * j + c]
+            frame[d + d * j + c] = 0.0
+            for k in range(d):
+                frame[d + d * j + c] += turn[k, j] * rigid[d + d * k + c]
     for i in range(jacobian.shape[1]):
-        along, across = jacobian[0, i], jacobian[1, i]
-        jacobian[0, i], jacobian[1, i] = cos * along - sin * across, sin * along + cos * across
-    for k in range(r):
-        spin = work.rigid_slopes[k, first + 2] + places.winding[node, k]
-        jacobian[0, k] += work.rigid_slopes[k, first] - spin * y
-        jacobian[1, k] += work.rigid_slopes[k, first + 1] + spin * x
-        jacobian[2, k] += spin
-    frame[0], frame[1] = work.rigid[first] + x, work.rigid[first + 1] + y
-    frame[2] += angle
+        spin_of(work.moved[3:], work.moving[3:, i], spin)
+        for c in range(d):
+            jacobian[c, i] = 0.0
+            for j in range(d):
+                jacobian[c, i] += work.moving[j, i] * rigid[d + d * j + c]  # u_j' D_j
+                total = 0.0
+                for k in range(d):
+                    # exp(phi) (spin x e_j)
+                    after, before = (j + 1) % 3, (j + 2) % 3
+                    total += (turn[k, after] * spin[before] - turn[k, before] * spin[after]) * rigid[d + d * k + c]
+                jacobian[d + d * j + c, i] = total
+    for i in range(r):
+        slope = work.rigid_slopes[i, n_frame * node : n_frame * (node + 1)]
+        for c in range(d):
+            jacobian[c, i] += slope[c]
+            for j in range(d):
+                jacobian[c, i] += work.moved[j] * slope[d + d * j + c]  # u_j D_j'
+                for k in range(d):
+                    jacobian[d + d * j + c, i] += turn[k, j] * slope[d + d * k + c]
 
 
 @njit(cache=True, error_model="numpy")
-def _attach(places, action, work):
+def _attach(places, actions, action, work):
     """Fill an action's two frames and their Jacobian."""
+    d, n = actions.axes.shape[2], actions.ground.shape[1] // 2
     for side in range(2):
-        first, node = N_FRAME * side, places.sides[action, side]
+        first, node = n * side, places.sides[action, side]
         if node < 0:
-            for c in range(first, first + N_FRAME):
-                work.z[c] = places.ground[action, c]
-                for i in range(work.projected.size):
-                    work.jacobian[c, i] = 0.0
+            for c in range(first, first + n):
+                work.z[c] = actions.ground[action, c]
+                work.jacobian[c] = 0.0
             continue
-        frame, jacobian, arm = work.frames[node], work.jacobians[node], places.arms[action, side]
-        cos, sin = np.cos(frame[2]), np.sin(frame[2])
-        x, y = cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
-        work.z[first], work.z[first + 1], work.z[first + 2] = frame[0] + x, frame[1] + y, frame[2]
-        for i in range(jacobian.shape[1]):
-            work.jacobian[first, i] = jacobian[0, i] - y * jacobian[2, i]
-            work.jacobian[first + 1, i] = jacobian[1, i] + x * jacobian[2, i]
-            work.jacobian[first + 2, i] = jacobian[2, i]
+        work.z[first : first + n] = work.frames[node]
+        work.jacobian[first : first + n] = work.jacobians[node]
+        for j in range(d):
+            arm = actions.arms[action, side, j]
+            if arm != 0.0:
+                for c in range(d):
+                    at = first + d + d * j + c
+                    work.z[first + c] += arm * work.z[at]
+                    for i in range(work.projected.size):
+                        work.jacobian[first + c, i] += arm * work.jacobian[at, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -260,7 +287,7 @@ def evaluate_local(local, grids, amplitudes, state, gain_v, active, with_tangent
         Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
         (N or N m); shape (n_samples, 4, n_actions).
     """
-    work = allocate_local(local.places, len(grids[0]), state[0].shape[1])
+    work = allocate_local(local, len(grids[0]), state[0].shape[1])
     for sample in range(active.size):
         if active[sample]:
             block, lane = divmod(sample, LANES)
@@ -278,47 +305,51 @@ def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, ba
     """Add all actions on one sample to its lane of balance (n_eta, LANES) and tangent (n_eta, n_eta, LANES)."""
     places, actions = local
     q, v = state
-    n, lane = q.shape[1], sample % LANES
-    place_nodes(places, grids, q, sample, work)
-    for action in range(places.sides.shape[0]):
-        _attach(places, action, work)
-        kind, p = actions.measures[action], actions.parameters[action, sample]
-        s = measure(kind, actions.directions[action], work.z, work.gradient, work.hessian)
+    n, lane, n_actions, r = q.shape[1], sample % LANES, places.sides.shape[0], len(grids[0])
+    place_nodes(local, grids, q, sample, work)
+    for action in range(n_actions):
+        _attach(places, actions, action, work)
+        p = actions.parameters[action, sample]
+        turned = work.rigid[work.rigid.size - n_actions + action]
+        for k in range(r):
+            turned += places.winding[action, k] * q[sample, k]
+        s = evaluate(actions.kinds[action], actions.axes[action], work.z, turned, work.gradient, work.hessian)
         rate = 0.0
+        work.projected[:] = 0.0
+        for c in range(work.gradient.size):
+            if work.gradient[c] != 0.0:
+                for i in range(n):
+                    work.projected[i] += work.gradient[c] * work.jacobian[c, i]
         for i in range(n):
-            projected = 0.0
-            for c in range(N_PAIR):
-                projected += work.gradient[c] * work.jacobian[c, i]
-            work.projected[i] = projected
-            rate += projected * v[sample, i]
+            rate += work.projected[i] * v[sample, i]
         force, stiffness, damping, elastic, potential = law(actions.laws[action], p, amplitudes[action], s, rate)
         known[POWER, action], known[STORED, action] = (force - elastic) * rate, potential
         known[DEPTH, action], known[FORCE, action] = depth(actions.laws[action], p, s), force
         for i in range(n):
             balance[i, lane] -= force * work.projected[i]
         if with_tangent:
-            _add_tangent(kind, stiffness + gain_v * damping, force, lane, work, tangent)
+            _add_tangent(stiffness + gain_v * damping, force, lane, work, tangent)
 
 
 @njit(cache=True, error_model="numpy")
-def _add_tangent(kind, stiffness, force, lane, work, tangent):
+def _add_tangent(stiffness, force, lane, work, tangent):
     """Add ``J^T (stiffness g g^T - F h) J`` to one lane of the tangent (n_eta, n_eta, LANES)."""
     n = work.projected.size
     for i in range(n):
         for j in range(n):
             tangent[i, j, lane] += stiffness * work.projected[i] * work.projected[j]
-    if kind == ROTATION:
+    if force == 0.0:
         return
-    for c in range(N_PAIR):
-        for j in range(n):
-            total = 0.0
-            for d in range(N_PAIR):
-                total += work.hessian[c, d] * work.jacobian[d, j]
-            work.bent[c, j] = force * total
-    for i in range(n):
-        for c in range(N_PAIR):
-            for j in range(n):
-                tangent[i, j, lane] -= work.jacobian[c, i] * work.bent[c, j]
+    for c in range(work.z.size):
+        work.bent[:] = 0.0
+        for d in range(work.z.size):
+            if work.hessian[c, d] != 0.0:  # few of them are not
+                for j in range(n):
+                    work.bent[j] += force * work.hessian[c, d] * work.jacobian[d, j]
+        for i in range(n):
+            if work.jacobian[c, i] != 0.0:
+                for j in range(n):
+                    tangent[i, j, lane] -= work.jacobian[c, i] * work.bent[j]
 
 
 @njit(cache=True, error_model="numpy")

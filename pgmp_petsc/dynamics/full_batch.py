@@ -78,7 +78,7 @@ class FullBatch:
         self._section = self._sections(values)
         self._lumped = lumped_masses(mechanism.bodies, values, n_samples)
         padded = {name: self._block(value).ravel() for name, value in values.items()}
-        self._local = LocalForces(actions_of(effects), padded, self.n_blocks * LANES)
+        self._local = LocalForces(actions_of(effects), padded, self.n_blocks * LANES, mechanism.node_dofs)
         self._edges = self._local.edges
         self._loads(effects, values)
         self._structure()

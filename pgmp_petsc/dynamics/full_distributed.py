@@ -71,7 +71,7 @@ class FullDistributed:
         self._constraints, self.n_dofs, self.rows = equations.constraints, equations.n_dofs, equations.rows
         self._n_multipliers = self._constraints.n_constraints if comm.rank == comm.size - 1 else 0
         self._load_effects, self._load_vectors = equations.load_effects, equations.load_vectors
-        self._local, self._damping, self._couples = equations.local, equations.damping, equations.couples
+        self._local, self._damping = equations.local, equations.damping
         self._elements, self._parts = equations.elements, equations.parts
         damped = any(elements.damped for elements in (self._elements, *self._parts))
         self._needs_rates = bool(self._local.n_actions or self._damping.modal or damped)
@@ -152,6 +152,7 @@ class FullDistributed:
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put the sample back."""
         if samples[0]:
+            self._equations.forget()
             for now, before in (
                 (state.q, previous.q),
                 (state.v, previous.v),
@@ -235,10 +236,6 @@ class FullDistributed:
             nowhere = np.zeros((self.n_dofs, 1))
             for name, power in self._damping.add_modal_forces(q[:, None], v[:, None], nowhere).items():
                 energies.add_power(name, power)
-        for couple in self._couples:
-            gradient, _ = couple.angle.derivatives(q)
-            power = couple.strength(time) * (gradient @ v[couple.angle.dofs])
-            energies.add_power(couple.effect.name, np.array([power]))
         for motion, multiplier in zip(self._motions, multipliers[multipliers.size - len(self._motions) :]):
             energies.add_power(motion.name, np.array([-multiplier * motion.at(time)[1]]))
 
@@ -258,7 +255,7 @@ class FullDistributed:
         """
         gain_v, gain_a, gain_k = gains
         q, multipliers = self._gather(state)
-        self._equations.follow(q)
+        self._equations.follow(q, time)
         v = self._gather_rows(state.v) if self._needs_rates else np.zeros_like(q)
         elements = self._elements.evaluate(q, v, gain_v)
         solids = [solid.evaluate(q, v, gain_v, fresh) for solid in self._parts]
@@ -283,12 +280,6 @@ class FullDistributed:
             local *= share
             self._damping.add_modal_forces(everywhere, v[:, None], local)
             residual -= local[:, 0]
-        stiffening = [np.zeros(0)]
-        for couple in self._couples:
-            gradient, hessian = couple.angle.derivatives(q)
-            strength = share * couple.strength(time)
-            residual[couple.angle.dofs] -= strength * gradient
-            stiffening.append(-strength * hessian[np.tril_indices(len(hessian))])
         own = residual[self.rows.start : self.rows.stop]
         self._a.setArray(state.a)
         self._mass.mult(self._a, self._ma)
@@ -298,7 +289,7 @@ class FullDistributed:
         if fresh:
             curvature = self._constraints.curvature_values(everywhere, multipliers[:, None])[:, 0]
             found = [now.tangents for now in (elements, *solids)]
-            self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents, *stiffening]))
+            self._assemble(gains, scale, found, jacobian, np.concatenate([curvature, tangents]))
         self._rhs.setArray(np.concatenate([own, scale * constraint[: self._n_multipliers]]))
         n_own = len(self.rows)
         self._solver_failed = not self._solved()
@@ -352,10 +343,8 @@ class FullDistributed:
     def _numbering(self) -> None:
         """Find which unknowns are needed here, and where element and constraint entries go in this rank's rows."""
         rows, columns = self._constraints.jacobian_pattern
-        turned = [couple.angle.dofs for couple in self._couples]
-        lower = [dofs[np.array(np.tril_indices(dofs.size))] for dofs in turned]  # one of each symmetric pair
         curved_rows, curved_columns = (
-            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern, *lower)
+            np.concatenate(parts) for parts in zip(self._constraints.curvature_pattern, self._local.pattern)
         )
         elements, lumped = [part.dofs for part in (self._elements, *self._parts)], self._elements.lumped
         modal = [damping.dofs for damping in self._damping.modal]

@@ -30,25 +30,6 @@ from pgmp_petsc.mechanism.quadratic_constraints import QuadraticConstraints, nat
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL
 
 
-class Couple:
-    """A torque about the axis of a joint in space, whose axis turns with the bodies.
-
-    Attributes
-    ----------
-    effect
-        What it belongs to.
-    angle
-        The rotation that it does work on.
-    """
-
-    def __init__(self, effect: Effect, angle: JointAngle, scale: float) -> None:
-        self.effect, self.angle, self._scale = effect, angle, scale
-
-    def strength(self, time: float) -> float:
-        """Return the torque, N m."""
-        return self._scale * float(self.effect.amplitude(time))
-
-
 class FullEquations(Protocol):
     """The equations of one sample on one rank.
 
@@ -70,8 +51,6 @@ class FullEquations(Protocol):
         Other elements.
     load_effects, load_vectors
         Effects with constant vectors, shape (n_loads, n_rows).
-    couples
-        Torques whose direction depends on the state.
     local
         Effects between points.
     damping
@@ -87,7 +66,6 @@ class FullEquations(Protocol):
     parts: Sequence[RankSolid | RankBeams | SpatialMasses]
     load_effects: Sequence[Effect]
     load_vectors: np.ndarray
-    couples: Sequence[Couple]
     local: LocalForces
     damping: BodyDampings
 
@@ -97,8 +75,11 @@ class FullEquations(Protocol):
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
 
-    def follow(self, q: np.ndarray) -> None:
-        """Take note of a state on the way, unknowns (n_dofs,), for what counts turns."""
+    def follow(self, q: np.ndarray, time: float) -> None:
+        """Take note of a state at an instant, unknowns (n_dofs,), for what counts turns."""
+
+    def forget(self) -> None:
+        """Forget the states of an instant that is not kept."""
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes as outputs take them, shape (n_nodes, n_frame, 1), for unknowns (n_dofs,
@@ -107,8 +88,6 @@ class FullEquations(Protocol):
 
 class PlanarEquations:
     """A mechanism in the plane; see `FullEquations`."""
-
-    couples = ()
 
     def __init__(
         self,
@@ -129,7 +108,8 @@ class PlanarEquations:
         self.load_effects = [by_name[load.effect] for load in loads]
         vectors = [load.weight.evaluate(values) * load.vector for load in loads]
         self.load_vectors = np.array(vectors).reshape(len(loads), len(self.rows))
-        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        self.local = LocalForces(actions_of(effects), of_sample, 1, mechanism.node_dofs)
         self.damping = BodyDampings.of(effects, mechanism)
         self.elements = RankElements(mechanism.bodies, self.rows, values, self.damping)
         self.parts = tuple(rank_solids(mechanism.bodies, self.rows, values, self.damping))
@@ -145,8 +125,11 @@ class PlanarEquations:
         """Return the undeformed mechanism."""
         return self._kinematics.undeformed(theta, rates)
 
-    def follow(self, q: np.ndarray) -> None:
+    def follow(self, q: np.ndarray, time: float) -> None:
         """Do nothing: angles count turns."""
+
+    def forget(self) -> None:
+        """Do nothing."""
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return ``(x, y, phi)``."""
@@ -170,6 +153,9 @@ class SpatialEquations:
         self._coordinates = [JointAngle(unknowns, c.connection) for c in mechanism.coordinates]
         self.n_dofs = unknowns.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
+        actions = [action for effect in effects for action in effect.natural_actions()]
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        self.local = LocalForces(actions, of_sample, 1, unknowns.frame, 3)
         self.constraints = natural_constraints(unknowns).independent(self.start()[0])
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
         self.elements = RankElements((), self.rows, values, self.damping)
@@ -183,12 +169,6 @@ class SpatialEquations:
         vectors = {effect: vector for effect, vector in vectors.items() if vector is not None}
         self.load_effects = list(vectors)
         self.load_vectors = np.array(list(vectors.values())).reshape(len(vectors), len(self.rows))
-        couples = [(effect, effect.couple()) for effect in effects]
-        self.couples = [
-            Couple(effect, JointAngle(unknowns, connection), float(scale.at(values)))
-            for effect, (connection, scale) in filter(lambda pair: pair[1] is not None, couples)
-        ]
-        self.local = LocalForces(actions_of(effects), {name: np.array([value]) for name, value in values.items()}, 1)
         self.units = np.full(self.n_dofs, 1.0 / kinematics.size)
         unknowns.frames(self.units)[:, 3:] = 1.0
 
@@ -198,21 +178,30 @@ class SpatialEquations:
 
     def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the undeformed mechanism, from where turns are counted."""
-        self._counted = np.array(theta, dtype=float)
+        self._counted, self._known = np.array(theta, dtype=float), np.array(theta, dtype=float)
+        self._time = 0.0
+        self.local.count_from(self._counted)
         poses = self._kinematics.poses(theta)
         turning = self._kinematics.rates(poses)[..., 0] @ rates
         return self._unknowns.place(poses[..., 0]), self._unknowns.place(turning)
 
-    def follow(self, q: np.ndarray) -> None:
-        """Count the turns of the coordinates."""
+    def follow(self, q: np.ndarray, time: float) -> None:
+        """Count the turns of the coordinates from the instant before."""
+        if time != self._time:
+            self._known, self._time = self._counted.copy(), time
         if np.all(np.isfinite(q)):
             for number, angle in enumerate(self._coordinates):
-                away = SPATIAL.principal(angle.value(q) - self._counted[number])
-                self._counted[number] += away
+                known = self._known[number]
+                self._counted[number] = known + SPATIAL.principal(angle.value(q) - known)
+
+    def forget(self) -> None:
+        """Go back to the instant before."""
+        self._counted = self._known.copy()
+        self.local.forget(np.ones(1, dtype=bool))
 
     def frames(self, q: np.ndarray) -> np.ndarray:
         """Return position, directors and the coordinates."""
-        self.follow(q[:, 0])
+        self.follow(q[:, 0], self._time)
         frames = self._unknowns.frames(q)
         counted = np.broadcast_to(self._counted[None, :, None], (len(frames), self._counted.size, 1))
         return np.concatenate([frames, counted], axis=1)

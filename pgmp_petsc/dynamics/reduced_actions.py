@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.dynamics.action_kernel import N_PAIR, LocalEffects, Places
+from pgmp_petsc.dynamics.action_kernel import LocalEffects, Places
 from pgmp_petsc.dynamics.reduced_terms import fine_grid
 from pgmp_petsc.effects.action import Action, compile_actions
-from pgmp_petsc.mechanism.attachment import place_points
-from pgmp_petsc.mechanism.joints import N_FRAME
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -29,14 +27,22 @@ class ReducedActions:
         Actions of all effects.
     places
         Where they hold; without actions all of its arrays are empty.
+    dimension
+        2 in the plane, 3 in space.
     """
 
     actions: tuple[Action, ...]
     places: Places
+    dimension: int = 2
 
     @classmethod
     def of(
-        cls, actions: Sequence[Action], kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str
+        cls,
+        actions: Sequence[Action],
+        kinematics: RigidKinematics,
+        rom: ReducedOrderModel,
+        scheme: str,
+        start: np.ndarray,
     ) -> ReducedActions:
         """Prepare the tables of the nodes that actions hold at.
 
@@ -44,38 +50,39 @@ class ReducedActions:
         ----------
         scheme
             Interpolation of the mode shapes over the samples.
+        start
+            Coordinates at the start, shape (n_theta,), from where angles that are none count their turns.
         """
+        if not actions:
+            return cls.none(kinematics.n_coordinates)
+        space, fine = kinematics.mechanism.space, fine_grid(rom.tables.samples)
         sides = [side for action in actions for side in action.sides]
         nodes = sorted({side.node for side in sides if not side.on_ground})
-        rows = (DOFS_PER_NODE * np.array(nodes, dtype=int)[:, None] + np.arange(DOFS_PER_NODE)).ravel()
+        rows = np.concatenate([kinematics.mechanism.node_dofs(node) for node in nodes])
         shapes = rom.projection[:, rows]
         if rom.curvature is not None:
             shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
-        fine = fine_grid(rom.tables.samples)
-        winding = _winding(kinematics, fine)
-        bodies = [kinematics.mechanism.body_of(node) for node in nodes]
-        rigid = np.empty((fine.n, len(nodes), N_FRAME))
-        if nodes:
-            poses = kinematics.poses(fine.theta)
-            for k, (body, point) in enumerate(bodies):
-                rigid[:, k] = place_points(poses[body], point[None])[0].T
-                rigid[:, k, 2] -= fine.theta @ winding[body]
+        poses = kinematics.poses(fine.theta)
+        frames = []
+        for body, point in map(kinematics.mechanism.body_of, nodes):
+            frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
+        angles, winding = np.zeros((fine.n, len(actions))), np.zeros((len(actions), fine.n_coordinates))
+        for k, action in enumerate(actions):
+            if action.statement.kind == ANGLE:
+                angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
         places = Places(
-            rigid=interpolant(fine, rigid.reshape(fine.n, -1), "spline").polynomials(),
+            rigid=interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline").polynomials(),
             shapes=interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme).polynomials(),
-            winding=np.array([winding[body] for body, _ in bodies]).reshape(len(nodes), fine.n_coordinates),
+            winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
-            arms=np.array([side.arm for side in sides]).reshape(-1, 2, 2),
-            ground=np.array([side.ground_frame(()) for side in sides]).reshape(-1, N_PAIR),
         )
-        return cls(tuple(actions), places)
+        return cls(tuple(actions), places, space.dimension)
 
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
         empty = np.zeros((1, 4**n_theta, 0))
-        sides, arms = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2, 2))
-        return cls((), Places(empty, empty, np.zeros((0, n_theta)), sides, arms, np.zeros((0, N_PAIR))))
+        return cls((), Places(empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64)))
 
     @property
     def edges(self) -> list[int]:
@@ -84,12 +91,38 @@ class ReducedActions:
 
     def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
-        return LocalEffects(self.places, compile_actions(self.actions, values, n_samples))
+        return LocalEffects(self.places, compile_actions(self.actions, values, n_samples, self.dimension))
 
 
-def _winding(kinematics: RigidKinematics, fine: SampleGrid) -> np.ndarray:
-    """Return how far every body turns with each periodic coordinate, 0 for others, shape (n_bodies, n_theta)."""
-    lower = np.array([axis.lower for axis in fine.axes])
-    ranges = np.diag([axis.upper - axis.lower if axis.periodic else 0.0 for axis in fine.axes])
-    angles = kinematics.poses(np.stack([lower, *(lower + ranges)]))[:, 2]
-    return np.rint((angles[:, 1:] - angles[:, :1]) / (2 * np.pi)) * 2 * np.pi / [a.upper - a.lower for a in fine.axes]
+def _counted(
+    action: Action, kinematics: RigidKinematics, poses: np.ndarray, fine: SampleGrid, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return an angle on the rigid mechanism less its winding (n,), and the winding (n_theta,), with turns counted.
+
+    A coordinate is its own angle. In the plane bodies count their turns; in space the angle of another joint is
+    followed over the grid, and in (-pi, pi] at the start.
+    """
+    if action.coordinate >= 0:
+        return np.zeros(fine.n), np.eye(fine.n_coordinates)[action.coordinate]
+    space = kinematics.mechanism.space
+
+    def measured(at: np.ndarray) -> np.ndarray:
+        frames = [side.frame_of_pose(at) for side in action.sides]
+        if space.dimension == 2:
+            return frames[1][2] - frames[0][2]
+        return action.statement.value(*frames)
+
+    winding = np.zeros(fine.n_coordinates)
+    angles = measured(poses).reshape(fine.shape)
+    for k in range(fine.n_coordinates):
+        angles = np.unwrap(angles, axis=k)
+    for k, axis in enumerate(fine.axes):
+        if axis.periodic:
+            line = np.moveaxis(angles, k, 0).reshape(axis.n, -1)[:, 0]
+            winding[k] = 2 * np.pi * np.rint((line[-1] - line[0]) / (2 * np.pi)) / (axis.upper - axis.lower)
+    angles = angles.ravel() - fine.theta @ winding
+    if space.dimension == 3:
+        first = measured(kinematics.poses(start[None]))[0]
+        away = first - angles[fine.nearest(start[None])[0]] - winding @ start
+        angles += 2 * np.pi * np.rint(away / (2 * np.pi))
+    return angles, winding

@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.bushing import bushing
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.end_stop import end_stop
 from pgmp_petsc.effects.force import force
@@ -31,6 +32,7 @@ _MAKERS = {
     "joint_damping": joint_damping,
     "joint_friction": joint_friction,
     "spring_damper": spring_damper,
+    "bushing": bushing,
     "structural_damping": StructuralDamping,
     "end_stop": end_stop,
 }

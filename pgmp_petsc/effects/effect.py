@@ -3,7 +3,7 @@
 An effect contributes what its kind calls for, and nothing else:
 
 - loads ``g_ext = amplitude(t) sum_j w_j(p) f_j`` with constant nodal vectors (`load`),
-- actions: force laws on a measure of two frames (`action`),
+- actions: force laws on a statement about two frames (`action`),
 - patterns: nodal vectors that its forces are made of, whose static answers extend the reduced basis.
 
 The full-order model adds them to its nodes; the reduced model projects them. Point masses are parts of the mass matrix
@@ -18,17 +18,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.patterns import FIXED, GroundForce, fixed_pattern
+from pgmp_petsc.effects.patterns import unit_force
+from pgmp_petsc.mechanism.mechanism import Mechanism
 
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
     from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
-    from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 
 
 class Effect:
@@ -72,14 +71,13 @@ class Effect:
         """
         return None
 
-    def couple(self) -> tuple[SpatialConnection, Quantity] | None:
-        """Return the joint in space about whose axis the effect turns, and what the amplitude is to be multiplied
-        with."""
-        return None
-
     def actions(self) -> list[Action]:
         """Return the local effects."""
         return []
+
+    def natural_actions(self) -> list[Action]:
+        """Return what acts in natural coordinates, where a couple that is constant in body frames is no load."""
+        return self.actions()
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return nodal vectors in body frames, for the rows of `matrices`, that span the forces in any configuration.
@@ -88,7 +86,7 @@ class Effect:
         """
         return []
 
-    def turning_patterns(self) -> list[Action | GroundForce]:
+    def turning_patterns(self) -> list[Action]:
         """Return the unit forces that are to be answered in the direction that they have in each configuration."""
         return []
 
@@ -102,20 +100,24 @@ class ActionEffect(Effect):
         Name in the scene.
     actions
         Its actions.
+    mechanism
+        The mechanism.
     """
 
-    def __init__(self, name: str, actions: list[Action]) -> None:
+    def __init__(self, name: str, actions: list[Action], mechanism: Mechanism) -> None:
         super().__init__(name)
-        self._actions = actions
+        self._actions, self._mechanism = actions, mechanism
 
     def actions(self) -> list[Action]:
         """Return the local effects."""
         return self._actions
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return the unit forces of the actions whose direction is constant in body frames."""
-        return [fixed_pattern(action, matrices) for action in self._actions if action.measure in FIXED]
+        """Return the unit forces of the actions whose direction is constant in body frames, as in any configuration."""
+        rows, anywhere = slice(matrices.rows.start, matrices.rows.stop), self._mechanism.first_guess
+        fixed = [action for action in self._actions if action.statement.fixed_in_bodies]
+        return [unit_force(action, self._mechanism, anywhere)[rows] for action in fixed]
 
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""
-        return [action for action in self._actions if action.measure not in FIXED]
+        return [action for action in self._actions if not action.statement.fixed_in_bodies]

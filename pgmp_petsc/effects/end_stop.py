@@ -17,7 +17,7 @@ from pgmp_petsc.scene import effects as schema
 
 def end_stop(name: str, entry: schema.EndStop, mechanism: Mechanism) -> ActionEffect:
     """Return the effect with one action for each end; see the module."""
-    place = joint_measure(mechanism, entry.joint)
+    place = joint_measure(mechanism, entry)
     ends = [(entry.lower, -1.0), (entry.upper, 1.0)]
     return ActionEffect(
         name,
@@ -31,4 +31,5 @@ def end_stop(name: str, entry: schema.EndStop, mechanism: Mechanism) -> ActionEf
             for end, side in ends
             if end is not None
         ],
+        mechanism,
     )

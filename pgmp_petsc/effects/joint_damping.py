@@ -14,6 +14,5 @@ from pgmp_petsc.scene import effects as schema
 def joint_damping(name: str, entry: schema.JointDamping, mechanism: Mechanism) -> ActionEffect:
     """Return the effect; see the module."""
     parameters = (Quantity(0.0), Quantity.of(entry.coefficient), Quantity(0.0))
-    return ActionEffect(
-        name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **joint_measure(mechanism, entry.joint))]
-    )
+    place = joint_measure(mechanism, entry)
+    return ActionEffect(name, [Action(name, law=SPRING_DAMPER, parameters=parameters, **place)], mechanism)

@@ -19,6 +19,5 @@ from pgmp_petsc.scene import effects as schema
 def joint_friction(name: str, entry: schema.JointFriction, mechanism: Mechanism) -> ActionEffect:
     """Return the effect; see the module."""
     parameters = (Quantity.of(entry.limit), Quantity(entry.speed))
-    return ActionEffect(
-        name, [Action(name, law=FRICTION, parameters=parameters, **joint_measure(mechanism, entry.joint))]
-    )
+    place = joint_measure(mechanism, entry)
+    return ActionEffect(name, [Action(name, law=FRICTION, parameters=parameters, **place)], mechanism)

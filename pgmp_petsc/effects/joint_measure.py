@@ -1,17 +1,22 @@
-"""What moves in a joint: the relative rotation of a revolute one, the displacement along the line of a sliding one."""
+"""What moves in a joint: its rotation about its axis, or the displacement along its line."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pgmp_petsc.effects.measures import ROTATION, SLIDE
-from pgmp_petsc.mechanism.joints import PointOnLine
+import numpy as np
+
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import along, angle
+from pgmp_petsc.scene.slides import slides
 
 
-def joint_measure(mechanism: Mechanism, joint: str) -> dict[str, Any]:
-    """Return measure, attachments and direction of a joint, as `Action` takes them."""
-    connection = mechanism.connection(joint)
-    if isinstance(connection.joint, PointOnLine):
-        return {"measure": SLIDE, "a": connection.a, "b": connection.b, "direction": connection.joint.direction}
-    return {"measure": ROTATION, "a": connection.a, "b": connection.b}
+def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
+    """Return statement, attachments and coordinate of an effect's joint, as `Action` takes them."""
+    connection = mechanism.connection(entry.joint)
+    place = {"a": connection.a, "b": connection.b}
+    if slides(mechanism.scene, entry):
+        return {"statement": along(np.array(mechanism.scene.joints[entry.joint].axes[0])), **place}
+    numbers = [k for k, c in enumerate(mechanism.coordinates) if c.connection is connection]
+    axes = connection.axes if mechanism.space.dimension == 3 else (np.eye(2), np.eye(2))
+    return {"statement": angle(*axes), "coordinate": numbers[0] if numbers else -1, **place}

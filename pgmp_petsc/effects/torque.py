@@ -6,8 +6,10 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
+from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
@@ -29,9 +31,10 @@ class Torque(Effect):
         vector = self._scale.coefficient * _couples(self._connection, matrices)
         return [Load(self.name, self._scale.monomial, vector, in_bodies=True)]
 
-    def couple(self) -> tuple[SpatialConnection, Quantity]:
-        """Return the joint and the scale of the torque."""
-        return self._connection, self._scale
+    def natural_actions(self) -> list[Action]:
+        """Return the torque on the joint's angle."""
+        joint = self._connection
+        return [Action(self.name, joint.angle, joint.a, joint.b, SOURCE, (self._scale,), self._amplitude)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the couples, which are constant in the bodies."""

@@ -67,16 +67,6 @@ class Attachment:
         frame[:2] += rotate(node_frame[2], self.arm)
         return frame
 
-    def rate_of(self, node_frame: np.ndarray, node_rate: np.ndarray) -> np.ndarray:
-        """Return the frame's rate (3, ...) from the node's frame and rate."""
-        if self.at_node:
-            return node_rate
-        rate = node_rate.copy()
-        x, y = rotate(node_frame[2], self.arm)
-        rate[0] -= y * node_rate[2]
-        rate[1] += x * node_rate[2]
-        return rate
-
     def frame_of_pose(self, poses: np.ndarray) -> np.ndarray:
         """Return the frame (3, ...) from rigid poses of shape (n_bodies, 3, ...)."""
         if self.on_ground:

@@ -21,12 +21,7 @@ from pgmp_petsc.mechanism.joints import Driver
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
 from pgmp_petsc.mechanism.spatial_composition import spatial_attachment, spatial_connections, spatial_first_guess
-from pgmp_petsc.mechanism.spatial_connection import (
-    PoseConnection,
-    SpatialConnection,
-    angle_between,
-    angle_derivatives,
-)
+from pgmp_petsc.mechanism.spatial_connection import PoseConnection, SpatialConnection
 from pgmp_petsc.mechanism.spatial_joints import orthonormality
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
@@ -49,13 +44,14 @@ class Coordinate:
     def measure(self, frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
         """Return the coordinate for frames of shape (n_pose, ...), rad."""
         if isinstance(self.connection, SpatialConnection):
-            return angle_between(self.connection.axes, frame_a, frame_b)
+            return self.connection.angle.value(frame_a, frame_b)
         return frame_b[2] - frame_a[2]
 
     def derivatives(self, frame_a: np.ndarray, frame_b: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Return first and second derivatives in both frames, (2 n_pose, ...) and (2 n_pose, 2 n_pose, ...) or None."""
         if isinstance(self.connection, SpatialConnection):
-            return angle_derivatives(self.connection.axes, frame_a, frame_b)
+            angle = self.connection.angle
+            return angle.gradient(frame_a, frame_b), angle.hessian(frame_a, frame_b)
         gradient = np.zeros((2 * PLANE.n_pose, *frame_a.shape[1:]))
         gradient[2], gradient[5] = -1.0, 1.0
         return gradient, None
@@ -69,7 +65,7 @@ class Coordinate:
         frames = [side.frame_of_pose(poses) for side in sides]
         gradient, _ = self.derivatives(*frames)
         return [
-            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.frame_gradient(frame) @ side.node_map)
+            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.natural_gradient(frame, side.arm))
             for first, side, frame in zip((0, SPATIAL.n_pose), sides, frames)
             if not side.on_ground
         ]
@@ -168,6 +164,10 @@ class Mechanism:
     def node(self, address: str, entry: str) -> int:
         """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
         return self.attachment(address, entry).node
+
+    def node_dofs(self, node: int) -> np.ndarray:
+        """Return the unknowns of a node, shape (3,), in space (6,)."""
+        return self.space.n_dofs * node + np.arange(self.space.n_dofs)
 
     def driven_connections(self, first_row: int) -> tuple[Connection, ...]:
         """The rotations that prescribed coordinates hold, in the coordinates' order; rows after all joints' ones."""

@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
-from pgmp_petsc.mechanism.spatial_connection import SpatialConnection, angle_between, angle_derivatives
+from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 
 N_POSE = SPATIAL.n_pose
 
@@ -126,15 +126,15 @@ class JointAngle:
     """
 
     def __init__(self, unknowns: NaturalUnknowns, connection: SpatialConnection) -> None:
-        self._sides, self._axes = NaturalSides(unknowns, connection.sides), connection.axes
+        self._sides, self._angle = NaturalSides(unknowns, connection.sides), connection.angle
         self.dofs = self._sides.dofs
 
     def value(self, q: np.ndarray) -> float:
         """Return the angle in (-pi, pi], rad."""
-        return float(angle_between(self._axes, *self._sides.frames(q)))
+        return float(self._angle.value(*self._sides.frames(q)))
 
     def derivatives(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return first (m,) and second derivatives (m, m); see `angle_derivatives` for what the second ones hold
-        for."""
-        gradient, hessian = angle_derivatives(self._axes, *self._sides.frames(q))
+        """Return first (m,) and second derivatives (m, m)."""
+        frames = self._sides.frames(q)
+        gradient, hessian = self._angle.gradient(*frames), self._angle.hessian(*frames)
         return gradient @ self._sides.map, self._sides.map.T @ hessian @ self._sides.map

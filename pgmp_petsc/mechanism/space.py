@@ -69,6 +69,13 @@ class Space(Protocol):
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
         """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
 
+    def natural(self, frame: np.ndarray) -> np.ndarray:
+        """Return position and directors (d (d + 1), ...) of a frame (n_pose or more, ...), as `statements` take it."""
+
+    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """Return the change of position and directors of a point at an arm (d,) of a node with the node's displacement
+        in the body's frame, shape (d (d + 1), n_dofs)."""
+
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames (n, n_pose, ...) of points (n, d) of a rigid body at a pose (n_pose, ...)."""
 
@@ -118,6 +125,18 @@ class Plane:
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Turn vectors back."""
         return rotate(-pose[2], vectors)
+
+    def natural(self, frame: np.ndarray) -> np.ndarray:
+        """Return position and directors."""
+        cos, sin = np.cos(frame[2]), np.sin(frame[2])
+        return np.array([frame[0], frame[1], cos, sin, -sin, cos])
+
+    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """Return ``dp = R (u + phi J arm)``, ``d(d_k) = phi J d_k``, J a right angle's rotation."""
+        turn, gradient = self.rotation(pose)[:2, :2], np.zeros((6, 3))
+        gradient[:2, :2], gradient[:2, 2] = turn, turn @ [-arm[1], arm[0]]
+        gradient[2:4, 2], gradient[4:6, 2] = turn[:, 1], -turn[:, 0]
+        return gradient
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames of points."""
@@ -176,6 +195,16 @@ class Spatial:
         for k, axis in enumerate(np.eye(3)):
             gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
         return gradient
+
+    def natural(self, frame: np.ndarray) -> np.ndarray:
+        """Return the frame without what follows it."""
+        return frame[: self.n_pose]
+
+    def natural_gradient(self, pose: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """Return `frame_gradient` for a point at an arm."""
+        moved = np.eye(6)
+        moved[:3, 3:] = -cross_matrix(arm)
+        return self.frame_gradient(pose) @ moved
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames of points."""

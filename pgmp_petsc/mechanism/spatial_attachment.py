@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix
+from pgmp_petsc.mechanism.space import SPATIAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,6 @@ class SpatialAttachment:
     def frame_map(self) -> np.ndarray:
         """The frame is this matrix times that of the node, shape (12, 12)."""
         return _moved_by(self.arm)
-
-    @property
-    def node_map(self) -> np.ndarray:
-        """Displacement and rotation of the point are this matrix times those of the node, shape (6, 6)."""
-        result = np.eye(SPATIAL.n_dofs)
-        result[:3, 3:] = -cross_matrix(self.arm)
-        return result
 
     def frame_of_pose(self, poses: np.ndarray) -> np.ndarray:
         """Return the frame (12, ...) from rigid poses of shape (n_bodies, 12, ...)."""

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
 from pgmp_petsc.mechanism.spatial_joints import SpatialJoint
+from pgmp_petsc.mechanism.statements import Statement, angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,11 @@ class SpatialConnection:
         """Both attachments."""
         return self.a, self.b
 
+    @cached_property
+    def angle(self) -> Statement:
+        """How far b is turned against a about the first axis; 0 where both triads agree."""
+        return angle(*self.axes)
+
     def on_poses(self) -> PoseConnection:
         """Return the joint between points of rigid bodies, in the unknowns of the bodies' poses."""
         return PoseConnection(self.joint, self.a, self.b, self.rows)
@@ -95,58 +101,6 @@ class SpatialConnection:
         found = []
         for first, side, frame in zip((0, SPATIAL.n_pose), self.sides, frames):
             if not side.on_ground:
-                gradient = SPATIAL.frame_gradient(frame) @ side.node_map
+                gradient = SPATIAL.natural_gradient(frame, side.arm)
                 found.append((side.dofs, jacobian[:, first : first + SPATIAL.n_pose] @ gradient))
         return found
-
-
-def angle_between(axes: tuple[np.ndarray, np.ndarray], frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
-    """Return how far b is turned against a about a joint's first axis, shape (...), rad, in (-pi, pi].
-
-    Parameters
-    ----------
-    axes
-        As in `SpatialConnection`; frames are turned by 0 where both triads agree.
-    frame_a, frame_b
-        Shape (12, ...) or more rows.
-    """
-    cos, sin = _turn(axes, frame_a, frame_b)
-    return np.arctan2(sin, cos)
-
-
-def angle_derivatives(
-    axes: tuple[np.ndarray, np.ndarray], frame_a: np.ndarray, frame_b: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return first and second derivatives of the angle in both frames, shapes (24, ...) and (24, 24, ...).
-
-    The second ones are those of ``cos(theta) s - sin(theta) c`` with the angle held, which in directions that keep the
-    directors orthonormal are the angle's own.
-    """
-    cos, sin = _turn(axes, frame_a, frame_b)
-    forms = _forms(axes)
-    z = np.concatenate([frame_a[:12], frame_b[:12]])
-    slopes = [np.tensordot(form, z, axes=1) for form in forms]
-    size = cos**2 + sin**2
-    gradient = (cos * slopes[1] - sin * slopes[0]) / size
-    hessian = np.multiply.outer(forms[1], cos) - np.multiply.outer(forms[0], sin)
-    return gradient, hessian / size
-
-
-def _turn(
-    axes: tuple[np.ndarray, np.ndarray], frame_a: np.ndarray, frame_b: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    (second, third), (in_b, _) = ((matrix[:, 1], matrix[:, 2]) for matrix in axes)
-    directors_a, directors_b = (frame[3:12].reshape(3, 3, *frame.shape[1:]) for frame in (frame_a, frame_b))
-    turned = np.tensordot(in_b, directors_b, axes=1)
-    return tuple(np.sum(np.tensordot(axis, directors_a, axes=1) * turned, axis=0) for axis in (second, third))
-
-
-def _forms(axes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the matrices (24, 24) of the quadratic forms ``1/2 z^T Q z`` that are cosine and sine."""
-    found = []
-    for axis in (axes[0][:, 1], axes[0][:, 2]):
-        form = np.zeros((24, 24))
-        for i, j, c in np.ndindex(3, 3, 3):
-            form[3 + 3 * i + c, 15 + 3 * j + c] += axis[i] * axes[1][j, 1]
-        found.append(form + form.T)
-    return tuple(found)

@@ -1,22 +1,19 @@
 """Joints in space as quadratic constraints of two frames.
 
-With a frame's position p and a direction ``w = sum_k w_k d_k`` that is fixed in it, every joint is made of three
-statements
-
-    p_b - p_a = 0,        u_a . w_b = 0,        u_a . (p_b - p_a) = 0,
-
-all of them polynomials of second degree in the frames' twelve numbers, ``c = g + G z + 1/2 z^T Q z`` with ``z = (a,
-b)``.
+Every joint is a list of statements (`statements`) that are zero: points that meet, directions at right angles, a place
+along a direction. All of them are polynomials of second degree in the frames' twelve numbers, ``c = g + G z + 1/2 z^T Q
+z`` with ``z = (a, b)``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.statements import MEET, Statement, along, meet, perpendicular
 
 N_FRAME = SPATIAL.n_pose
 N_PAIR = 2 * N_FRAME
@@ -85,18 +82,18 @@ def spatial_joint(kind: str, axes: tuple[np.ndarray, ...]) -> SpatialJoint:
         plane's normal; a universal joint has its first axis u in a and its second axis v in b.
     """
     in_a, in_b = (matrix.T for matrix in axes)
-    normals, meeting = (1, 2), [_Meet(k) for k in range(3)]
-    aligned = [_Perpendicular(in_a[k], in_b[0]) for k in normals]
-    guided = [_Along(in_a[k]) for k in normals]
+    normals, meeting = (1, 2), [meet(axis) for axis in np.eye(3)]
+    aligned = [perpendicular(in_a[k], in_b[0]) for k in normals]
+    guided = [along(in_a[k]) for k in normals]
     parts = {
         "spherical": meeting,
         "revolute": [*meeting, *aligned],
-        "universal": [*meeting, _Perpendicular(in_a[0], in_b[1])],
+        "universal": [*meeting, perpendicular(in_a[0], in_b[1])],
         "cylindrical": [*guided, *aligned],
-        "prismatic": [*guided, *aligned, _Perpendicular(in_a[1], in_b[2])],
-        "fixed": [*meeting, *aligned, _Perpendicular(in_a[1], in_b[2])],
+        "prismatic": [*guided, *aligned, perpendicular(in_a[1], in_b[2])],
+        "fixed": [*meeting, *aligned, perpendicular(in_a[1], in_b[2])],
         "point_on_line": guided,
-        "point_on_plane": [_Along(in_a[0])],
+        "point_on_plane": [along(in_a[0])],
     }[kind]
     return _joint(kind, parts)
 
@@ -114,56 +111,20 @@ def orthonormality() -> SpatialJoint:
     )
 
 
-@dataclass(frozen=True)
-class _Meet:
-    """``(p_b - p_a)_k = 0``."""
-
-    component: int
-    length = True
-
-    def fill(self, slope: np.ndarray, curvature: np.ndarray) -> None:
-        slope[self.component], slope[N_FRAME + self.component] = -1.0, 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Perpendicular:
-    """``u_a . w_b = 0`` for directions u in a and w in b."""
-
-    u: np.ndarray
-    w: np.ndarray
-    length = False
-
-    def fill(self, slope: np.ndarray, curvature: np.ndarray) -> None:
-        for i, j, c in np.ndindex(3, 3, 3):
-            _add(curvature, 3 + 3 * i + c, N_FRAME + 3 + 3 * j + c, self.u[i] * self.w[j])
-
-
-@dataclass(frozen=True, eq=False)
-class _Along:
-    """``u_a . (p_b - p_a) = 0`` for a direction u in a."""
-
-    u: np.ndarray
-    length = True
-
-    def fill(self, slope: np.ndarray, curvature: np.ndarray) -> None:
-        for i, c in np.ndindex(3, 3):
-            _add(curvature, 3 + 3 * i + c, N_FRAME + c, self.u[i])
-            _add(curvature, 3 + 3 * i + c, c, -self.u[i])
-
-
 def _add(curvature: np.ndarray, i: int, j: int, factor: float) -> None:
     """Add ``factor z_i z_j`` to a quadratic form (24, 24)."""
     curvature[i, j] += factor
     curvature[j, i] += factor
 
 
-def _joint(kind: str, parts: Iterable[_Meet | _Perpendicular | _Along]) -> SpatialJoint:
-    parts = list(parts)
-    slope, curvature = np.zeros((len(parts), N_PAIR)), np.zeros((len(parts), N_PAIR, N_PAIR))
-    for row, part in enumerate(parts):
-        part.fill(slope[row], curvature[row])
-    lengths = np.array([part.length for part in parts])
-    return SpatialJoint(kind, np.zeros(len(parts)), slope, curvature, lengths, isinstance(parts[0], _Meet))
+def _joint(kind: str, parts: Sequence[Statement]) -> SpatialJoint:
+    nowhere = np.zeros(N_FRAME)
+    slope, curvature = (
+        np.array([derivative(part, nowhere, nowhere) for part in parts])
+        for derivative in (Statement.gradient, Statement.hessian)
+    )
+    lengths = np.array([part.is_length for part in parts])
+    return SpatialJoint(kind, np.zeros(len(parts)), slope, curvature, lengths, parts[0].kind == MEET)
 
 
 def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:

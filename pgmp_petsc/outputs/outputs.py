@@ -17,6 +17,7 @@ import numpy as np
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Attachment, Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.statements import Statement, along, distance
 from pgmp_petsc.scene import Scene
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -63,6 +64,8 @@ class OutputSet:
         """
         makers = {
             "angle": _angle,
+            "sliding": _sliding,
+            "distance": _distance,
             "rotation": _rotation,
             "position": _position,
             "displacement": _displacement,
@@ -106,6 +109,30 @@ def joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Fram
 
 def _angle(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
     return *joint_angle(kinematics.mechanism.connection(entry.joint), kinematics), "rad"
+
+
+def _sliding(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    connection = kinematics.mechanism.connection(entry.joint)
+    axis = np.array(kinematics.mechanism.scene.joints[entry.joint].axes[0])
+    return *_measured(along(axis), connection.sides, kinematics), "m"
+
+
+def _distance(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):
+    sides = tuple(kinematics.mechanism.attachment(point, f"{name}.points") for point in entry.points)
+    return *_measured(distance(kinematics.mechanism.space.dimension), sides, kinematics), "m"
+
+
+def _measured(
+    statement: Statement, sides: tuple[Attachment, Attachment], kinematics: RigidKinematics
+) -> tuple[Callable[[Frames], np.ndarray], set[int]]:
+    """Return the value of a statement about two attachments."""
+    nodes, natural = {side.node for side in sides if not side.on_ground}, kinematics.mechanism.space.natural
+
+    def value(frames: Frames) -> np.ndarray:
+        n = next(frames[node] for node in nodes).shape[1]
+        return statement.value(*(natural(_frame(side, frames, n)) for side in sides))
+
+    return value, nodes
 
 
 def _rotation(name: str, entry, start: np.ndarray, kinematics: RigidKinematics):

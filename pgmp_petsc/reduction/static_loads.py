@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.effects import Action, Patterns
-from pgmp_petsc.effects.patterns import GroundForce, turning_force
+from pgmp_petsc.effects.patterns import unit_force
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.modes.static_modes import dependent_loads
@@ -34,7 +34,7 @@ class StaticLoads:
     """
 
     patterns: np.ndarray
-    actions: tuple[Action | GroundForce, ...]
+    actions: tuple[Action, ...]
     accelerations: np.ndarray
 
     @classmethod
@@ -100,14 +100,14 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
 
 
-def _forces(problem: ModalProblem, actions: tuple[Action | GroundForce, ...], theta: np.ndarray) -> np.ndarray:
+def _forces(problem: ModalProblem, actions: tuple[Action, ...], theta: np.ndarray) -> np.ndarray:
     """Return the unit forces of actions at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
     poses = problem.kinematics.poses(theta)[..., 0]
     own = slice(problem.rows.start, problem.rows.stop)
-    return np.array([turning_force(action, problem.mechanism, poses)[own] for action in actions]).T
+    return np.array([unit_force(action, problem.mechanism, poses)[own] for action in actions]).T
 
 
-def _independent_forces(problem: ModalProblem, actions: tuple[Action | GroundForce, ...]) -> np.ndarray:
+def _independent_forces(problem: ModalProblem, actions: tuple[Action, ...]) -> np.ndarray:
     """Return the numbers of the actions whose force is no combination, the same everywhere, of those before them."""
     if not actions:
         return np.zeros(0, dtype=int)

@@ -27,7 +27,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import Action
-from pgmp_petsc.effects.patterns import turning_force
+from pgmp_petsc.effects.patterns import unit_force
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 
@@ -92,7 +92,7 @@ class InfluenceProbe:
         if self._actions:
             poses = problem.kinematics.poses(modes.theta)[..., 0]
             rows = slice(problem.rows.start, problem.rows.stop)
-            turned = [turning_force(action, problem.mechanism, poses)[rows] for action in self._actions]
+            turned = [unit_force(action, problem.mechanism, poses)[rows] for action in self._actions]
             columns.append(problem.inner(answers, np.array(turned).T))
         k, j = np.tril_indices(modes.rigid.shape[1])
         moving = problem.all_rows(np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]]))

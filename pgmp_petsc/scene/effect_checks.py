@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.runtime.errors import nearest_name
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.impulses import impulse_of
-from pgmp_petsc.scene.joints import PointOnLine, Revolute
+from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic, Revolute, are_parallel
 from pgmp_petsc.scene.messages import problem
 
 if TYPE_CHECKING:
@@ -18,14 +18,21 @@ if TYPE_CHECKING:
 
 LOST_IMPULSE = 0.01  # share of an impulse that steps may miss
 STEPS_A_PERIOD = 8  # fewest steps in a period of a harmonic
-#: Joints that an effect may be on; those that rotate are revolute, those that slide have a point on a line.
+#: Joints that rotate, and those that rotate or slide, in the plane and in space.
+TURNING = {2: (Revolute,), 3: (Revolute, Cylindrical)}
+SLIDING = (PointOnLine, Cylindrical, Prismatic)
+MOVING = {2: (Revolute, PointOnLine), 3: (Revolute, PointOnLine, Cylindrical, Prismatic)}
+#: Joints that an effect may be on.
 ON_JOINTS = {
-    kinds.Torque: (Revolute,),
-    kinds.JointDamping: (Revolute, PointOnLine),
-    kinds.JointFriction: (Revolute, PointOnLine),
-    kinds.SpringDamper: (Revolute, PointOnLine),
-    kinds.EndStop: (Revolute, PointOnLine),
+    kinds.Torque: TURNING,
+    kinds.JointDamping: MOVING,
+    kinds.JointFriction: MOVING,
+    kinds.SpringDamper: MOVING,
+    kinds.EndStop: MOVING,
 }
+#: Rotations that a bushing resists, and what a scene moves in.
+TURNS = {2: 1, 3: 3}
+WHERE = {2: "in the plane", 3: "in space"}
 #: Effects that a scene may have once.
 SINGLE = (kinds.Gyroscopic, kinds.GeometricStiffening, kinds.ModeInertia)
 
@@ -38,15 +45,16 @@ def effect_problems(scene: Scene, check_point: PointCheck) -> Iterator[str]:
         entry = f"effects.{name}"
         allowed = ON_JOINTS.get(type(effect))
         if allowed and effect.joint is not None:
-            yield from joint_problems(scene, f"{entry}.joint", effect.joint, allowed)
+            yield from joint_problems(scene, f"{entry}.joint", effect.joint, allowed[scene.dimension])
+            yield from motion_problems(scene, entry, effect)
         for key, ground_allowed in (("point", False), ("towards", True)):
             point = getattr(effect, key, None)
             if point is not None:
                 yield from check_point(scene, f"{entry}.{key}", point, ground_allowed)
-        if isinstance(effect, kinds.SpringDamper) and effect.points is not None:
-            for point in effect.points:
-                yield from check_point(scene, f"{entry}.points", point, True)
-            yield from _apart(scene, f"{entry}.points", effect.points)
+        if isinstance(effect, (kinds.SpringDamper, kinds.Bushing)) and effect.points is not None:
+            yield from points_problems(scene, f"{entry}.points", effect.points, check_point)
+        if isinstance(effect, kinds.Bushing):
+            yield from _bushing(scene, entry, effect)
         if isinstance(effect, kinds.Force) and effect.towards is not None:
             yield from _apart(scene, f"{entry}.towards", (effect.point, effect.towards))
         if isinstance(effect, (kinds.Torque, kinds.Force, kinds.PrescribedMotion)):
@@ -73,6 +81,41 @@ def joint_problems(scene: Scene, entry: str, joint: str, allowed: tuple[type, ..
             f" (allowed: {', '.join(fitting) or 'none is defined'})",
             joint,
         )
+
+
+def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
+    """Yield a line if the motion of a cylindrical joint is not said, or that of another one is."""
+    cylindrical = isinstance(scene.joints.get(on_joint.joint), Cylindrical)
+    motion = getattr(on_joint, "motion", None)
+    if cylindrical and motion is None and "motion" in type(on_joint).model_fields:
+        yield problem(
+            f"{entry}.motion", f'missing; {on_joint.joint} is cylindrical: "turning" or "sliding" is needed'
+        )
+    elif motion is not None and not cylindrical:
+        yield problem(f"{entry}.motion", "for cylindrical joints; others have one motion; leave it out", motion)
+
+
+def _bushing(scene: Scene, entry: str, effect: kinds.Bushing) -> Iterator[str]:
+    """Check that a bushing has axes that make a frame, and as many numbers as axes."""
+    n = scene.dimension
+    wanted = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]" if n == 3 else "one axis, [[1.0, 0.0]]"
+    given = [list(axis) for axis in effect.reference]
+    if len(given) != n - 1 or any(len(axis) != n for axis in given):
+        yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
+    elif n == 3 and are_parallel(*given):
+        yield problem(f"{entry}.reference", "the axes must not be parallel; the second one is at a right angle", given)
+    for key, count in (("stiffness", n), ("damping", n), ("turning_stiffness", TURNS[n]), ("turning_damping", TURNS[n])):
+        numbers = getattr(effect, key)
+        if numbers and len(numbers) != count:
+            what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"
+            yield problem(f"{entry}.{key}", f"{what} needed {WHERE[n]}", list(numbers))
+
+
+def points_problems(scene: Scene, entry: str, points: tuple[str, str], check_point: PointCheck) -> Iterator[str]:
+    """Yield a line for each of two points that there is not, and if their distance cannot change."""
+    for point in points:
+        yield from check_point(scene, entry, point, True)
+    yield from _apart(scene, entry, points)
 
 
 def _apart(scene: Scene, entry: str, points: tuple[str, str]) -> Iterator[str]:

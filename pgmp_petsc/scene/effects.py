@@ -39,11 +39,21 @@ class _OverTime(Table):
         return self
 
 
+class _OnJoint(Table):
+    """What acts on the motion in a joint."""
+
+    joint: str = Field(description="name of a revolute joint, or of one that slides")
+    motion: Literal["turning", "sliding"] | None = Field(
+        None, description="which motion of a cylindrical joint; others have one"
+    )
+
+
 class Torque(_OverTime):
-    """A torque (Nm) over time on a revolute joint: it turns the second body, and its reaction the first."""
+    """A torque (Nm) over time on a revolute or cylindrical joint: it turns the second body, and its reaction the
+    first."""
 
     type: Literal["torque"]
-    joint: str = Field(description="name of a revolute joint")
+    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
 
 
 class Force(_OverTime):
@@ -87,26 +97,24 @@ class PointMass(Table):
     inertia: NotNegative = Field(0.0, description="moment of inertia about the point (kg m2)")
 
 
-class JointDamping(Table):
+class JointDamping(_OnJoint):
     """Viscous damping of the relative rotation or sliding in a joint."""
 
     type: Literal["joint_damping"]
-    joint: str = Field(description="name of a revolute joint, or of one that slides")
     coefficient: NotNegativeOrParameter = Field(description="Nm s/rad or N s/m, a number or a parameter's name")
 
 
-class JointFriction(Table):
+class JointFriction(_OnJoint):
     """Coulomb friction in a joint under a constant load, regularised: ``-limit tanh(rate / speed)``."""
 
     type: Literal["joint_friction"]
-    joint: str = Field(description="name of a revolute joint, or of one that slides")
     limit: NotNegativeOrParameter = Field(
         description="friction torque (Nm) or force (N) while it slides, a number or a parameter's name"
     )
     speed: PositiveNumber = Field(description="rate at which 76 % of the limit are reached (rad/s or m/s)")
 
 
-class SpringDamper(Table):
+class SpringDamper(_OnJoint):
     """A linear spring and damper: between the bodies of a joint, or between two points."""
 
     type: Literal["spring_damper"]
@@ -125,6 +133,35 @@ class SpringDamper(Table):
             raise refusal("a spring between points needs the distance without force (m)", "rest")
         if not (self.stiffness or self.damping):
             raise refusal("at least one of stiffness and damping is needed")
+        return self
+
+
+class Bushing(Table):
+    """An elastic mount between two points: a spring and a damper along every axis of a reference frame, which turns
+    with the owner of the first point, and about every axis.
+
+    Along an axis the force is ``-k s - c s'`` on the displacement s; about it the couple is that of ``-k s - c s'`` on
+    the sine s of the rotation from the way in which the bodies are placed, in the plane on the rotation.
+    """
+
+    type: Literal["bushing"]
+    points: Connection = Field(description='two points, "body:point" or "ground:point"')
+    reference: tuple[Direction, ...] = Field(
+        description="first axis, and in space a second one, of the frame in which it is stiff, "
+        "in the frame of the first point's owner; their lengths do not matter"
+    )
+    stiffness: tuple[NotNegativeOrParameter, ...] = Field(
+        (), description="along each axis, the last completes the frame (N/m), numbers or parameters' names"
+    )
+    damping: tuple[NotNegativeOrParameter, ...] = Field((), description="along each axis (N s/m)")
+    turning_stiffness: tuple[NotNegativeOrParameter, ...] = Field((), description="about each axis (Nm/rad)")
+    turning_damping: tuple[NotNegativeOrParameter, ...] = Field((), description="about each axis (Nm s/rad)")
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        keys = ("stiffness", "damping", "turning_stiffness", "turning_damping")
+        if not any(value for key in keys for value in getattr(self, key)):
+            raise refusal(f"at least one of {', '.join(keys)} must be above zero")
         return self
 
 
@@ -168,11 +205,10 @@ class PrescribedMotion(Table):
         return self
 
 
-class EndStop(Table):
+class EndStop(_OnJoint):
     """A one-sided elastic stop of a joint, with the instants of contact found exactly."""
 
     type: Literal["end_stop"]
-    joint: str = Field(description="name of a revolute joint, or of one that slides")
     lower: Number | None = Field(None, description="where the stop at the lower end is (rad or m)")
     upper: Number | None = Field(None, description="where the stop at the upper end is (rad or m)")
     stiffness: PositiveOrParameter = Field(description="Nm/rad or N/m, a number or a parameter's name")
@@ -222,6 +258,7 @@ Effect = Annotated[
     | JointDamping
     | JointFriction
     | SpringDamper
+    | Bushing
     | StructuralDamping
     | PrescribedMotion
     | EndStop

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -12,6 +13,11 @@ from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name,
 
 ORIGIN = "origin"
 PARALLEL = 1e-6  # sine of the angle between two axes that are taken for one
+
+
+def are_parallel(first: Sequence[float], second: Sequence[float]) -> bool:
+    """Whether two axes (x, y, z) have one direction."""
+    return bool(np.linalg.norm(np.cross(first, second)) < PARALLEL * np.linalg.norm(first) * np.linalg.norm(second))
 
 
 class Ground(Table):
@@ -105,8 +111,7 @@ class Universal(_Joint):
 
     @model_validator(mode="after")
     def _axes_differ(self) -> Self:
-        across = np.linalg.norm(np.cross(self.axis, self.second_axis))
-        if across < PARALLEL * np.linalg.norm(self.axis) * np.linalg.norm(self.second_axis):
+        if are_parallel(self.axis, self.second_axis):
             raise refusal("must not have the direction of axis; both axes are at a right angle", "second_axis")
         return self
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pgmp_petsc.scene.fields import Point, Table
+from pgmp_petsc.scene.fields import Connection, Point, Table
 
 Axis = Literal["x", "y", "z"]
 
@@ -15,7 +15,21 @@ class Angle(Table):
     """Relative rotation of a revolute joint (rad), measured on the flexible bodies' nodes."""
 
     type: Literal["angle"]
-    joint: str = Field(description="name of a revolute joint")
+    joint: str = Field(description="name of a revolute joint, in space also of a cylindrical one")
+
+
+class Sliding(Table):
+    """Displacement along the line or axis of a joint that slides (m)."""
+
+    type: Literal["sliding"]
+    joint: str = Field(description="name of a joint that slides: point_on_line, prismatic, cylindrical")
+
+
+class Distance(Table):
+    """Distance of two points (m)."""
+
+    type: Literal["distance"]
+    points: Connection = Field(description='two points, "body:point" or "ground:point"')
 
 
 class Rotation(Table):
@@ -52,4 +66,6 @@ class Deformation(Table):
     )
 
 
-Output = Annotated[Angle | Rotation | Position | Displacement | Deformation, Field(discriminator="type")]
+Output = Annotated[
+    Angle | Sliding | Distance | Rotation | Position | Displacement | Deformation, Field(discriminator="type")
+]

@@ -8,12 +8,12 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import nearest_name
-from pgmp_petsc.scene.effect_checks import effect_problems, joint_problems
+from pgmp_petsc.scene.effect_checks import SLIDING, TURNING, effect_problems, joint_problems, points_problems
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import Angle
+from pgmp_petsc.scene.outputs import Angle, Distance, Sliding
 from pgmp_petsc.scene.space_checks import space_problems
 from pgmp_petsc.scene.uses import Use, uses_of
 
@@ -106,7 +106,11 @@ def _outputs(scene: Scene) -> Iterator[str]:
         if name == "time":
             yield problem("outputs.time", "result files keep instants under this name; give the output another one")
         if isinstance(output, Angle):
-            yield from _revolute(scene, f"outputs.{name}.joint", output.joint)
+            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, TURNING[scene.dimension])
+        elif isinstance(output, Sliding):
+            yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, SLIDING)
+        elif isinstance(output, Distance):
+            yield from points_problems(scene, f"outputs.{name}.points", output.points, _point)
         else:
             yield from _point(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
 

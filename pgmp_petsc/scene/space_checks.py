@@ -11,8 +11,8 @@ from pgmp_petsc.scene.messages import problem
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
-#: Types of effects that mechanisms in space may have.
-SPATIAL_EFFECTS = ("torque", "force", "gravity", "point_mass", "structural_damping", "prescribed_motion", "gyroscopic")
+#: Types of effects that are for beams in the plane.
+PLANAR_EFFECTS = ("geometric_stiffening", "mode_inertia")
 
 
 def space_problems(scene: Scene) -> Iterator[str]:
@@ -81,11 +81,8 @@ def _in_space(scene: Scene) -> Iterator[str]:
         if joint.type == "revolute" and joint.axis is None:
             yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")
     for name, effect in scene.effects.items():
-        if effect.type not in SPATIAL_EFFECTS:
-            allowed = ", ".join(SPATIAL_EFFECTS)
-            yield problem(f"effects.{name}.type", f"not in space yet (allowed: {allowed})", effect.type)
-        elif effect.type == "force" and (effect.follows or effect.towards is not None):
-            yield problem(f"effects.{name}", "in space a force keeps a direction of the ground")
+        if effect.type in PLANAR_EFFECTS:
+            yield problem(f"effects.{name}.type", "for beams in the plane; leave it out", effect.type)
         elif effect.type == "gravity" and "direction" not in effect.model_fields_set:
             yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
     for name, output in scene.outputs.items():

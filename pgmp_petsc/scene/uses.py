@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import pgmp_petsc.scene.effects as kinds
-from pgmp_petsc.scene.joints import PointOnLine
+from pgmp_petsc.scene.slides import slides
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
@@ -46,6 +46,12 @@ EFFECT: dict[type, dict[str, tuple[Sign, tuple[str, ...], tuple[str, ...]]]] = {
         "damping": ("not negative", ("N m s/rad",), ("N s/m",)),
     },
     kinds.EndStop: {"stiffness": ("positive", ("N m/rad",), ("N/m",))},
+    kinds.Bushing: {
+        "stiffness": ("not negative", ("N/m",), ("N/m",)),
+        "damping": ("not negative", ("N s/m",), ("N s/m",)),
+        "turning_stiffness": ("not negative", ("N m/rad",), ("N m/rad",)),
+        "turning_damping": ("not negative", ("N m s/rad",), ("N m s/rad",)),
+    },
 }
 
 
@@ -90,13 +96,8 @@ def uses_of(scene: Scene) -> Iterator[Use]:
                 sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"
                 yield Use(f"bodies.{name}.section.{key}", size, sign, (SECTION[key],))
     for name, effect in scene.effects.items():
-        turns = not _slides(scene, effect)
+        turns = not slides(scene, effect)
         for key, (sign, turning, sliding) in EFFECT.get(type(effect), {}).items():
-            yield Use(f"effects.{name}.{key}", getattr(effect, key), sign, turning if turns else sliding)
-
-
-def _slides(scene: Scene, effect: kinds.Effect) -> bool:
-    """Whether an effect acts along a line: on a joint that slides, or between two points."""
-    if getattr(effect, "points", None) is not None:
-        return True
-    return isinstance(scene.joints.get(getattr(effect, "joint", None)), PointOnLine)
+            found = getattr(effect, key)
+            for value in found if isinstance(found, tuple) else (found,):
+                yield Use(f"effects.{name}.{key}", value, sign, turning if turns else sliding)

@@ -27,6 +27,7 @@ OF_EFFECTS = {
     "joint_damping": ("coefficient",),
     "joint_friction": ("limit", "speed"),
     "spring_damper": ("stiffness", "damping", "rest"),
+    "bushing": ("stiffness", "damping", "turning_stiffness", "turning_damping"),
     "end_stop": ("lower", "upper", "stiffness", "damping"),
     "prescribed_motion": (*OVER_TIME, "spin_up", "constant_speed"),
 }

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
-from pgmp_petsc.effects.measures import DISTANCE, FOLLOWING, ROTATION, SLIDE, measure
-from pgmp_petsc.mechanism.attachment import Attachment, onto_nodes
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.connections import ConstraintSet
 from pgmp_petsc.mechanism.joints import Driver, Fixed, Joint, PointOnLine, Revolute
@@ -48,34 +47,6 @@ def unknowns() -> np.ndarray:
     return np.array([0.1, -0.3, 0.6, 0.9, 0.4, -1.1])
 
 
-def gradient_in_nodes(kind: int, sides: tuple[Attachment, Attachment], q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradient and its derivative of a measure in the unknowns of the nodes."""
-    gradient, hessian = np.empty((1, 6)), np.empty((1, 6, 6))
-    z = np.concatenate([side.frame_of_node(q) for side in sides])
-    measure(kind, np.array([0.6, -0.8]), z, gradient[0], hessian[0])
-    onto_nodes(sides, q, gradient, hessian)
-    return gradient[0], hessian[0]
-
-
-@pytest.mark.parametrize("kind", [ROTATION, SLIDE, DISTANCE, FOLLOWING])
-@pytest.mark.parametrize("name", SIDES)
-def test_derivatives_in_the_unknowns_of_nodes(name: str, kind: int) -> None:
-    sides, q = SIDES[name], unknowns()
-    moving = [c for f, side in zip((0, 3), sides) if not side.on_ground for c in range(f, f + 3)]
-    gradient, hessian = gradient_in_nodes(kind, sides, q)
-
-    def value(q: np.ndarray) -> float:
-        z = np.concatenate([side.frame_of_node(q) for side in sides])
-        return measure(kind, np.array([0.6, -0.8]), z, np.empty(6), np.empty((6, 6)))
-
-    for j in moving:
-        d = STEP * np.eye(6)[j]
-        if kind != FOLLOWING:
-            assert gradient[j] == pytest.approx((value(q + d) - value(q - d)) / (2 * STEP), rel=0, abs=ATOL)
-        slope = (gradient_in_nodes(kind, sides, q + d)[0] - gradient_in_nodes(kind, sides, q - d)[0]) / (2 * STEP)
-        np.testing.assert_allclose(hessian[moving, j], slope[moving], rtol=1e-7, atol=ATOL)
-
-
 @pytest.mark.parametrize("sides", SIDES.values(), ids=list(SIDES))
 @pytest.mark.parametrize("joint", JOINTS.values(), ids=list(JOINTS))
 def test_derivatives_of_connections(joint: Joint, sides: tuple[Attachment, Attachment]) -> None:
@@ -93,15 +64,6 @@ def test_derivatives_of_connections(joint: Joint, sides: tuple[Attachment, Attac
     assert connection.linear == (
         not np.any(connection.hessian(q)[np.ix_(range(joint.n_constraints), columns, columns)])
     ) or (isinstance(joint, Driver))
-
-
-def test_frame_and_rate_of_a_point_away_from_its_node() -> None:
-    (a, b), q = SIDES["both away"], unknowns()
-    v = np.array([0.3, 0.2, -0.7, 0.5, -0.1, 1.3])
-    for side in (a, b):
-        slope = (side.frame_of_node(q + STEP * v) - side.frame_of_node(q - STEP * v)) / (2 * STEP)
-        np.testing.assert_allclose(side.rate_of(q[side.dofs], v[side.dofs]), slope, rtol=0, atol=ATOL)
-        assert side.frame_of_node(q)[2] == q[side.dofs[2]]
 
 
 def test_welds_hold_the_angle_of_the_placements_and_masses_ride_along() -> None:

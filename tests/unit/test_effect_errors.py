@@ -59,8 +59,8 @@ range = [-3.0, 3.0]
 """
 POINT = 'a point is needed, written "body:point" or "ground:point"'
 ALLOWED = (
-    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, structural_damping, "
-    "prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
+    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, bushing, "
+    "structural_damping, prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
 )
 WAVE = "harmonic={amplitude=1, frequency_hz=1}"
 DRIVE = f'{{type="prescribed_motion", coordinate="theta", {WAVE}}}'

@@ -18,7 +18,7 @@ PAIR_NEEDED = "two finite numbers in brackets are needed, such as [0.0, 1.0]"
 
 # One override of the shipped scene, and the one line that it is answered with.
 EFFECTS = (
-    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, structural_damping, "
+    "torque, force, gravity, point_mass, joint_damping, joint_friction, spring_damper, bushing, structural_damping, "
     "prescribed_motion, end_stop, gyroscopic, geometric_stiffening, mode_inertia"
 )
 ENTRIES = [
@@ -115,7 +115,8 @@ ENTRIES = [
     ),
     (
         "outputs.a.type='speed'",
-        'outputs.a.type = "speed": unknown (allowed: angle, rotation, position, displacement, deformation)',
+        'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
+        'displacement, deformation)',
     ),
     (
         "bodies.crank.section.shape=1",

@@ -281,5 +281,6 @@ def test_an_attachment_with_an_arm_goes_with_its_node() -> None:
     np.testing.assert_array_equal(side.frame_of(longer)[12], np.arange(4.0))
     # small motions of the point from those of the node: a rigid field about the node
     velocity, spin = np.array([0.4, 0.1, -0.2]), np.array([0.3, -0.5, 0.7])
-    moved = side.node_map @ np.concatenate([velocity, spin])
-    np.testing.assert_allclose(moved, [*(velocity + np.cross(spin, arm)), *spin], rtol=0, atol=EPSILON)
+    moved = SPATIAL.natural_gradient(SPATIAL.identity, arm) @ np.concatenate([velocity, spin])
+    turned = np.cross(spin, np.eye(3)).ravel()
+    np.testing.assert_allclose(moved, [*(velocity + np.cross(spin, arm)), *turned], rtol=0, atol=EPSILON)

@@ -12,9 +12,11 @@ from pgmp_petsc.scene import load_scene
 BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_solid3d"
 IN_SPACE = "for mechanisms in space (allowed in the plane: revolute, point_on_line, fixed)"
 TRIPLE = "three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]"
-NOT_YET = (
-    "not in space yet (allowed: torque, force, gravity, point_mass, structural_damping, prescribed_motion, gyroscopic)"
-)
+OF_BEAMS = "for beams in the plane; leave it out"
+MOUNT = "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1], reference="
+GUIDE = "joints.elbow={type='cylindrical', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}"
+SPRINGY = "effects.more={type='spring_damper', joint='elbow', stiffness=1.0"
+FRAME = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] for example, is needed in space"
 CIRCLE = "{ shape = \"circle\", radius = 0.01 }"
 
 # A scene of the repository, one override of it, and the one line that it is answered with.
@@ -287,23 +289,62 @@ ENTRIES = [
         "effects.weight={type='gravity'}",
         "effects.weight.direction: missing; needed in space: direction (x, y, z)",
     ),
-    *[
+    (
+        SPACE,
+        "effects.push={type='force', point='rod:tip', table=[[0, 1]], direction=[0, -1], follows=true}",
+        "effects.push.direction = [0.0, -1.0]: three numbers (x, y, z) are needed in space",
+    ),
+    # bushings
+    (
+        SPACE,
+        "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1]}",
         (
-            SPACE,
-            f"effects.push={{type='force', point='rod:tip', table=[[0, 1]], {how}}}",
-            "effects.push: in space a force keeps a direction of the ground",
-        )
-        for how in ("direction=[0, -1, 0], follows=true", "towards='ground:origin'")
-    ],
-    *[
-        (SPACE, f"effects.more={{type='{kind}', joint='elbow', {rest}}}", f'effects.more.type = "{kind}": {NOT_YET}')
-        for kind, rest in {
-            "joint_damping": "coefficient=0.1",
-            "joint_friction": "limit=0.1, speed=1",
-            "spring_damper": "stiffness=0.1",
-            "end_stop": "lower=0.0, upper=1.0, stiffness=1e3",
-        }.items()
-    ],
+            "effects.mount.reference: missing; needed: first axis, and in space a second one, of the frame in which it is "
+            "stiff, in the frame of the first point's owner; their lengths do not matter"
+        ),
+    ),
+    (SPACE, MOUNT + "[[1, 0, 0]]}", f"effects.mount.reference = [[1.0, 0.0, 0.0]]: {FRAME}"),
+    (SPACE, MOUNT + "[[1, 0], [0, 1]]}", f"effects.mount.reference = [[1.0, 0.0], [0.0, 1.0]]: {FRAME}"),
+    (
+        SPACE,
+        MOUNT + "[[1, 0, 2], [2, 0, 4]]}",
+        (
+            "effects.mount.reference = [[1.0, 0.0, 2.0], [2.0, 0.0, 4.0]]: the axes must not be parallel; the second one "
+            "is at a right angle"
+        ),
+    ),
+    (
+        SPACE,
+        MOUNT + "[[1, 0, 0], [0, 0, 0]]}",
+        "effects.mount.reference[1] = [0, 0, 0]: a direction other than [0, 0, 0] is needed",
+    ),
+    (
+        SPACE,
+        MOUNT + "[[1, 0, 0], [0, 1, 0]], turning_stiffness=[1.0]}",
+        "effects.mount.turning_stiffness = [1.0]: 3 numbers, one for each axis, are needed in space",
+    ),
+    (
+        SPACE,
+        "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], reference=[[1, 0, 0], [0, 1, 0]]}",
+        (
+            'effects.mount = { type = "bushing", points = ["crank:tip", "rod:tip"], r ...: at least one of stiffness, '
+            "damping, turning_stiffness, turning_damping must be above zero"
+        ),
+    ),
+    (
+        BEAMS,
+        MOUNT + "[[1, 0, 0], [0, 1, 0]]}",
+        (
+            "effects.mount.reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]: one axis, [[1.0, 0.0]] for example, is needed "
+            "in the plane\neffects.mount.stiffness = [1.0, 1.0, 1.0]: 2 numbers, one for each axis, are needed in the plane"
+        ),
+    ),
+    # joints that an effect may be on
+    (
+        SPACE,
+        "effects.more={type='joint_damping', joint='slider', coefficient=1.0, motion='sliding'}",
+        'effects.more.motion = "sliding": for cylindrical joints; others have one motion; leave it out',
+    ),
     # outputs
     (
         SPACE,
@@ -322,13 +363,24 @@ def test_a_wrong_entry_is_explained(scene: str, override: str, message: str) -> 
     assert caught.value.exit_status == 2
 
 
+def test_an_effect_on_a_cylindrical_joint_says_on_which_of_its_motions() -> None:
+    scene = ROOT / "scenes" / f"{SPACE}.toml"
+    with pytest.raises(InputError) as caught:
+        load_scene(scene, [GUIDE, SPRINGY + "}"])
+    assert str(caught.value) == (
+        'effects.more.motion: missing; elbow is cylindrical: "turning" or "sliding" is needed'
+    )
+    for motion in ("turning", "sliding"):
+        assert load_scene(scene, [GUIDE, f"{SPRINGY}, motion='{motion}'}}"]).effects["more"].motion == motion
+
+
 @pytest.mark.parametrize("kinds", [("geometric_stiffening", "mode_inertia")])
 def test_what_is_of_second_order_is_not_in_space(kinds: tuple[str, str]) -> None:
     overrides = [f"effects.e{k}.type='{kind}'" for k, kind in enumerate(kinds)]
     with pytest.raises(InputError) as caught:
         load_scene(ROOT / "scenes" / f"{SPACE}.toml", overrides)
     assert str(caught.value).splitlines() == [
-        f'effects.e{k}.type = "{kind}": {NOT_YET}' for k, kind in enumerate(kinds)
+        f'effects.e{k}.type = "{kind}": {OF_BEAMS}' for k, kind in enumerate(kinds)
     ]
 
 
@@ -345,6 +397,13 @@ FITTING = [
     ),
     (SPACE, "effects.weight={type='gravity', direction=[0, -1, 0]}"),
     (SPACE, "effects.push={type='force', point='rod:tip', direction=[0, -1, 0], table=[[0, 1]]}"),
+    (SPACE, "effects.push={type='force', point='rod:tip', direction=[0, -1, 0], follows=true, table=[[0, 1]]}"),
+    (SPACE, "effects.push={type='force', point='rod:tip', towards='ground:origin', table=[[0, 1]]}"),
+    (SPACE, "effects.more={type='joint_friction', joint='elbow', limit=0.1, speed=1}"),
+    (SPACE, "effects.more={type='end_stop', joint='slider', lower=0.0, stiffness=1e3}"),
+    (SPACE, MOUNT + "[[1, 0, 0], [0, 1, 0]]}"),
+    (SPACE, "outputs.way={type='sliding', joint='slider'}"),
+    (PLANE, "outputs.way={type='distance', points=['ground:origin', 'rod:tip']}"),
     (SPACE, "effects.ball={type='point_mass', point='rod:tip', mass=0.1}"),
     (SPACE, "effects.medium={type='structural_damping', mass=1.0}"),
     (SPACE, "effects.simple={type='gyroscopic', keep=false}"),

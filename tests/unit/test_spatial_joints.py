@@ -10,13 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
-from pgmp_petsc.mechanism.spatial_connection import (
-    PoseConnection,
-    SpatialConnection,
-    angle_between,
-    angle_derivatives,
-)
+from pgmp_petsc.mechanism.spatial_connection import PoseConnection, SpatialConnection
 from pgmp_petsc.mechanism.spatial_joints import SpatialJoint, orthonormality, spatial_joint, triad
+from pgmp_petsc.mechanism.statements import angle
 
 # number of constraints of every type
 COUNTS = {
@@ -292,6 +288,7 @@ def test_points_of_the_ground_stay_where_they_are() -> None:
 # --- the angle of a hinge --------------------------------------------------------------------------------------------
 
 HINGE = axes_of(11)
+TURN = angle(*HINGE)
 
 
 def hinged(theta: np.ndarray, carrier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -304,11 +301,11 @@ def hinged(theta: np.ndarray, carrier: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def test_the_angle_over_whole_turns() -> None:
     theta = np.linspace(-7.0, 7.0, 141)
     a, b = hinged(theta, Rotation.random(theta.size, random_state=1).as_matrix())
-    found = angle_between(HINGE, a, b)
+    found = TURN.value(a, b)
     np.testing.assert_allclose(found, np.angle(np.exp(1j * theta)), rtol=0, atol=10 * EPSILON)
     # further rows, such as the coordinates of a reconstruction, do not matter
-    np.testing.assert_array_equal(angle_between(HINGE, *(np.vstack([side, theta]) for side in (a, b))), found)
-    assert np.ndim(angle_between(HINGE, a[:, 0], b[:, 0])) == 0
+    np.testing.assert_array_equal(TURN.value(*(np.vstack([side, theta]) for side in (a, b))), found)
+    assert np.ndim(TURN.value(a[:, 0], b[:, 0])) == 0
 
 
 def paths(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -326,16 +323,15 @@ def test_the_derivatives_of_the_angle_along_a_motion(time: float) -> None:
     # fourth order: 1e-12 times the fifth or sixth derivative, and round-off over the step and over its square
     first = (8 * (z[:, 3] - z[:, 1]) - (z[:, 4] - z[:, 0])) / (12 * step)
     second = (16 * (z[:, 3] + z[:, 1]) - (z[:, 4] + z[:, 0]) - 30 * z[:, 2]) / (12 * step**2)
-    gradient, hessian = angle_derivatives(HINGE, a[:, 2], b[:, 2])
+    gradient, hessian = TURN.gradient(a[:, 2], b[:, 2]), TURN.hessian(a[:, 2], b[:, 2])
     assert gradient @ first == pytest.approx(2.0 - 1.4 * time, abs=1e-9)
     assert gradient @ second + first @ hessian @ first == pytest.approx(-1.4, abs=1e-7)
 
 
 def test_the_derivatives_of_the_angle_everywhere() -> None:
-    """The gradient is exact for any frames; the second derivatives hold in directions that keep frames rigid."""
     theta = np.linspace(-3.1, 3.1, 7)
     a, b = hinged(theta, Rotation.random(theta.size, random_state=2).as_matrix())
-    gradient, hessian = angle_derivatives(HINGE, a, b)
+    gradient, hessian = TURN.gradient(a, b), TURN.hessian(a, b)
     assert gradient.shape == (24, 7) and hessian.shape == (24, 24, 7)
     np.testing.assert_array_equal(hessian, np.swapaxes(hessian, 0, 1))
     z, step = np.vstack([a, b]), 1e-6
@@ -343,12 +339,12 @@ def test_the_derivatives_of_the_angle_everywhere() -> None:
         ahead, behind = z.copy(), z.copy()
         ahead[i] += step
         behind[i] -= step
-        slope = (angle_between(HINGE, ahead[:12], ahead[12:]) - angle_between(HINGE, behind[:12], behind[12:])) / (
+        slope = (TURN.value(ahead[:12], ahead[12:]) - TURN.value(behind[:12], behind[12:])) / (
             2 * step
         )
         # round-off over the step, 1e-10
         np.testing.assert_allclose(gradient[i], slope, rtol=0, atol=1e-9)
-    one = angle_derivatives(HINGE, a[:, 3], b[:, 3])
+    one = TURN.gradient(a[:, 3], b[:, 3]), TURN.hessian(a[:, 3], b[:, 3])
     np.testing.assert_allclose(one[0], gradient[:, 3], rtol=0, atol=EPSILON)
     np.testing.assert_allclose(one[1], hessian[..., 3], rtol=0, atol=EPSILON)
 
@@ -359,5 +355,5 @@ def test_a_bent_hinge_has_the_angle_of_its_second_axes() -> None:
     a, b = hinged(np.array([0.3]), np.eye(3)[None])
     bent = frame(np.ones(3), HINGE[0] @ tilt @ HINGE[0].T @ directors(b[:, 0]))
     # second order in the tilt: tan changes by its cosine, 5e-5 times sin cos of the angle
-    assert angle_between(HINGE, a[:, 0], bent) == pytest.approx(0.3, abs=5e-5)
-    assert angle_between(HINGE, a[:, 0], bent) != pytest.approx(0.3, abs=1e-6)
+    assert TURN.value(a[:, 0], bent) == pytest.approx(0.3, abs=5e-5)
+    assert TURN.value(a[:, 0], bent) != pytest.approx(0.3, abs=1e-6)

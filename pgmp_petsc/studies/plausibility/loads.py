@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import pgmp_petsc.scene.effects as kinds
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.impulses import impulse_of
-from pgmp_petsc.scene.joints import Revolute
+from pgmp_petsc.scene.slides import slides
 from pgmp_petsc.studies.plausibility.bodies import Size
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, named, refusal
 
@@ -120,7 +120,7 @@ def _spring(
         yield refusal(f"{entry}.rest", "a distance between points is not negative", effect.rest)
     if not whole:
         return
-    turns = effect.joint is not None and isinstance(scene.joints[effect.joint], Revolute)
+    turns = not slides(scene, effect)
     inertia = mass * length**2 / 3.0 if turns else mass
     shortest = SHORTEST_STEPS * scene.simulation.step
     if _step_given(scene) and stiffness > 0.0 and math.sqrt(inertia / stiffness) < shortest:

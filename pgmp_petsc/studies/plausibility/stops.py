@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from pgmp_petsc.mechanism.joints import PointOnLine
+from pgmp_petsc.effects.joint_measure import joint_measure
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import EndStop, PrescribedMotion
+from pgmp_petsc.scene.slides import slides
 from pgmp_petsc.studies.plausibility.finding import Finding, doubt, refusal
 
 DEEPEST = 1.0  # rad, or the size of the mechanism: a stop beyond is no stop
@@ -38,7 +39,7 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
             continue
         else:
             kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, meshes))
-            start, unit = _measured(kinematics, scene, effect.joint)
+            start, unit = _measured(kinematics, scene, effect)
             deepest = DEEPEST * (1.0 if unit == "rad" else kinematics.size)
         for key, end, depth in (
             ("lower", effect.lower, (effect.lower or 0.0) - start),
@@ -54,13 +55,13 @@ def stop_findings(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | Non
                 )
 
 
-def _measured(kinematics: RigidKinematics, scene: Scene, joint: str) -> tuple[float, str]:
+def _measured(kinematics: RigidKinematics, scene: Scene, effect: EndStop) -> tuple[float, str]:
     """Return the angle or displacement of a joint at the start, and its unit."""
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
-    mechanism = kinematics.mechanism
-    q = mechanism.place(kinematics.poses([start]))[:, 0]
-    connection = mechanism.connection(joint)
-    a, b = (side.frame_of_node(q) for side in connection.sides)
-    if isinstance(connection.joint, PointOnLine):
-        return float(connection.joint.line(a)[0] @ (b - a)[:2]), "m"
-    return float(b[2] - a[2]), "rad"
+    mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
+    place = joint_measure(mechanism, effect)
+    a, b = (place[side].frame_of_pose(poses) for side in "ab")
+    sliding = slides(scene, effect)
+    if mechanism.space.dimension == 2 and not sliding:
+        return float(b[2] - a[2]), "rad"
+    return float(place["statement"].value(*map(mechanism.space.natural, (a, b)))), "m" if sliding else "rad"

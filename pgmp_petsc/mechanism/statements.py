@@ -1,0 +1,241 @@
+"""Scalar statements about two frames, in the plane and in space: what joints, coordinates and effects are made of.
+
+A frame is ``zeta = (p, d_1 .. d_d)``, a position and the directors of a body: 6 numbers in the plane, 12 in space. With
+directions ``u_a = sum_k u_k d_k`` that are fixed in a frame, a statement s of two frames a and b is one of
+
+=================== ================================================================================================
+``MEET``            ``u . (p_b - p_a)`` with u fixed in the ground
+``PERPENDICULAR``   ``u_a . w_b``
+``ALONG``           ``u_a . (p_b - p_a)``
+``ANGLE``           ``atan2(v_a . w_b, u_a . w_b)``, the turn that is nearest to one that is known
+``DISTANCE``        ``|p_b - p_a|``; where the points meet it has no direction, and its gradient is taken as zero
+``FOLLOWING``       no measure but a direction: the gradient is ``w_b`` on p_b, for a force that turns with its body
+=================== ================================================================================================
+
+with the gradient and the second derivatives in the 2 d (d + 1) numbers of both frames. Zero is what a joint demands; a
+law of s and s' (`effects.laws`) is a force on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+
+MEET, PERPENDICULAR, ALONG, ANGLE, DISTANCE, FOLLOWING = range(6)
+U, V, W = range(3)  # rows of a statement's directions: two in a, one in b
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """A statement about two frames.
+
+    Attributes
+    ----------
+    kind
+        One of the module's table.
+    axes
+        The directions u, v in a and w in b, shape (3, d); zero where the kind has none.
+    """
+
+    kind: int
+    axes: np.ndarray
+
+    @property
+    def is_length(self) -> bool:
+        """Whether it is measured in m; others are cosines or rad."""
+        return self.kind not in (PERPENDICULAR, ANGLE)
+
+    @property
+    def fixed_in_bodies(self) -> bool:
+        """Whether its gradient keeps its direction in the frames, however they stand."""
+        return self.kind in (ANGLE, FOLLOWING)
+
+    def value(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return s, shape (...), m, 1 or rad in (-pi, pi], for frames of shape (d (d + 1) or more, ...)."""
+        return self._evaluated(a, b)[0]
+
+    def gradient(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return ds/d(a, b), shape (2 d (d + 1), ...)."""
+        return self._evaluated(a, b)[1]
+
+    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Return the derivative of the gradient, shape (2 d (d + 1), 2 d (d + 1), ...)."""
+        return self._evaluated(a, b)[2]
+
+    def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n, trailing = n_frame(self.axes.shape[1]), a.shape[1:]
+        z = np.concatenate([a[:n].reshape(n, -1), b[:n].reshape(n, -1)]).astype(float)
+        values, gradients, hessians = np.empty(z.shape[1]), np.empty(z.shape), np.empty((2 * n, *z.shape))
+        _evaluate_all(self.kind, self.axes, z, values, gradients, hessians)
+        return tuple(part.reshape((*part.shape[:-1], *trailing)) for part in (values, gradients, hessians))
+
+
+def n_frame(dimension: int) -> int:
+    """Return how many numbers a frame has in 2 or 3 dimensions."""
+    return dimension * (dimension + 1)
+
+
+def meet(axis: np.ndarray) -> Statement:
+    """Return how far b is from a along an axis (d,) of the ground."""
+    return _statement(MEET, u=axis)
+
+
+def perpendicular(u: np.ndarray, w: np.ndarray) -> Statement:
+    """Return the cosine between unit directions (d,) in a and in b."""
+    return _statement(PERPENDICULAR, u=u, w=w)
+
+
+def along(axis: np.ndarray) -> Statement:
+    """Return how far b is from a along an axis (d,) that is fixed in a; its length does not matter."""
+    return _statement(ALONG, u=np.asarray(axis, dtype=float) / np.linalg.norm(axis))
+
+
+def angle(in_a: np.ndarray, in_b: np.ndarray) -> Statement:
+    """Return how far b is turned against a about the first axis of triads (3, 3), one axis a column.
+
+    In the plane the triads are the axes x and y, (2, 2).
+    """
+    second, third = in_a[:, -2], in_a[:, -1]
+    return _statement(ANGLE, u=second, v=third, w=in_b[:, -2])
+
+
+def distance(dimension: int) -> Statement:
+    """Return the distance of two points."""
+    return _statement(DISTANCE, u=np.zeros(dimension))
+
+
+def following(axis: np.ndarray) -> Statement:
+    """Return a direction (d,) that turns with b; its length does not matter."""
+    return _statement(FOLLOWING, w=np.asarray(axis, dtype=float) / np.linalg.norm(axis))
+
+
+def _statement(kind: int, **directions: np.ndarray) -> Statement:
+    axes = np.zeros((3, len(next(iter(directions.values())))))
+    for name, direction in directions.items():
+        axes["uvw".index(name)] = direction
+    return Statement(kind, axes)
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate_all(kind, axes, z, values, gradients, hessians):
+    """Evaluate a statement at pairs of frames, the columns of z."""
+    gradient, hessian = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0]))
+    for k in range(z.shape[1]):
+        values[k] = evaluate(kind, axes, z[:, k].copy(), 0.0, gradient, hessian)
+        gradients[:, k] = gradient
+        hessians[:, :, k] = hessian
+
+
+@njit(cache=True, error_model="numpy")
+def evaluate(kind, axes, z, turned, gradient, hessian):
+    """Evaluate a statement.
+
+    Parameters
+    ----------
+    kind, axes
+        As in `Statement`.
+    z
+        Both frames, shape (2 d (d + 1),): m and 1.
+    turned
+        What an ``ANGLE`` is nearest to, rad.
+    gradient, hessian
+        Results: g, shape (2 d (d + 1),), and ``dg_i/dz_j``; symmetric but for ``FOLLOWING``.
+
+    Returns
+    -------
+    float
+        s, m, 1 or rad.
+    """
+    d = axes.shape[1]
+    n = d * (d + 1)
+    gradient[:] = 0.0
+    hessian[:] = 0.0
+    if kind == DISTANCE:
+        return _distance(z, d, n, gradient, hessian)
+    if kind == ANGLE:
+        return _angle(axes, z, d, n, turned, gradient, hessian)
+    s = 0.0
+    if kind == MEET:
+        for c in range(d):
+            gradient[c], gradient[n + c] = -axes[U, c], axes[U, c]
+            s += axes[U, c] * (z[n + c] - z[c])
+        return s
+    for k in range(d):
+        u, w = axes[U, k], axes[W, k]
+        for c in range(d):
+            in_a, in_b = d + d * k + c, n + d + d * k + c  # component c of director k
+            if kind == FOLLOWING:
+                gradient[n + c] += w * z[in_b]
+                hessian[n + c, in_b] = w
+            elif kind == ALONG:
+                s += u * z[in_a] * (z[n + c] - z[c])
+                gradient[in_a] = u * (z[n + c] - z[c])
+                gradient[c] -= u * z[in_a]
+                gradient[n + c] += u * z[in_a]
+                hessian[c, in_a] = hessian[in_a, c] = -u
+                hessian[n + c, in_a] = hessian[in_a, n + c] = u
+            else:  # PERPENDICULAR
+                for j in range(d):
+                    other = n + d + d * j + c
+                    s += u * axes[W, j] * z[in_a] * z[other]
+                    gradient[in_a] += u * axes[W, j] * z[other]
+                    gradient[other] += u * axes[W, j] * z[in_a]
+                    hessian[in_a, other] = hessian[other, in_a] = u * axes[W, j]
+    return s
+
+
+@njit(cache=True, error_model="numpy")
+def _distance(z, d, n, gradient, hessian):
+    """Evaluate ``|r|``, r = p_b - p_a: the gradient e = r / |r|, and ``(1 - e e^T) / |r|``."""
+    square = 0.0
+    for c in range(d):
+        square += (z[n + c] - z[c]) ** 2
+    length = np.sqrt(square)
+    if length == 0.0:
+        return length
+    for i in range(d):
+        e = (z[n + i] - z[i]) / length
+        gradient[i], gradient[n + i] = -e, e
+        for j in range(d):
+            across = ((1.0 if i == j else 0.0) - e * (z[n + j] - z[j]) / length) / length
+            hessian[i, j] = hessian[n + i, n + j] = across
+            hessian[i, n + j] = hessian[n + i, j] = -across
+    return length
+
+
+@njit(cache=True, error_model="numpy")
+def _angle(axes, z, d, n, turned, gradient, hessian):
+    """Evaluate the angle: with ``(cos, sin) = r (u_a . w_b, v_a . w_b)`` and its gradient g, and m that of ``log r``,
+    its second derivatives are ``(cos d2 sin - sin d2 cos) / r - g m^T - m g^T``."""
+    first, second, third = np.zeros(d), np.zeros(d), np.zeros(d)  # u_a, v_a, w_b
+    for k in range(d):
+        for c in range(d):
+            first[c] += axes[U, k] * z[d + d * k + c]
+            second[c] += axes[V, k] * z[d + d * k + c]
+            third[c] += axes[W, k] * z[n + d + d * k + c]
+    cos, sin = 0.0, 0.0
+    for c in range(d):
+        cos += first[c] * third[c]
+        sin += second[c] * third[c]
+    found, r = np.arctan2(sin, cos), np.sqrt(cos * cos + sin * sin)
+    cos, sin = cos / r, sin / r
+    stretch = np.zeros(2 * n)
+    for k in range(d):
+        across, level = cos * axes[V, k] - sin * axes[U, k], cos * axes[U, k] + sin * axes[V, k]
+        for c in range(d):
+            in_a, in_b = d + d * k + c, n + d + d * k + c
+            gradient[in_a], stretch[in_a] = across * third[c] / r, level * third[c] / r
+            gradient[in_b] = axes[W, k] * (cos * second[c] - sin * first[c]) / r
+            stretch[in_b] = axes[W, k] * (cos * first[c] + sin * second[c]) / r
+            for j in range(d):
+                other = n + d + d * j + c
+                hessian[in_a, other] = hessian[other, in_a] = across * axes[W, j] / r
+    for i in range(2 * n):
+        if gradient[i] != 0.0 or stretch[i] != 0.0:
+            for j in range(2 * n):
+                hessian[i, j] -= gradient[i] * stretch[j] + stretch[i] * gradient[j]
+    whole = 2.0 * np.pi
+    return found + whole * np.rint((turned - found) / whole)

@@ -1,0 +1,20 @@
+"""What an effect on a joint, or between points, acts on: a rotation, or a displacement along a line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pgmp_petsc.scene.joints import Cylindrical, PointOnLine, Prismatic
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.schema import Scene
+
+
+def slides(scene: Scene, entry: Any) -> bool:
+    """Whether an effect or output acts along a line: between two points, or on a joint that slides."""
+    if getattr(entry, "points", None) is not None:
+        return True
+    joint = scene.joints.get(getattr(entry, "joint", None))
+    if isinstance(joint, Cylindrical):
+        return getattr(entry, "motion", None) == "sliding"
+    return isinstance(joint, (PointOnLine, Prismatic))

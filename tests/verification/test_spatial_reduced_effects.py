@@ -1,0 +1,163 @@
+"""Effects in space in the reduced model: virtual work, frames of the reconstruction, Newton, the full-order model."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from spatial import arm, bars_of, slider_crank_in_space
+
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+TABLE = "table=[[0.0, 0.0], [0.03, 6.0], [1.0, 6.0]]"
+EFFECTS = {
+    "damping": 'type="joint_damping", joint="elbow", coefficient=0.05',
+    "friction": 'type="joint_friction", joint="elbow", limit=0.05, speed=0.5',
+    "coil": 'type="spring_damper", joint="elbow", stiffness=2.0, damping=0.01, rest=-0.4975',
+    "spring": 'type="spring_damper", points=["ground:post", "rod:tip"], stiffness=200.0, damping=1.0, rest=0.982',
+    "stop": 'type="end_stop", joint="crank_hinge", upper=0.4, stiffness=300.0, damping=0.05',
+    "following": f'type="force", point="crank:tip", direction=[0.1, 1.0, 0.2], follows=true, {TABLE}',
+    "pulling": f'type="force", point="crank:tip", towards="ground:post", {TABLE}',
+    "bushing": 'type="bushing", points=["ground:seat", "rod:tip"], reference=[[1.0, 0.5, 0.0], [-0.5, 1.0, 0.3]], '
+               'stiffness=[80.0, 30.0, 10.0], damping=[0.5, 0.2, 3.0], turning_stiffness=[2.0, 3.0, 1.0]',
+}  # fmt: skip
+ON_SLIDER = {
+    "sliding damper": 'type="joint_damping", joint="slider", coefficient=3.0',
+    "sliding spring": 'type="spring_damper", joint="slider", stiffness=200.0, damping=1.0, rest=0.974',
+}
+ON_ARM = {
+    name: text.replace("rod:tip", "lower:tip").replace("crank:tip", "upper:tip").replace("crank_hinge", "shoulder")
+    for name, text in EFFECTS.items()
+}
+POST = "ground.points={post=[0.1, 0.4, -0.2], seat=[0.974, 0.0, 0.0]}"
+TIP = 'outputs.tip={type="position", point="lower:tip", axis="x"}'  # a point that a body has in every scene
+# from rest, near where the springs have no force: what sets in at once makes light nodes vibrate
+START = ("simulation.initial.theta.position=0.35", "effects.motor={type=\"torque\", joint=\"crank_hinge\", "
+         "table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}")  # fmt: skip
+RUN = ("simulation.duration=0.08", "simulation.step=1e-3")
+ACCURATE = ("reduction.angles=32", "reduction.static_modes=true", "reduction.inertia_modes=true",
+            'reduction.interpolation="spline"')  # fmt: skip
+OUTPUTS = (
+    'outputs.angle={type="angle", joint="crank_hinge"}',
+    'outputs.elbow={type="angle", joint="elbow"}',
+    'outputs.bend={type="deformation", point="rod:tip", axis="x"}',
+    'outputs.length={type="distance", points=["ground:post", "rod:tip"]}',
+)
+
+
+def effects(text: str) -> str:
+    return f"effects={{extra={{{text}}}}}"
+
+
+def slider_crank(name: str, *more: str) -> Scene:
+    text = {**EFFECTS, **ON_SLIDER}[name]
+    return slider_crank_in_space(POST, effects(text), *RUN, *OUTPUTS, *more)
+
+
+@lru_cache
+def reduced(kind: str, name: str) -> ReducedModel:
+    """Return a reduced model whose basis does not depend on the effect, so that it is built once."""
+    scene = arm(POST, effects(ON_ARM[name]), *RUN, TIP) if kind == "arm" else slider_crank(name)
+    return ReducedModel(scene, _rom(kind))
+
+
+@lru_cache
+def _rom(kind: str):
+    scene = arm(POST, TIP) if kind == "arm" else slider_crank_in_space(POST)
+    return build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+
+
+def anywhere(model: ReducedModel, n: int, turned: float) -> State:
+    random = np.random.default_rng(7)
+    r, n_eta = model.terms.tables.n_coordinates, model.terms.layout.n_eta
+    q, v, a = random.normal(size=(3, n, n_eta))
+    for part in (q, v, a):
+        part[:, r:] *= 3e-4
+    # rotations of nodes of some degrees, where exp(phi) is more than 1 + phi
+    q[:, r:] *= turned
+    q[:, :r] = random.uniform(-3.0, 9.0, (n, r))
+    return State(q, 5.0 * v, 50.0 * a, np.zeros(0))
+
+
+CASES = [("slider_crank", name) for name in (*EFFECTS, *ON_SLIDER)] + [("arm", name) for name in EFFECTS]
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_forces_do_the_work_that_frames_do(kind: str, name: str) -> None:
+    """``-r.eta'`` of the action alone against its power and the rate of its elastic energy along the motion."""
+    model, n = reduced(kind, name), 5
+    state = anywhere(model, n, 3.0)
+    if name == "stop":
+        state.q[:, 0] = 0.9
+    system = model.batch({}, n)
+    without = system.__class__(model.terms, model.effects, {}, model.start, n)
+    force = without.residual(0.05, state) - system.residual(0.05, state)
+    energies = system.energies(0.05, state)
+    power = np.einsum("ni,ni->n", force, state.v)
+    h = 1e-6
+
+    def stored(dt: float) -> np.ndarray:
+        moved = State(state.q + dt * state.v, state.v, state.a, state.multipliers)
+        return system.energies(0.05, moved).potential["extra"]
+
+    expected = energies.powers["extra"] - (stored(h) - stored(-h)) / (2 * h)
+    np.testing.assert_allclose(power, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(power).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["slider_crank", "arm"])
+def test_a_spring_is_as_long_as_the_reconstruction_says(kind: str) -> None:
+    model = reduced(kind, "spring")
+    state = anywhere(model, 5, 3.0)
+    energies = model.batch({}, 5).energies(0.0, state)
+    tip = "rod:tip" if kind == "slider_crank" else "lower:tip"
+    point = model.kinematics.mechanism.attachment(tip, "")
+    place = model.frames_of(state.q)[point.node, :3]
+    length = np.linalg.norm(place - np.array([0.1, 0.4, -0.2])[:, None], axis=0)
+    # the rigid part is a spline of the kinematics, 1024 points a revolution, or 192 of either coordinate
+    rtol = 1e-7 if kind == "slider_crank" else 1e-5
+    np.testing.assert_allclose(energies.potential["extra"], 100.0 * (length - 0.982) ** 2, rtol=rtol)
+
+
+def test_a_coil_in_the_elbow_counts_the_turns_of_the_crank() -> None:
+    """The elbow turns back once with every turn of the crank, wherever the angle jumps from -pi to pi."""
+    model = reduced("slider_crank", "coil")
+    theta = np.linspace(0.0, 6 * np.pi, 61)
+    q = np.zeros((theta.size, model.terms.layout.n_eta))
+    q[:, 0] = theta
+    state = State(q, np.zeros_like(q), np.zeros_like(q), np.zeros(0))
+    stored = model.batch({}, theta.size).energies(0.0, state).potential["extra"]
+    rod = np.arcsin(-0.3 * np.sin(theta) / 0.7)
+    np.testing.assert_allclose(stored, (rod - theta + 0.4975) ** 2, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_newton_converges_with_every_effect(kind: str, name: str) -> None:
+    model = reduced(kind, name)
+    state, system = anywhere(model, 6, 1.0), model.batch({}, 6)
+    sizes = [system.correct(0.05, state, Scheme.of(0.8, 5e-4), np.ones(6, dtype=bool), True).max() for _ in range(4)]
+    assert sizes[3] < 1e-4 * sizes[0], sizes
+
+
+@pytest.mark.parametrize("name", [*EFFECTS, *ON_SLIDER])
+def test_the_motion_is_that_of_the_full_order_model(name: str) -> None:
+    scene = slider_crank(name, *ACCURATE, *START)
+    full = simulate_full(FullModel(scene, bars_of(scene)), MPI.COMM_SELF)
+    rom = build_rom(scene, bars_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    found = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    moved = np.ptp(full.outputs["angle"])
+    assert moved > 0.05
+    of_angle, of_bend = {"stop": (1e-3, 0.2)}.get(name, (3e-4, 0.02))
+    for output in ("angle", "elbow", "length"):
+        np.testing.assert_allclose(found.outputs[output], full.outputs[output], rtol=0, atol=of_angle * moved)
+    bend = full.outputs["bend"]
+    np.testing.assert_allclose(found.outputs["bend"], bend, rtol=0, atol=of_bend * np.abs(bend).max())
+    work = full.balance.work["extra"]
+    np.testing.assert_allclose(found.balance.work["extra"], work, rtol=0, atol=2e-3 * max(np.abs(work).max(), 1e-2))
