@@ -21,7 +21,7 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 # in the suite; PGMP_FUZZ=100 tries a hundred times as many
-CASES = 6 * int(os.environ.get("PGMP_FUZZ", "1"))
+CASES = 4 * int(os.environ.get("PGMP_FUZZ", "1"))
 # what an estimate promises (docs/method.md): within a factor of 3 of the true error
 FACTOR = 3.0
 # Without an estimate and without a warning: errors of the deformations that the limits of the warnings leave, a tenth of
