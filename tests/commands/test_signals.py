@@ -32,6 +32,8 @@ def waiting(n: int, *arguments: object) -> Iterator[subprocess.Popen[str]]:
         [*launch, sys.executable, SCRIPTS / "commands.py", "waiting", *map(str, arguments)],
         env=os.environ | MPI_ENVIRONMENT | UNHURRIED | {"PYTHONPATH": paths},
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # a suite that runs in the background ignores SIGINT, and what it starts would
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     try:
         assert job.stdout.readline() == "waiting\n", job.communicate()
