@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from sweep import SCENES, sweep, table
 
-# on two ranks, one scene of each kind of mechanism: all effects, two coordinates, solids in the plane and in space
-ON_TWO_RANKS = ("slider_crank_effects", "five_bar", "slider_crank_solid2d", "spatial_slider_crank")
+# on two ranks, one scene of each kind of mechanism: all effects, two coordinates, solids in the plane and in space; the
+# script takes all
+ON_TWO_RANKS = ("slider_crank_effects", "double_pendulum", "slider_crank_solid2d", "spatial_slider_crank")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]
 
 
