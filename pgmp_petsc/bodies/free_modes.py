@@ -19,7 +19,9 @@ from pgmp_petsc.runtime.errors import InputError
 DENSE = 300  # unknowns up to which a dense solver is faster
 
 
-def free_modes(body: Body, values: Mapping[str, float], n_modes: int, entry: str) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+def free_modes(
+    body: Body, values: Mapping[str, float], n_modes: int, entry: str
+) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
     """Compute the first elastic modes of a body.
 
     Parameters

@@ -129,8 +129,8 @@ class LocalForces:
         powers, stored, depths = (np.empty((self.n_actions, n)) for _ in range(3))
         with log_event("local_effects"):
             evaluate_actions(
-                self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned, gain_v,
-                forces, tangents, powers, stored, depths,
+                self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned,
+                gain_v, forces, tangents, powers, stored, depths,
             )  # fmt: skip
         return LocalState(forces, tangents, powers, stored, depths)
 

@@ -74,8 +74,8 @@ class ModalDamping:
 class ModalDampingInSpace(ModalDamping):
     """Modal damping of a beam in space, whose nodes have a position and three directors each.
 
-    The angular velocity of a node is ``1/2 sum_k d_k x d_k'``, so that a couple m acts on its director d_k with the force
-    ``1/2 m x d_k``.
+    The angular velocity of a node is ``1/2 sum_k d_k x d_k'``, so that a couple m acts on its director d_k with the
+    force ``1/2 m x d_k``.
     """
 
     def forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,8 @@ A rank that leaves a collective operation alone makes the others wait for ever. 
 by itself (reading a file, one eigenproblem, one sample) is therefore wrapped in :func:`agreed`, which ends
 with one reduction and lets all ranks raise together.
 
-Ranks without work wait there for those that have some, and leave the processor to them: MPI's own waiting keeps it busy.
+Ranks without work wait there for those that have some, and leave the processor to them: MPI's own waiting keeps it
+busy.
 """
 
 from __future__ import annotations
