@@ -1,6 +1,6 @@
 """Every scene with every command, as a new user runs them: exit status, tracebacks, warnings, word of errors.
 
-    .venv/bin/python tests/sweep.py [--ranks 1 2] [--whole] [SCENE ...]
+    .venv/bin/python tests/sweep.py [SCENE ...] [--ranks 1 2] [--whole]
 
 prints a line a command. By default runs are cut to a few steps and angles, as in the suite
 (tests/parallel/test_sweep.py); ``--whole`` takes the scenes as they stand, which needs hours.
