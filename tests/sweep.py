@@ -43,7 +43,7 @@ def refusal(scene: Path, command: str) -> str | None:
     if command.startswith("montecarlo") and not any("distribution" in parameter for parameter in parameters):
         return "none has a distribution"
     if command == "check --effects" and any(body["element"] != "beam2d" for body in bodies):
-        return "for bodies of beams only"
+        return "of beams"
     return None
 
 
