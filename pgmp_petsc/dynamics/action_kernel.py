@@ -128,7 +128,7 @@ class LocalWork(NamedTuple):
 def allocate_local(local, r, n_eta):
     """Return work arrays."""
     n_rigid, n_entries = local.places.rigid.shape[2], local.places.shapes.shape[2]
-    n_frame = local.actions.ground.shape[1] // 2
+    n_frame = local.actions.statements.ground.shape[1] // 2
     n_nodes = (n_rigid - local.places.sides.shape[0]) // n_frame
     return LocalWork(
         np.zeros((r, 1)),
@@ -156,7 +156,7 @@ def place_nodes(local, grids, q, sample, work):
     """Fill the nodes' frames and their derivatives with eta, for a sample's q (n_samples, n_eta)."""
     places = local.places
     fine, grid = grids
-    r, n, d = len(grid), q.shape[1], local.actions.axes.shape[2]
+    r, n, d = len(grid), q.shape[1], local.actions.statements.axes.shape[2]
     m = n - r
     cell = locate_all(q, sample, fine, 0, work.place)
     evaluate_row(places.rigid[cell], fine, work.place[0, 0], work.place[-1, 0], work.rigid, work.rigid_slopes)
@@ -245,18 +245,19 @@ def _turn(d, node, r, work):
 @njit(cache=True, error_model="numpy")
 def _attach(places, actions, action, work):
     """Fill an action's two frames and their Jacobian."""
-    d, n = actions.axes.shape[2], actions.ground.shape[1] // 2
+    statements = actions.statements
+    d, n = statements.axes.shape[2], statements.ground.shape[1] // 2
     for side in range(2):
         first, node = n * side, places.sides[action, side]
         if node < 0:
             for c in range(first, first + n):
-                work.z[c] = actions.ground[action, c]
+                work.z[c] = statements.ground[action, c]
                 work.jacobian[c] = 0.0
             continue
         work.z[first : first + n] = work.frames[node]
         work.jacobian[first : first + n] = work.jacobians[node]
         for j in range(d):
-            arm = actions.arms[action, side, j]
+            arm = statements.arms[action, side, j]
             if arm != 0.0:
                 for c in range(d):
                     at = first + d + d * j + c
@@ -313,7 +314,8 @@ def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, ba
         turned = work.rigid[work.rigid.size - n_actions + action]
         for k in range(r):
             turned += places.winding[action, k] * q[sample, k]
-        s = evaluate(actions.kinds[action], actions.axes[action], work.z, turned, work.gradient, work.hessian)
+        kind, axes = actions.statements.kinds[action], actions.statements.axes[action]
+        s = evaluate(kind, axes, work.z, turned, with_tangent, work.gradient, work.hessian)
         rate = 0.0
         work.projected[:] = 0.0
         for c in range(work.gradient.size):

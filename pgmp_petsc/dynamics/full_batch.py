@@ -145,7 +145,7 @@ class FullBatch:
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         q, v = (_lanes_last(part).reshape(self.n_dofs, -1) for part in (state.q, state.v))
-        return self._local.evaluate(time, q, v, 0.0).depths[self._edges, : self.n_samples]
+        return self._local.evaluate(time, q, v, 0.0, False).depths[self._edges, : self.n_samples]
 
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""
@@ -181,7 +181,7 @@ class FullBatch:
         # of each sample by itself, so that none is felt by another
         scale = gains[1] * self._node_mass
         jacobian, curvature = self._linearise(state)
-        local, tangents = self._local_effects(time, state, gains[0])
+        local, tangents = self._local_effects(time, state, gains[0], fresh)
         if tangents.size:
             curvature = np.concatenate([curvature, tangents], axis=1)
         constraint = (residual, jacobian, curvature, self._load_values)
@@ -218,7 +218,9 @@ class FullBatch:
         self._constant = jacobian, curvature
         return self._constant
 
-    def _local_effects(self, time: float, state: State, gain_v: float) -> tuple[np.ndarray, np.ndarray]:
+    def _local_effects(
+        self, time: float, state: State, gain_v: float, fresh: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return forces of local effects (n_blocks, n_dofs, LANES) and their tangents; empty where there are none."""
         n = self.n_blocks * LANES
         if not (self._local.n_actions or self._damping.modal):
@@ -227,7 +229,7 @@ class FullBatch:
         total, tangents = np.zeros((self.n_dofs, n)), np.zeros((0, n))
         with np.errstate(all="ignore"):
             if self._local.n_actions:
-                now = self._local.evaluate(time, q, v, gain_v)
+                now = self._local.evaluate(time, q, v, gain_v, fresh)
                 self._local.add_forces(now, total)
                 tangents = now.tangents
             self._damping.add_modal_forces(q, v, total)

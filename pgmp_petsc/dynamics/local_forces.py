@@ -107,7 +107,9 @@ class LocalForces:
         """Forget the angles of samples (a mask) at an instant that is not kept."""
         self._turned[:, samples] = self._known[:, samples]
 
-    def evaluate(self, time: float, q: np.ndarray, v: np.ndarray, gain_v: float) -> LocalState:
+    def evaluate(
+        self, time: float, q: np.ndarray, v: np.ndarray, gain_v: float, with_tangents: bool = True
+    ) -> LocalState:
         """Evaluate all actions.
 
         Parameters
@@ -118,6 +120,8 @@ class LocalForces:
             Unknowns and velocities, shape (n_dofs, n); only the rows of `dofs` are read.
         gain_v
             Derivative of velocities with positions in the iteration, 1/s.
+        with_tangents
+            Whether tangents are wanted; they are zero otherwise.
         """
         n = q.shape[1]
         if time != self._time:
@@ -125,12 +129,12 @@ class LocalForces:
         grounded = self.dofs < 0
         y, rates = q[self.dofs], v[self.dofs]
         y[grounded] = rates[grounded] = 0.0
-        forces, tangents = np.empty_like(y), np.empty((self.pattern[0].size, n))
+        forces, tangents = np.empty_like(y), np.zeros((self.pattern[0].size, n))
         powers, stored, depths = (np.empty((self.n_actions, n)) for _ in range(3))
         with log_event("local_effects"):
             evaluate_actions(
                 self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned,
-                gain_v, forces, tangents, powers, stored, depths,
+                gain_v, with_tangents, forces, tangents, powers, stored, depths,
             )  # fmt: skip
         return LocalState(forces, tangents, powers, stored, depths)
 

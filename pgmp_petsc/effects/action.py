@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.laws import N_PARAMETERS, STOP
 from pgmp_petsc.mechanism.mechanism import Attachment
 from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
+from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
 
 
@@ -69,26 +70,16 @@ class Actions(NamedTuple):
 
     Attributes
     ----------
-    kinds, laws
-        Of statements and of laws, shape (n_actions,).
-    axes
-        Directions of the statements, shape (n_actions, 3, d).
-    arms
-        From the nodes of both sides to the points, in the frames of the nodes, shape (n_actions, 2, d), m.
-    ground
-        Frames of sides on the ground, zero for others, shape (n_actions, 2 d (d + 1)).
-    on_ground
-        Which sides are, shape (n_actions, 2).
+    statements
+        What they measure.
+    laws
+        Kinds of laws, shape (n_actions,).
     parameters
         Of the laws, shape (n_actions, n_samples, N_PARAMETERS).
     """
 
-    kinds: np.ndarray
+    statements: NodeStatements
     laws: np.ndarray
-    axes: np.ndarray
-    arms: np.ndarray
-    ground: np.ndarray
-    on_ground: np.ndarray
     parameters: np.ndarray
 
 
@@ -100,19 +91,9 @@ def compile_actions(
     for action, table in zip(actions, parameters):
         for k, quantity in enumerate(action.parameters):
             table[:, k] = quantity.coefficient * np.asarray(quantity.monomial.evaluate(values))
-    sides = [side for action in actions for side in action.sides]
-    n_frame = dimension * (dimension + 1)
-    grounded = np.zeros((len(sides), n_frame))
-    for side, frame in zip(sides, grounded):
-        if side.on_ground:
-            frame[:] = np.concatenate([side.point, np.eye(dimension).ravel()])
     return Actions(
-        np.array([action.statement.kind for action in actions], dtype=np.int64),
+        NodeStatements.of([action.statement for action in actions], [action.sides for action in actions], dimension),
         np.array([action.law for action in actions], dtype=np.int64),
-        np.array([action.statement.axes for action in actions]).reshape(-1, 3, dimension),
-        np.array([side.arm for side in sides]).reshape(-1, 2, dimension),
-        grounded.reshape(-1, 2 * n_frame),
-        np.array([side.on_ground for side in sides], dtype=bool).reshape(-1, 2),
         parameters,
     )
 

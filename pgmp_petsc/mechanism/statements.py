@@ -124,13 +124,13 @@ def _evaluate_all(kind, axes, z, values, gradients, hessians):
     """Evaluate a statement at pairs of frames, the columns of z."""
     gradient, hessian = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0]))
     for k in range(z.shape[1]):
-        values[k] = evaluate(kind, axes, z[:, k].copy(), 0.0, gradient, hessian)
+        values[k] = evaluate(kind, axes, z[:, k].copy(), 0.0, True, gradient, hessian)
         gradients[:, k] = gradient
         hessians[:, :, k] = hessian
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate(kind, axes, z, turned, gradient, hessian):
+def evaluate(kind, axes, z, turned, second, gradient, hessian):
     """Evaluate a statement.
 
     Parameters
@@ -141,6 +141,8 @@ def evaluate(kind, axes, z, turned, gradient, hessian):
         Both frames, shape (2 d (d + 1),): m and 1.
     turned
         What an ``ANGLE`` is nearest to, rad.
+    second
+        Whether second derivatives are wanted.
     gradient, hessian
         Results: g, shape (2 d (d + 1),), and ``dg_i/dz_j``; symmetric but for ``FOLLOWING``.
 
@@ -152,11 +154,12 @@ def evaluate(kind, axes, z, turned, gradient, hessian):
     d = axes.shape[1]
     n = d * (d + 1)
     gradient[:] = 0.0
-    hessian[:] = 0.0
+    if second:
+        hessian[:] = 0.0
     if kind == DISTANCE:
-        return _distance(z, d, n, gradient, hessian)
+        return _distance(z, d, n, second, gradient, hessian)
     if kind == ANGLE:
-        return _angle(axes, z, d, n, turned, gradient, hessian)
+        return _angle(axes, z, d, n, turned, second, gradient, hessian)
     s = 0.0
     if kind == MEET:
         for c in range(d):
@@ -169,26 +172,29 @@ def evaluate(kind, axes, z, turned, gradient, hessian):
             in_a, in_b = d + d * k + c, n + d + d * k + c  # component c of director k
             if kind == FOLLOWING:
                 gradient[n + c] += w * z[in_b]
-                hessian[n + c, in_b] = w
+                if second:
+                    hessian[n + c, in_b] = w
             elif kind == ALONG:
                 s += u * z[in_a] * (z[n + c] - z[c])
                 gradient[in_a] = u * (z[n + c] - z[c])
                 gradient[c] -= u * z[in_a]
                 gradient[n + c] += u * z[in_a]
-                hessian[c, in_a] = hessian[in_a, c] = -u
-                hessian[n + c, in_a] = hessian[in_a, n + c] = u
+                if second:
+                    hessian[c, in_a] = hessian[in_a, c] = -u
+                    hessian[n + c, in_a] = hessian[in_a, n + c] = u
             else:  # PERPENDICULAR
                 for j in range(d):
                     other = n + d + d * j + c
                     s += u * axes[W, j] * z[in_a] * z[other]
                     gradient[in_a] += u * axes[W, j] * z[other]
                     gradient[other] += u * axes[W, j] * z[in_a]
-                    hessian[in_a, other] = hessian[other, in_a] = u * axes[W, j]
+                    if second:
+                        hessian[in_a, other] = hessian[other, in_a] = u * axes[W, j]
     return s
 
 
 @njit(cache=True, error_model="numpy")
-def _distance(z, d, n, gradient, hessian):
+def _distance(z, d, n, second, gradient, hessian):
     """Evaluate ``|r|``, r = p_b - p_a: the gradient e = r / |r|, and ``(1 - e e^T) / |r|``."""
     square = 0.0
     for c in range(d):
@@ -199,7 +205,7 @@ def _distance(z, d, n, gradient, hessian):
     for i in range(d):
         e = (z[n + i] - z[i]) / length
         gradient[i], gradient[n + i] = -e, e
-        for j in range(d):
+        for j in range(d if second else 0):
             across = ((1.0 if i == j else 0.0) - e * (z[n + j] - z[j]) / length) / length
             hessian[i, j] = hessian[n + i, n + j] = across
             hessian[i, n + j] = hessian[n + i, j] = -across
@@ -207,19 +213,19 @@ def _distance(z, d, n, gradient, hessian):
 
 
 @njit(cache=True, error_model="numpy")
-def _angle(axes, z, d, n, turned, gradient, hessian):
+def _angle(axes, z, d, n, turned, second, gradient, hessian):
     """Evaluate the angle: with ``(cos, sin) = r (u_a . w_b, v_a . w_b)`` and its gradient g, and m that of ``log r``,
     its second derivatives are ``(cos d2 sin - sin d2 cos) / r - g m^T - m g^T``."""
-    first, second, third = np.zeros(d), np.zeros(d), np.zeros(d)  # u_a, v_a, w_b
+    u, v, w = np.zeros(d), np.zeros(d), np.zeros(d)  # u_a, v_a, w_b
     for k in range(d):
         for c in range(d):
-            first[c] += axes[U, k] * z[d + d * k + c]
-            second[c] += axes[V, k] * z[d + d * k + c]
-            third[c] += axes[W, k] * z[n + d + d * k + c]
+            u[c] += axes[U, k] * z[d + d * k + c]
+            v[c] += axes[V, k] * z[d + d * k + c]
+            w[c] += axes[W, k] * z[n + d + d * k + c]
     cos, sin = 0.0, 0.0
     for c in range(d):
-        cos += first[c] * third[c]
-        sin += second[c] * third[c]
+        cos += u[c] * w[c]
+        sin += v[c] * w[c]
     found, r = np.arctan2(sin, cos), np.sqrt(cos * cos + sin * sin)
     cos, sin = cos / r, sin / r
     stretch = np.zeros(2 * n)
@@ -227,13 +233,13 @@ def _angle(axes, z, d, n, turned, gradient, hessian):
         across, level = cos * axes[V, k] - sin * axes[U, k], cos * axes[U, k] + sin * axes[V, k]
         for c in range(d):
             in_a, in_b = d + d * k + c, n + d + d * k + c
-            gradient[in_a], stretch[in_a] = across * third[c] / r, level * third[c] / r
-            gradient[in_b] = axes[W, k] * (cos * second[c] - sin * first[c]) / r
-            stretch[in_b] = axes[W, k] * (cos * first[c] + sin * second[c]) / r
-            for j in range(d):
+            gradient[in_a], stretch[in_a] = across * w[c] / r, level * w[c] / r
+            gradient[in_b] = axes[W, k] * (cos * v[c] - sin * u[c]) / r
+            stretch[in_b] = axes[W, k] * (cos * u[c] + sin * v[c]) / r
+            for j in range(d if second else 0):
                 other = n + d + d * j + c
                 hessian[in_a, other] = hessian[other, in_a] = across * axes[W, j] / r
-    for i in range(2 * n):
+    for i in range(2 * n if second else 0):
         if gradient[i] != 0.0 or stretch[i] != 0.0:
             for j in range(2 * n):
                 hessian[i, j] -= gradient[i] * stretch[j] + stretch[i] * gradient[j]

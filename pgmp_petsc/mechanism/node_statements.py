@@ -1,0 +1,205 @@
+"""Statements about the frames of nodes, compiled: frames from unknowns, and one chain rule back.
+
+A point at the arm X of a node has the frame ``p = r + sum_k X_k d_k`` with the node's directors d_k. The unknowns of a
+node are its frame in natural coordinates, or in the plane ``(x, y, phi)``, with ``d d_k / d phi = J d_k``, J a right
+angle's rotation. The pose of a rigid body is such a node, with the arm from the body's origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.statements import ANGLE, Statement, evaluate, n_frame
+from pgmp_petsc.runtime.compiled import njit
+
+PLANAR = 3  # unknowns of a node in the plane
+
+
+class NodeStatements(NamedTuple):
+    """Statements about pairs of nodes, as compiled functions take them.
+
+    Attributes
+    ----------
+    kinds
+        Of the statements, shape (n,).
+    axes
+        Their directions, shape (n, 3, d).
+    arms
+        From the nodes of both sides to the points, in the frames of the nodes, shape (n, 2, d), m.
+    ground
+        Frames of sides on the ground, zero for others, shape (n, 2 d (d + 1)).
+    on_ground
+        Which sides are, shape (n, 2).
+    """
+
+    kinds: np.ndarray
+    axes: np.ndarray
+    arms: np.ndarray
+    ground: np.ndarray
+    on_ground: np.ndarray
+
+    @classmethod
+    def of(
+        cls, parts: Sequence[Statement], sides: Sequence[tuple[Attachment, Attachment]], dimension: int
+    ) -> NodeStatements:
+        """Make them of statements in 2 or 3 dimensions and the attachments that they are about."""
+        every = [side for pair in sides for side in pair]
+        ground = np.zeros((len(every), n_frame(dimension)))
+        for side, frame in zip(every, ground):
+            if side.on_ground:
+                frame[:] = np.concatenate([side.point, np.eye(dimension).ravel()])
+        return cls(
+            np.array([part.kind for part in parts], dtype=np.int64),
+            np.array([part.axes for part in parts]).reshape(-1, 3, dimension),
+            np.array([side.arm for side in every]).reshape(-1, 2, dimension),
+            ground.reshape(-1, 2 * n_frame(dimension)),
+            np.array([side.on_ground for side in every], dtype=bool).reshape(-1, 2),
+        )
+
+
+class Scratch(NamedTuple):
+    """Work arrays of one statement: both frames, derivatives in them, and half of the chain rule."""
+
+    z: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    half: np.ndarray
+
+
+@njit(cache=True, error_model="numpy")
+def scratch_of(statements, m):
+    """Return work arrays for nodes with m unknowns."""
+    n = statements.ground.shape[1]
+    return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.zeros((n, 2 * m)))
+
+
+@njit(cache=True, error_model="numpy")
+def state(statements, k, y, known, second, scratch, g, h):
+    """Evaluate a statement in the unknowns of its two nodes.
+
+    Parameters
+    ----------
+    statements, k
+        The statements, and the number of the one that is wanted.
+    y
+        Unknowns of both nodes, anything on the ground, shape (2 m,), m = 3 in the plane or 12.
+    known
+        What an angle is nearest to, rad; in the plane angles count turns by themselves.
+    second
+        Whether h is wanted.
+    scratch
+        From `scratch_of`.
+    g, h
+        Results: first and second derivatives, shapes (2 m,) and (2 m, 2 m).
+
+    Returns
+    -------
+    float
+        s, m, 1 or rad.
+    """
+    if y.size == 2 * PLANAR and statements.kinds[k] == ANGLE:
+        return _planar_angle(statements, k, y, second, g, h)
+    z, gradient, hessian, half = scratch
+    _place(statements, k, y, z)
+    s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian)
+    _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
+    return s
+
+
+@njit(cache=True, error_model="numpy")
+def _planar_angle(statements, k, y, second, g, h):
+    """Evaluate ``phi_b - phi_a`` less what the axes enclose: linear in the unknowns."""
+    axes = statements.axes[k]
+    g[:] = 0.0
+    if second:
+        h[:] = 0.0
+    # u_a and w_b are where both bodies have no turn; the angle between them belongs to the statement
+    s = np.arctan2(axes[0, 0] * axes[2, 1] - axes[0, 1] * axes[2, 0], axes[0, 0] * axes[2, 0] + axes[0, 1] * axes[2, 1])
+    for side in range(2):
+        sign = 2.0 * side - 1.0
+        if not statements.on_ground[k, side]:
+            s += sign * y[PLANAR * side + 2]
+            g[PLANAR * side + 2] = sign
+    return s
+
+
+@njit(cache=True, error_model="numpy")
+def _place(statements, k, y, z):
+    """Fill both frames (2 d (d + 1),) of a statement from the unknowns (2 m,) of its nodes."""
+    d, m = statements.axes.shape[2], y.size // 2
+    n = d * (d + 1)
+    for side in range(2):
+        frame, own = z[n * side : n * (side + 1)], y[m * side : m * (side + 1)]
+        if statements.on_ground[k, side]:
+            frame[:] = statements.ground[k, n * side : n * (side + 1)]
+            continue
+        if m == PLANAR:
+            cos, sin = np.cos(own[2]), np.sin(own[2])
+            frame[0], frame[1] = own[0], own[1]
+            frame[2], frame[3], frame[4], frame[5] = cos, sin, -sin, cos
+        else:
+            frame[:] = own
+        for j in range(d):
+            for c in range(d):
+                frame[c] += statements.arms[k, side, j] * frame[d + d * j + c]
+
+
+@njit(cache=True, error_model="numpy")
+def _to_unknowns(arms, z, second, gradient, hessian, half, g, h):
+    """Turn derivatives in two frames into g (2 m,) and h (2 m, 2 m), those in the unknowns of their nodes.
+
+    Parameters
+    ----------
+    arms
+        Of both sides, shape (2, d), m.
+    z
+        The frames, shape (2 d (d + 1),).
+    second
+        Whether h is wanted.
+    gradient, hessian
+        Derivatives in the frames; changed here to those in the frames of the nodes.
+    half
+        Work array, shape (2 d (d + 1), 2 m).
+    """
+    d, n_pair, m = arms.shape[1], z.size, g.size // 2
+    n = n_pair // 2
+    for side in range(2):
+        for j in range(d):
+            arm = arms[side, j]
+            if arm != 0.0:
+                for c in range(d):
+                    at, point = n * side + d + d * j + c, n * side + c
+                    gradient[at] += arm * gradient[point]
+                    if second:
+                        hessian[at] += arm * hessian[point]
+                        hessian[:, at] += arm * hessian[:, point]
+    if m == n:
+        g[:] = gradient
+        if second:
+            h[:] = hessian
+        return
+    # (x, y, phi): columns, then rows; J d_1 = d_2, J d_2 = -d_1
+    for side in range(2):
+        first, own = n * side, PLANAR * side
+        g[own], g[own + 1], g[own + 2] = gradient[first], gradient[first + 1], _around(z, first, gradient)
+        for i in range(n_pair if second else 0):
+            half[i, own], half[i, own + 1] = hessian[i, first], hessian[i, first + 1]
+            half[i, own + 2] = _around(z, first, hessian[i])
+    for side in range(2 if second else 0):
+        first, own = n * side, PLANAR * side
+        for j in range(2 * PLANAR):
+            h[own, j], h[own + 1, j] = half[first, j], half[first + 1, j]
+            h[own + 2, j] = _around(z, first, half[:, j])
+        for c in range(2, 6):
+            h[own + 2, own + 2] -= z[first + c] * gradient[first + c]  # d2 d_k / d phi2 = -d_k
+
+
+@njit(inline="always")
+def _around(z, first, values):
+    """Return ``sum_k (J d_k) . values_k`` over the directors of the frame that begins at `first`."""
+    x, y = z[first + 2], z[first + 3]
+    return -y * values[first + 2] + x * values[first + 3] - x * values[first + 4] - y * values[first + 5]
