@@ -23,8 +23,9 @@ from pgmp_petsc.dynamics.lumped_masses import lumped_masses
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion, actions_of, driven, loads_of
-from pgmp_petsc.mechanism.connections import independent_constraints
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
 class FullBatch:
@@ -71,7 +72,8 @@ class FullBatch:
         self._kinematics = kinematics
         self._initial = initial
         self._motions = list(motions.values())
-        self._constraints = independent_constraints(kinematics, initial[0])
+        undeformed = kinematics.undeformed(*initial)[0]
+        self._constraints = ConstraintSet(Unknowns(mechanism)).independent(undeformed)
         self.n_constraints = self._constraints.n_constraints
         values = {name: np.broadcast_to(value, (n_samples,)) for name, value in values.items()}
         self._damping = BodyDampings.of(effects, mechanism)

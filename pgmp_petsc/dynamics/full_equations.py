@@ -2,7 +2,7 @@
 
 `FullDistributed` solves them, whichever they are: numbering, constraints, masses, elements and forces come from here.
 In the plane the unknowns are those of nodes, ``(x, y, phi)``; in space natural coordinates
-(`mechanism.natural_coordinates`).
+(`mechanism.unknowns`).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from pgmp_petsc.dynamics.rank_elements import RankElements
 from pgmp_petsc.dynamics.rank_solids import RankSolid, rank_solids
 from pgmp_petsc.dynamics.spatial_masses import SpatialMasses, spatial_masses
 from pgmp_petsc.effects import Effect, actions_of, loads_of
-from pgmp_petsc.mechanism.connections import ConstraintSet, independent_constraints
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.natural_coordinates import JointAngle, NaturalUnknowns
-from pgmp_petsc.mechanism.quadratic_constraints import QuadraticConstraints, natural_constraints
-from pgmp_petsc.mechanism.space import PLANE, SPATIAL
+from pgmp_petsc.mechanism.space import PLANE
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
 class FullEquations(Protocol):
@@ -60,7 +60,7 @@ class FullEquations(Protocol):
     n_dofs: int
     rows: range
     units: np.ndarray
-    constraints: ConstraintSet | QuadraticConstraints
+    constraints: ConstraintSet
     mass: sp.csr_matrix
     elements: RankElements
     parts: Sequence[RankSolid | RankBeams | SpatialMasses]
@@ -99,7 +99,7 @@ class PlanarEquations:
     ) -> None:
         mechanism = self._mechanism = kinematics.mechanism
         self._kinematics, self._initial = kinematics, initial
-        self.constraints = independent_constraints(kinematics, initial[0])
+        self.constraints = ConstraintSet(Unknowns(mechanism)).independent(self.start()[0])
         self.n_dofs = mechanism.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
         matrices = assemble(mechanism.bodies, self.rows)
@@ -148,15 +148,16 @@ class SpatialEquations:
         comm: MPI.Comm,
     ) -> None:
         mechanism = kinematics.mechanism
-        unknowns = self._unknowns = NaturalUnknowns(mechanism)
+        unknowns = self._unknowns = Unknowns(mechanism)
         self._kinematics, self._initial = kinematics, initial
-        self._coordinates = [JointAngle(unknowns, c.connection) for c in mechanism.coordinates]
+        joints = [c.connection for c in mechanism.coordinates]
+        self._angles = StatementRows([j.angle for j in joints], [j.sides for j in joints], unknowns.frame, 3)
         self.n_dofs = unknowns.n_dofs
         self.rows = owned_rows(self.n_dofs, comm.rank, comm.size)
         actions = [action for effect in effects for action in effect.natural_actions()]
         of_sample = {name: np.array([value]) for name, value in values.items()}
         self.local = LocalForces(actions, of_sample, 1, unknowns.frame, 3)
-        self.constraints = natural_constraints(unknowns).independent(self.start()[0])
+        self.constraints = ConstraintSet(unknowns).independent(self.start()[0])
         self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
         self.elements = RankElements((), self.rows, values, self.damping)
         masses = (
@@ -190,9 +191,7 @@ class SpatialEquations:
         if time != self._time:
             self._known, self._time = self._counted.copy(), time
         if np.all(np.isfinite(q)):
-            for number, angle in enumerate(self._coordinates):
-                known = self._known[number]
-                self._counted[number] = known + SPATIAL.principal(angle.value(q) - known)
+            self._counted = self._angles.values(q, self._known)
 
     def forget(self) -> None:
         """Go back to the instant before."""

@@ -11,7 +11,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.matrices import element_dofs
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.rank_solids import SolidState
-from pgmp_petsc.mechanism.natural_coordinates import N_POSE, NaturalUnknowns
+from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 
 
 class RankBeams:
@@ -92,7 +92,7 @@ class RankBeams:
 
 
 def rank_beams(
-    unknowns: NaturalUnknowns, rows: range, values: Mapping[str, float], damping: BodyDampings
+    unknowns: Unknowns, rows: range, values: Mapping[str, float], damping: BodyDampings
 ) -> Iterator[RankBeams]:
     """Yield the beams of all bodies."""
     for number, body in enumerate(unknowns.bodies):

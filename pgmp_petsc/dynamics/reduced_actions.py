@@ -107,10 +107,7 @@ def _counted(
     space = kinematics.mechanism.space
 
     def measured(at: np.ndarray) -> np.ndarray:
-        frames = [side.frame_of_pose(at) for side in action.sides]
-        if space.dimension == 2:
-            return frames[1][2] - frames[0][2]
-        return action.statement.value(*frames)
+        return space.angle(action.statement, *(side.frame_of_pose(at) for side in action.sides))
 
     winding = np.zeros(fine.n_coordinates)
     angles = measured(poses).reshape(fine.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.rank_solids import SolidState
-from pgmp_petsc.mechanism.natural_coordinates import N_POSE, NaturalUnknowns
+from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 
 
 class SpatialMasses:
@@ -62,7 +62,7 @@ class SpatialMasses:
 
 
 def spatial_masses(
-    unknowns: NaturalUnknowns, rows: range, values: Mapping[str, float], damping: BodyDampings
+    unknowns: Unknowns, rows: range, values: Mapping[str, float], damping: BodyDampings
 ) -> Sequence[SpatialMasses]:
     """Return the masses of all frames, body by body."""
     found = []

@@ -17,8 +17,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.laws import N_PARAMETERS, STOP
-from pgmp_petsc.mechanism.mechanism import Attachment
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
 
@@ -47,15 +46,15 @@ class Action:
 
     effect: str
     statement: Statement
-    a: Attachment | SpatialAttachment
-    b: Attachment | SpatialAttachment
+    a: Attachment
+    b: Attachment
     law: int
     parameters: tuple[Quantity, ...]
     amplitude: Callable[[float], float] | None = None
     coordinate: int = -1
 
     @property
-    def sides(self) -> tuple[Attachment | SpatialAttachment, Attachment | SpatialAttachment]:
+    def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
 

@@ -15,9 +15,9 @@ from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import ActionEffect
 from pgmp_petsc.effects.laws import SPRING_DAMPER
+from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import directors
-from pgmp_petsc.mechanism.spatial_joints import triad
 from pgmp_petsc.mechanism.statements import Statement, along, angle, perpendicular
 from pgmp_petsc.scene import effects as schema
 
@@ -27,12 +27,7 @@ def bushing(name: str, entry: schema.Bushing, mechanism: Mechanism) -> ActionEff
     a, b = (mechanism.attachment(point, f"effects.{name}.points") for point in entry.points)
     poses, space = mechanism.first_guess, mechanism.space
     frames = [side.frame_of_pose(poses) for side in (a, b)]
-    axes = [np.array(axis, dtype=float) for axis in entry.reference]
-    if space.dimension == 3:
-        in_a = triad(*axes)
-    else:
-        x, y = axes[0] / np.linalg.norm(axes[0])
-        in_a = np.array([[x, -y], [y, x]])
+    in_a = triad(*(np.array(axis, dtype=float) for axis in entry.reference))
     sliding = [along(axis) for axis in in_a.T]
     if space.dimension == 3:
         in_b, rest = directors(frames[1]).T @ directors(frames[0]) @ in_a, 0.0

@@ -27,7 +27,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
-    from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+    from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
 class Effect:
@@ -54,7 +54,7 @@ class Effect:
         return np.ones_like(time)
 
     def natural_load(
-        self, unknowns: NaturalUnknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
+        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
     ) -> np.ndarray | None:
         """Return the constant vector of its loads in natural coordinates, shape (n_rows,), or None.
 

@@ -20,16 +20,12 @@ from pgmp_petsc.effects.effect import ActionEffect, Effect
 from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import Joint, PointOnLine
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
-from pgmp_petsc.mechanism.spatial_joints import SpatialJoint
 from pgmp_petsc.mechanism.statements import along, distance, following
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.scene import effects as schema
 
 GROUND_ORIGIN = "ground:origin"
-Side = Attachment | SpatialAttachment
 
 
 def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
@@ -49,14 +45,9 @@ def force(name: str, entry: schema.Force, mechanism: Mechanism) -> Effect:
     return ActionEffect(name, [Action(name, statement, other, point, SOURCE, (scale,), amplitude)], mechanism)
 
 
-def _is_guided(mechanism: Mechanism, point: Side) -> bool:
+def _is_guided(mechanism: Mechanism, point: Attachment) -> bool:
     """Return whether a point slides along a line or a plane, which takes up a part of a force on it."""
-    return any(c.b.node == point.node and _guides(c.joint) for c in mechanism.connections)
-
-
-def _guides(joint: Joint | SpatialJoint) -> bool:
-    """Return whether a joint leaves the positions of its points apart."""
-    return not joint.holds_position if isinstance(joint, SpatialJoint) else isinstance(joint, PointOnLine)
+    return any(c.b.node == point.node and not c.joint.holds_position for c in mechanism.connections)
 
 
 class FixedForce(Effect):
@@ -71,7 +62,7 @@ class FixedForce(Effect):
         is.
     """
 
-    def __init__(self, name: str, entry: schema.Force, ground: Side, point: Side, guided: bool) -> None:
+    def __init__(self, name: str, entry: schema.Force, ground: Attachment, point: Attachment, guided: bool) -> None:
         super().__init__(name)
         self._amplitude = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
@@ -84,7 +75,7 @@ class FixedForce(Effect):
         return [Load(self.name, self._scale.monomial, vector)]
 
     def natural_load(
-        self, unknowns: NaturalUnknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
+        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
     ) -> np.ndarray:
         """Return the force on the position of the node's frame."""
         vector = np.zeros(len(rows))

@@ -13,7 +13,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
-from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.scene import effects as schema
 
 
@@ -46,7 +46,7 @@ class Gravity(Effect):
         ]
 
     def natural_load(
-        self, unknowns: NaturalUnknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
+        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
     ) -> np.ndarray:
         """Return ``M a``."""
         return mass @ unknowns.uniform(self._direction * self._acceleration.at(values))

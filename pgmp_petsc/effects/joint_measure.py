@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.statements import along, angle
+from pgmp_petsc.mechanism.statements import along
 from pgmp_petsc.scene.slides import slides
 
 
@@ -18,5 +18,4 @@ def joint_measure(mechanism: Mechanism, entry: Any) -> dict[str, Any]:
     if slides(mechanism.scene, entry):
         return {"statement": along(np.array(mechanism.scene.joints[entry.joint].axes[0])), **place}
     numbers = [k for k, c in enumerate(mechanism.coordinates) if c.connection is connection]
-    axes = connection.axes if mechanism.space.dimension == 3 else (np.eye(2), np.eye(2))
-    return {"statement": angle(*axes), "coordinate": numbers[0] if numbers else -1, **place}
+    return {"statement": connection.angle, "coordinate": numbers[0] if numbers else -1, **place}

@@ -13,7 +13,6 @@ from pgmp_petsc.effects.laws import SOURCE
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.mechanism.spatial_connection import SpatialConnection
 from pgmp_petsc.scene import effects as schema
 
 
@@ -57,12 +56,11 @@ class HoldingTorque(Effect):
         return [_couples(self._connection, matrices)]
 
 
-def _couples(connection: Connection | SpatialConnection, matrices: AffineMatrices) -> np.ndarray:
+def _couples(connection: Connection, matrices: AffineMatrices) -> np.ndarray:
     """Return unit couples about a joint's axis at its nodes, on the rows of `matrices`."""
-    spatial = isinstance(connection, SpatialConnection)
-    every_axis = [axes[:, 0] for axes in connection.axes] if spatial else [np.ones(1)] * 2
     vector = np.zeros(len(matrices.rows))
-    for sign, side, axis in zip((-1.0, 1.0), connection.sides, every_axis):
+    for sign, side, axes in zip((-1.0, 1.0), connection.sides, connection.axes):
+        axis = axes[:, 0] if len(axes) == 3 else np.ones(1)  # in the plane rotations have one component
         for dof, component in zip(side.dofs[-axis.size :], axis):
             if not side.on_ground and dof in matrices.rows:
                 vector[dof - matrices.rows.start] += sign * component

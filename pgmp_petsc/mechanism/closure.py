@@ -15,10 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
+from pgmp_petsc.mechanism.joints import orthonormality
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.runtime.errors import InputError
 
 MAX_ITERATIONS = 25
+RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 
 
@@ -42,14 +46,34 @@ class LoopClosure:
         self.mechanism = mechanism
         self.size = max(body.extent for body in mechanism.bodies)
         self.n_coordinates = len(mechanism.coordinates)
-        # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
-        self._connections = mechanism.pose_connections
-        self.n_constraints = self._connections[-1].rows.stop if self._connections else 0
         self.n_pose = mechanism.space.n_pose
+        parts, wanted = self._closing()
+        self.n_constraints = len(parts)
+        parts += [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates]
+        # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
+        sides = [tuple(side.on_pose() for side in pair) for _, pair in parts]
+        statements = [part for part, _ in parts]
+        self._rows = StatementRows(statements, sides, self._pose_dofs, mechanism.space.dimension)
+        self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
-        self._scale = np.ones(self.n_constraints + self.n_coordinates)
-        for connection in self._connections:
-            self._scale[connection.rows][connection.joint.lengths] = self.size
+        self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
+
+    def _closing(self) -> tuple[list, np.ndarray]:
+        """Return what holds the poses together, statements with their sides, and its values: the joints, and in space
+        what makes poses rigid."""
+        mechanism = self.mechanism
+        parts = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
+        wanted = [np.zeros(len(parts))]
+        if mechanism.space is SPATIAL:
+            ground, (statements, values) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
+            for number in range(len(mechanism.bodies)):
+                body = Attachment(number, -1, np.zeros(3), np.zeros(3))
+                parts += [(part, (ground, body)) for part in statements]
+                wanted.append(values)
+        return parts, np.concatenate(wanted)
+
+    def _pose_dofs(self, body: int) -> np.ndarray:
+        return self.n_pose * body + np.arange(self.n_pose)
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
@@ -58,79 +82,43 @@ class LoopClosure:
 
     def measured(self, poses: np.ndarray) -> np.ndarray:
         """Return the coordinates at poses (n_bodies, n_pose, n), shape (n_theta, n)."""
-        return np.array([c.measure(*self._frames(c, poses)) for c in self.mechanism.coordinates])
-
-    def _frames(self, coordinate: Coordinate, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        a, b = coordinate.connection.sides
-        return a.frame_of_pose(poses), b.frame_of_pose(poses)
+        return self._rows.values(_unknowns(poses))[self.n_constraints :]
 
     def residual(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return closure and driving residuals at theta (n, n_theta), shape (n_constraints + n_theta, n)."""
-        away = self.measured(poses) - theta.T
-        return np.concatenate([self._gaps(poses), self.mechanism.space.principal(away)])
+        wanted = np.repeat(self._wanted[:, None], len(theta), axis=1)
+        wanted[self.n_constraints :] = theta.T
+        return self._rows.values(_unknowns(poses), wanted) - wanted
 
     def jacobian(self, poses: np.ndarray) -> np.ndarray:
-        """Return d(residual)/dP, shape (n_constraints + n_theta, n_pose n_bodies, n)."""
+        """Return d(residual)/dP, shape (n, n_constraints + n_theta, n_pose n_bodies)."""
         unknowns = _unknowns(poses)
-        jacobian = np.zeros((self.n_constraints + self.n_coordinates, *unknowns.shape))
-        for c in self._connections:
-            jacobian[c.rows, c.dofs] = c.jacobian(unknowns)[:, c.moving_columns]
-        for row, coordinate in enumerate(self.mechanism.coordinates, self.n_constraints):
-            gradient, _ = coordinate.derivatives(*self._frames(coordinate, poses))
-            for first, side in zip((0, self.n_pose), coordinate.connection.sides):
-                if not side.on_ground:
-                    part = gradient[first : first + self.n_pose]
-                    jacobian[row, self._own(side)] += np.tensordot(side.pose_map.T, part, axes=1)
+        jacobian = np.zeros((unknowns.shape[1], self._rows.n, len(unknowns)))
+        rows, columns = self._rows.jacobian_pattern
+        jacobian[:, rows, columns] = self._rows.jacobian_values(unknowns).T
         return jacobian
 
-    def _own(self, side: Attachment) -> slice:
-        return slice(self.n_pose * side.body, self.n_pose * (side.body + 1))
+    def scaled(self, jacobian: np.ndarray) -> np.ndarray:
+        """Return J (n, n_rows, n_pose n_bodies) with lengths scaled by the size, so that singular values do not depend
+        on the unit."""
+        return jacobian * self._units / self._scale[: jacobian.shape[1], None]
 
-    def scaled_jacobian(self, poses: np.ndarray) -> np.ndarray:
-        """Return J with lengths scaled by the size, so that singular values do not depend on the unit.
-
-        Shape (n, n_constraints + n_theta, n_pose n_bodies).
-        """
-        return np.moveaxis(self.jacobian(poses) * self._units[:, None] / self._scale[:, None, None], -1, 0)
-
-    def singular_values(self, poses: np.ndarray) -> np.ndarray:
-        """Return the singular values of the scaled J, descending, shape (n, n_pose n_bodies)."""
-        return np.linalg.svd(self.scaled_jacobian(poses), compute_uv=False)
-
-    def rates(self, poses: np.ndarray) -> np.ndarray:
-        """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n)."""
-        n = poses.shape[2]
-        jacobian = np.moveaxis(self.jacobian(poses), -1, 0)
-        unit = np.zeros((n, jacobian.shape[1], self.n_coordinates))
+    def rates(self, poses: np.ndarray, jacobian: np.ndarray | None = None) -> np.ndarray:
+        """Return ``dP/dtheta_k`` at poses (n_bodies, n_pose, n), shape (n_bodies, n_pose, n_theta, n), with J there if
+        it is known."""
+        jacobian = self.jacobian(poses) if jacobian is None else jacobian
+        unit = np.zeros((len(jacobian), jacobian.shape[1], self.n_coordinates))
         unit[:, -self.n_coordinates :] = np.eye(self.n_coordinates)
-        rates = np.linalg.pinv(jacobian) @ unit
-        return np.moveaxis(rates, 0, -1).reshape(-1, self.n_pose, self.n_coordinates, n)
+        return np.moveaxis(_solved(jacobian, unit), 0, -1).reshape(-1, self.n_pose, self.n_coordinates, len(jacobian))
 
     def curvatures(self, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta, n)."""
         n, n_theta, unknowns = poses.shape[2], self.n_coordinates, _unknowns(poses)
-        jacobian = self.jacobian(poses)
-        right = np.zeros((jacobian.shape[0], n_theta, n_theta, n))
-        moving = rates.reshape(len(unknowns), n_theta, n)
-        for c in self._connections:
-            hessian = c.hessian(unknowns)[:, c.moving_columns][:, :, c.moving_columns]
-            right[c.rows] = np.einsum("cijn,ikn,jln->ckln", hessian, moving[c.dofs], moving[c.dofs], optimize=True)
-        for row, coordinate in enumerate(self.mechanism.coordinates, self.n_constraints):
-            _, hessian = coordinate.derivatives(*self._frames(coordinate, poses))
-            if hessian is not None:
-                pushed = [self._pushed(side, moving) for side in coordinate.connection.sides]
-                both = np.concatenate(pushed)
-                right[row] = np.einsum("ijn,ikn,jln->kln", hessian, both, both, optimize=True)
-        inverse = np.linalg.pinv(np.moveaxis(jacobian, -1, 0))
-        result = -np.einsum("npc,ckln->pkln", inverse, right)
-        return result.reshape(-1, self.n_pose, n_theta, n_theta, n)
-
-    def _pushed(self, side: Attachment, moving: np.ndarray) -> np.ndarray:
-        """Return how a side's frame moves, shape (n_pose, n_theta, n), where poses move by (n_bodies n_pose, n_theta,
-        n)."""
-        if side.on_ground:
-            return np.zeros((self.n_pose, *moving.shape[1:]))
-        return np.tensordot(side.pose_map, moving[self._own(side)], axes=1)
+        moving = rates.reshape(len(unknowns), n_theta, n)[self._rows.dofs]
+        moving[self._rows.dofs < 0] = 0.0
+        right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
+        result = -_solved(self.jacobian(poses), right.reshape(n, self._rows.n, -1))
+        return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
 
     def close(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n).
@@ -159,19 +147,15 @@ class LoopClosure:
 
     def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Return what to take off the poses; of the closure alone, if the residual has no driving rows."""
-        jacobian = self.jacobian(poses)[: len(residual)]
-        inverse = np.linalg.pinv(np.moveaxis(jacobian, -1, 0), rcond=1e-10)
-        return np.einsum("npc,cn->pn", inverse, residual).reshape(poses.shape)
-
-    def _gaps(self, poses: np.ndarray) -> np.ndarray:
-        unknowns = _unknowns(poses)
-        return np.concatenate([np.empty((0, poses.shape[2])), *(c.residual(unknowns) for c in self._connections)])
+        jacobian = self.jacobian(poses)[:, : len(residual)]
+        return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
 
     def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return poses, residual and the largest scaled entry of each; undriven where no theta is given."""
         poses = poses.copy()
         for _ in range(MAX_ITERATIONS):
-            residual = self._gaps(poses) if theta is None else self.residual(poses, theta)
+            wanted = self.measured(poses).T if theta is None else theta
+            residual = self.residual(poses, wanted)[: None if theta is not None else self.n_constraints]
             gap = np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = ~(gap < CLOSURE_TOLERANCE)
@@ -183,6 +167,19 @@ class LoopClosure:
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         return poses, residual, gap
+
+
+def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the least x, (n, n_columns, k), that comes nearest to ``J x = right`` for J (n, n_rows, n_columns).
+
+    Where J has full column rank that is R^-1 Q^T; the singular values, ten times as dear, are for the rest.
+    """
+    if jacobian.shape[1] >= jacobian.shape[2]:
+        q, r = np.linalg.qr(jacobian)
+        pivots = np.abs(np.diagonal(r, axis1=1, axis2=2))
+        if np.all(pivots.min(axis=1) > RANK_TOLERANCE * pivots.max(axis=1)):
+            return np.linalg.solve(r, np.swapaxes(q, 1, 2) @ right)
+    return np.linalg.pinv(jacobian, rcond=RANK_TOLERANCE) @ right
 
 
 def _unknowns(poses: np.ndarray) -> np.ndarray:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
@@ -17,10 +18,12 @@ from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.joints import N_FRAME, Fixed, Joint, PointOnLine, Revolute
+from pgmp_petsc.mechanism.joints import MEETING, joint, triad
+from pgmp_petsc.mechanism.space import SPATIAL, Space, space_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import PointMass
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.schema import Scene
@@ -116,86 +119,98 @@ def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str
     """
     name, _, point = address.partition(":")
     if name == GROUND:
-        return Attachment(-1, -1, np.asarray(scene.ground.position(point, 2)))
+        return Attachment.on_ground_at(np.asarray(scene.ground.position(point, scene.dimension), dtype=float))
     index = next(i for i, body in enumerate(bodies) if body.name == name)
     body = bodies[index]
     number = body.shape.point(point, entry)
     place = body.shape.nodes[number]
     if body.flexible:
-        return Attachment(index, body.first_node + number, place)
+        return Attachment(index, body.first_node + number, place, np.zeros_like(place))
     return Attachment(index, body.first_node, place, place - body.mesh.nodes[0])
 
 
-def connections_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Connection, ...]:
+def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> tuple[Connection, ...]:
     """Return the joints of a scene, and the welds of point masses to rigid bodies.
+
+    A joint's axes in the second body are those of the first at poses (n_bodies, n_pose); in the plane, where angles are
+    those between the bodies' axes, only a weld's are.
 
     Raises
     ------
     InputError
         If a joint names a point that its body's mesh does not have.
     """
-    sides = {
-        name: tuple(attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect)
-        for name, entry in scene.joints.items()
-    }
-    kinds = {name: entry.type for name, entry in scene.joints.items()}
-    for name, (effect, index) in welded_masses(scene, bodies).items():
-        carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
-        particle = Attachment(index, bodies[index].first_node, bodies[index].mesh.nodes[0])
-        sides[_welded(name)], kinds[_welded(name)] = (carrier, particle), "fixed"
+    space = space_of(scene.dimension)
     connections, row = [], 0
-    for name, (a, b) in sides.items():
-        joint: Joint
-        if kinds[name] == "revolute":
-            joint = Revolute()
-        elif kinds[name] == "fixed":
-            welded = name not in scene.joints  # a point mass, which has the direction of its body
-            joint = Fixed(0.0 if welded else _placed_angle(scene, bodies, b) - _placed_angle(scene, bodies, a))
-        else:
-            joint = PointOnLine(scene.joints[name].direction, turning=not a.on_ground)
-        connections.append(Connection(name, joint, a, b, slice(row, row + joint.n_constraints)))
-        row += joint.n_constraints
+    for name, kind, sides in _held(scene, bodies):
+        entry = scene.joints.get(name)
+        spatial, welded = space is SPATIAL, kind == "fixed"
+        axes = entry.axes if entry is not None and (spatial or kind == "point_on_line") else ()
+        in_a = triad(*(np.asarray(axis, dtype=float) for axis in axes)) if axes else np.eye(space.dimension)
+        turns = [_directors(space, space.identity if s.on_ground else poses[s.body]) for s in sides]
+        in_b = turns[1].T @ turns[0] @ in_a if spatial or welded else in_a
+        held = joint(kind, in_a, in_b)
+        rows = slice(row, row + held.n_constraints)
+        connections.append(Connection(name, held, *sides, rows, (in_a, in_b)))
+        row = rows.stop
     return tuple(connections)
 
 
-def first_guess(scene: Scene, bodies: Sequence[Body], connections: Sequence[Connection]) -> np.ndarray:
-    """Return poses to start the assembly from, shape (n_bodies, 3); they choose the assembly branch.
+def _held(scene: Scene, bodies: Sequence[Body]) -> Iterator[tuple[str, str, tuple[Attachment, Attachment]]]:
+    """Yield name, kind and attachments of the joints, and of the welds of point masses to rigid bodies."""
+    for name, entry in scene.joints.items():
+        yield name, entry.type, tuple(
+            attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect
+        )
+    for name, (effect, index) in welded_masses(scene, bodies).items():
+        carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")
+        place = bodies[index].mesh.nodes[0]
+        particle = Attachment(index, bodies[index].first_node, place, np.zeros_like(place))
+        yield _welded(name), "fixed", (carrier, particle)
+
+
+def first_guess(scene: Scene, bodies: Sequence[Body]) -> np.ndarray:
+    """Return poses to start the assembly from, shape (n_bodies, n_pose); they choose the assembly branch.
 
     A body with a `placement` takes that; the others are moved, joint by joint from the ground, so that their joint
     point meets the one already placed, with the direction that they have in their mesh.
     """
-    poses = np.zeros((len(bodies), N_FRAME))
+    space = space_of(scene.dimension)
+    d = space.dimension
+    poses = np.tile(space.identity, (len(bodies), 1))
     placed = np.zeros(len(bodies), dtype=bool)
-    for i, body in enumerate(bodies):
+    for number, body in enumerate(bodies):
         placement = scene.bodies[body.name].placement if body.name in scene.bodies else None
         if placement is not None:
-            poses[i] = (*placement.origin, placement.angle)
-            placed[i] = True
-    waiting = list(connections)
+            poses[number] = _placed(placement, d)
+            placed[number] = True
+    waiting = [sides for _, kind, sides in _held(scene, bodies) if kind in MEETING]
     while True:
-        ready = [
-            c
-            for c in waiting
-            if isinstance(c.joint, (Revolute, Fixed))
-            and (c.a.on_ground or placed[c.a.body]) != (c.b.on_ground or placed[c.b.body])
-        ]
+        ready = [(a, b) for a, b in waiting if (a.on_ground or placed[a.body]) != (b.on_ground or placed[b.body])]
         if not ready:
             return poses
-        connection = ready[0]
-        a, b = connection.a, connection.b
+        a, b = ready[0]
         anchor, loose = (a, b) if a.on_ground or placed[a.body] else (b, a)
-        if isinstance(connection.joint, Fixed) and bodies[loose.body].name not in scene.bodies:
-            poses[loose.body, 2] = poses[anchor.body, 2]
-        gap = anchor.frame_of_pose(poses)[:2] - loose.frame_of_pose(poses)[:2]
-        poses[loose.body, :2] += gap
+        if bodies[loose.body].name not in scene.bodies:
+            poses[loose.body, d:] = poses[anchor.body, d:]
+        poses[loose.body, :d] += anchor.frame_of_pose(poses)[:d] - loose.frame_of_pose(poses)[:d]
         placed[loose.body] = True
-        waiting.remove(connection)
+        waiting.remove((a, b))
 
 
-def _placed_angle(scene: Scene, bodies: Sequence[Body], side: Attachment) -> float:
-    """Return the angle that a body is placed at, rad; 0 for the ground."""
-    entry = None if side.on_ground else scene.bodies[bodies[side.body].name]
-    return 0.0 if entry is None or entry.placement is None else entry.placement.angle
+def _placed(placement: Placement, dimension: int) -> np.ndarray:
+    """Return the pose of a placed body."""
+    origin = placement.origin_in(dimension)
+    if dimension == 2:
+        return np.array([*origin, placement.angle])
+    turn = Rotation.from_rotvec(placement.rotation or (0.0, 0.0, 0.0)).as_matrix()
+    return np.concatenate([origin, turn.T.ravel()])
+
+
+def _directors(space: Space, pose: np.ndarray) -> np.ndarray:
+    """Return the directors of a pose, shape (d, d), one a column."""
+    d = space.dimension
+    return space.natural(pose)[d:].reshape(d, d).T
 
 
 def welded_masses(scene: Scene, bodies: Sequence[Body]) -> dict[str, tuple[PointMass, int]]:

@@ -1,90 +1,55 @@
-"""A joint between two attachments, in the unknowns of the nodes that carry them."""
+"""A joint between two attachments."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.mechanism.attachment import Attachment, onto_nodes
-from pgmp_petsc.mechanism.joints import N_FRAME, Joint
-from pgmp_petsc.mechanism.space import PLANE
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.joints import Joint
+from pgmp_petsc.mechanism.statements import Statement, angle
 
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """A named joint between two attachments, and the rows of its constraints."""
+    """A named joint between two attachments, and the rows of its constraints.
+
+    Attributes
+    ----------
+    axes
+        The joint's axes in the frames of a and of b, shape (d, d) each, one axis a column; see `joints.joint`.
+    """
 
     name: str
     joint: Joint
     a: Attachment
     b: Attachment
     rows: slice
+    axes: tuple[np.ndarray, np.ndarray]
 
     @property
     def sides(self) -> tuple[Attachment, Attachment]:
         """Both attachments."""
         return self.a, self.b
 
-    @property
-    def linear(self) -> bool:
-        """Whether the constraints are linear in nodal unknowns."""
-        return self.joint.linear and self.a.at_node and self.b.at_node
+    @cached_property
+    def angle(self) -> Statement:
+        """How far b is turned against a about the joint's axis; in the plane from where both bodies are parallel, in
+        space from where they are assembled."""
+        return angle(*self.axes)
 
-    @property
-    def moving_columns(self) -> np.ndarray:
-        """Which of the six node unknowns there are: those of sides that are not on the ground."""
-        return np.concatenate(
-            [f + np.arange(N_FRAME) for f, side in zip((0, N_FRAME), self.sides) if not side.on_ground]
-        )
-
-    @property
-    def dofs(self) -> np.ndarray:
-        """The nodal unknowns of the sides that are not on the ground."""
-        return np.concatenate([side.dofs for side in self.sides if not side.on_ground])
-
-    def residual(self, q: np.ndarray) -> np.ndarray:
-        """Return c, shape (n_constraints, ...), for q of shape (n_dofs, ...)."""
-        return self.joint.residual(*self._frames(q))
-
-    def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Return the derivatives of c in the unknowns of both nodes, shape (n_constraints, 6, ...)."""
-        gradient = self.joint.jacobian(*self._frames(q))
-        onto_nodes(self.sides, q, gradient)
-        return gradient
-
-    def hessian(self, q: np.ndarray) -> np.ndarray:
-        """Return the second derivatives of c in the unknowns of both nodes, shape (n_constraints, 6, 6, ...)."""
-        frames = self._frames(q)
-        gradient, hessian = self.joint.jacobian(*frames), self.joint.hessian(*frames)
-        onto_nodes(self.sides, q, gradient, hessian)
-        return hessian
-
-    def on_poses(self) -> Connection:
-        """Return the joint between points of rigid bodies, in the unknowns of the bodies' poses."""
-        return Connection(self.name, self.joint, _on_pose(self.a), _on_pose(self.b), self.rows)
-
-    def body_jacobian(self, poses: np.ndarray, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return, for each side that moves, its node's unknowns (3,) and dc in them (n_constraints, 3), in body frames.
-
-        Parameters
-        ----------
-        poses
-            One configuration, shape (n_bodies, 3).
-        q
-            The undeformed bodies there, shape (n_dofs,).
-        """
-        jacobian = self.jacobian(q)
-        return [
-            (side.dofs, jacobian[:, first : first + N_FRAME] @ PLANE.rotation(poses[side.body]))
-            for first, side in zip((0, N_FRAME), self.sides)
-            if not side.on_ground
-        ]
-
-    def _frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self.a.frame_of_node(q), self.b.frame_of_node(q)
-
-
-def _on_pose(side: Attachment) -> Attachment:
-    """Return an attachment whose node is the pose of its body: the point is then at an arm of it."""
-    return side if side.on_ground else Attachment(side.body, side.body, side.point, side.point)
+    def body_gradients(
+        self, parts: Sequence[Statement], poses: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return, for each side that moves, its node's unknowns (n_dofs,) and the derivatives (n_parts, n_dofs) of
+        statements about the two frames in them, in body frames at poses (n_bodies, n_pose)."""
+        space, found = self.a.space, []
+        frames = [space.natural(side.frame_of_pose(poses)) for side in self.sides]
+        gradients = np.array([part.gradient(*frames) for part in parts])
+        for side, part in zip(self.sides, np.split(gradients, 2, axis=1)):
+            if not side.on_ground:
+                found.append((side.dofs, part @ space.natural_gradient(poses[side.body], side.arm)))
+        return found

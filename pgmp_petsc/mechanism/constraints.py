@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.mechanism.space import PLANE
+from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 
 
 def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:
@@ -33,21 +33,15 @@ def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequen
         The ties of frames to the meshes of continuum bodies come last.
     """
     rows, columns, values = [], [], []
-    # joints in the plane hold at nodes, those in space at points of the rigid bodies
-    held = mechanism.place(poses) if mechanism.space is PLANE else poses
-    for connection in mechanism.connections:
-        for dofs, block in connection.body_jacobian(poses, held):
-            row, column = np.meshgrid(np.arange(connection.rows.start, connection.rows.stop), dofs, indexing="ij")
+    parts = [(c.rows.start, c.body_gradients(c.joint.statements, poses)) for c in mechanism.connections]
+    parts += [(row, coordinate.body_gradient(poses)) for row, coordinate in enumerate(clamped, mechanism.n_constraints)]
+    for first_row, gradients in parts:
+        for dofs, block in gradients:
             # explicit zeros are dropped: an unknown that no constraint feels must not become a dependent one
-            chosen = np.abs(block) > 1e-14
-            rows.append(row[chosen])
-            columns.append(column[chosen])
-            values.append(block[chosen])
-    for row, coordinate in enumerate(clamped, mechanism.n_constraints):
-        for dofs, gradient in coordinate.body_gradient(poses):
-            rows.append(np.full(dofs.size, row))
-            columns.append(dofs)
-            values.append(gradient)
+            row, column = np.nonzero(np.abs(block) > ROUND_OFF)
+            rows.append(first_row + row)
+            columns.append(dofs[column])
+            values.append(block[row, column])
     shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
     joints = sp.coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     return sp.vstack([joints, *_ties(mechanism)]).tocsr()
@@ -87,14 +81,16 @@ class ConstraintHessian:
 
 
 def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
-    """Return the second derivatives of the joints that are not linear, for poses (n_bodies, 3) of rigid bodies."""
+    """Return the second derivatives of joints in the plane that are not linear, at poses (n_bodies, 3)."""
     hessians, q = [], mechanism.place(poses)
     for connection in mechanism.connections:
-        if not connection.linear:
-            columns = connection.moving_columns
+        parts = connection.joint.statements
+        rows = StatementRows(parts, [connection.sides] * len(parts), mechanism.node_dofs, mechanism.space.dimension)
+        if rows.curvature_pattern[0].size:
+            moving = np.repeat([not side.on_ground for side in connection.sides], mechanism.space.n_dofs)
             turn = block_diag(
                 *(mechanism.space.rotation(poses[side.body]) for side in connection.sides if not side.on_ground)
             )
-            values = connection.hessian(q)[:, columns][:, :, columns]
-            hessians.append(ConstraintHessian(connection.rows, connection.dofs, turn.T @ values @ turn))
+            values = rows.hessians(q)[:, moving][:, :, moving]
+            hessians.append(ConstraintHessian(connection.rows, rows.dofs[0, moving], turn.T @ values @ turn))
     return hessians

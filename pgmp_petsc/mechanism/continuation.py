@@ -118,7 +118,7 @@ class Continuation:
             worst = int(np.argmax(gap.max(axis=(0, 1))))
             if gap[..., worst].max() > SAME_BRANCH:
                 at = self.theta[after[worst]]
-                _refuse_control(closure, at, closure.singular_values(self.poses[..., after[[worst]]])[0])
+                _refuse_control(closure, at, _singular_values(closure, closure.jacobian(self.poses[..., after[[worst]]]))[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,18 +130,22 @@ class _Front:
     theta
         Shape (n, n_theta).
     poses
-        Shape (n_bodies, 3, n).
+        Shape (n_bodies, n_pose, n).
+    jacobian
+        J there, shape (n, n_rows, n_pose n_bodies).
     """
 
     closure: LoopClosure
     theta: np.ndarray
     poses: np.ndarray
+    jacobian: np.ndarray
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
         """Return a front at the assembled configurations."""
-        _check_control(closure, theta, poses)
-        return cls(closure, theta, poses)
+        jacobian = closure.jacobian(poses)
+        _check_control(closure, theta, jacobian)
+        return cls(closure, theta, poses, jacobian)
 
     @classmethod
     def stacked(cls, fronts: Sequence[_Front]) -> _Front:
@@ -149,38 +153,41 @@ class _Front:
         n_theta = fronts[0].theta.shape[1]
         poses = np.stack([front.poses for front in fronts], axis=-1)
         theta = np.stack([front.theta for front in fronts], axis=1).reshape(-1, n_theta)
-        return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1))
+        jacobian = np.stack([front.jacobian for front in fronts], axis=1)
+        jacobian = jacobian.reshape(-1, *jacobian.shape[2:])
+        return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1), jacobian)
 
     def continued(self, theta: np.ndarray, axis: int, step: float) -> _Front:
         """Return the front one step along an axis, at theta (n, n_theta)."""
-        guess = self.poses + self.closure.rates(self.poses)[:, :, axis] * step
-        poses = self.closure.close(guess, theta)
-        _check_control(self.closure, theta, poses)
-        jacobian = self.closure.scaled_jacobian(self.poses)
-        for k in np.flatnonzero(~_keeps_orientation(self.closure, poses, jacobian)):
-            self._check_change(k, theta[k], jacobian[[k]])
-        return _Front(self.closure, theta, poses)
+        closure = self.closure
+        guess = self.poses + closure.rates(self.poses, self.jacobian)[:, :, axis] * step
+        poses = closure.close(guess, theta)
+        jacobian = closure.jacobian(poses)
+        _check_control(closure, theta, jacobian)
+        for k in np.flatnonzero(~_keeps_orientation(closure, jacobian, self.jacobian)):
+            self._check_change(k, theta[k])
+        return _Front(closure, theta, poses, jacobian)
 
-    def _check_change(self, k: int, after: np.ndarray, jacobian: np.ndarray) -> None:
-        """Bisect for the place on the way to a neighbour where the orientation of J, (1, n_rows, n_poses) here,
-        changes.
+    def _check_change(self, k: int, after: np.ndarray) -> None:
+        """Bisect for the place on the way to a neighbour where the orientation of J changes.
 
         It is refused if J is singular there; with redundant constraints its columns may have turned far.
         """
-        closure, before, poses = self.closure, self.theta[k], self.poses[..., [k]]
+        closure, before, poses, jacobian = self.closure, self.theta[k], self.poses[..., [k]], self.jacobian[[k]]
         # beside a singular configuration orientations are those of round-off: the most singular one met is the place
-        place, values = before, closure.singular_values(poses)[0]
+        place, values = before, _singular_values(closure, jacobian)[0]
         for _ in range(30):
             middle = 0.5 * (before + after)
             there = closure.close(poses, middle[None])
-            met = closure.singular_values(there)[0]
+            now = closure.jacobian(there)
+            met = _singular_values(closure, now)[0]
             if met[-1] * values[0] < values[-1] * met[0]:
                 place, values = middle, met
-            if _keeps_orientation(closure, there, jacobian)[0]:
+            if _keeps_orientation(closure, now, jacobian)[0]:
                 before, poses = middle, there
             else:
                 after = middle
-        n_rows, n_poses = closure.scaled_jacobian(poses).shape[1:]
+        n_rows, n_poses = jacobian.shape[1:]
         if n_rows == n_poses or values[-1] < NEARLY_SINGULAR * values[0]:
             _refuse_control(closure, place, values)
 
@@ -198,14 +205,20 @@ def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray)
     )
 
 
-def _check_control(closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> None:
+def _check_control(closure: LoopClosure, theta: np.ndarray, jacobian: np.ndarray) -> None:
     """Refuse configurations (n, n_theta) where J is singular."""
-    values = closure.singular_values(poses)
+    values = _singular_values(closure, jacobian)
     lost = np.flatnonzero(values[:, -1] < SINGULAR_TOLERANCE * values[:, 0])
     if lost.size:
         _refuse_control(closure, theta[lost[0]], values[lost[0]])
 
 
-def _keeps_orientation(closure: LoopClosure, poses: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """Return where J has the orientation of another one, (n, n_rows, n_pose n_bodies), shape (n,)."""
-    return np.linalg.slogdet(np.swapaxes(jacobian, 1, 2) @ closure.scaled_jacobian(poses))[0] > 0
+def _singular_values(closure: LoopClosure, jacobian: np.ndarray) -> np.ndarray:
+    """Return the singular values of the scaled J, descending, shape (n, n_pose n_bodies)."""
+    return np.linalg.svd(closure.scaled(jacobian), compute_uv=False)
+
+
+def _keeps_orientation(closure: LoopClosure, jacobian: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return where J has the orientation of another one, both (n, n_rows, n_pose n_bodies), shape (n,)."""
+    product = np.swapaxes(closure.scaled(other), 1, 2) @ closure.scaled(jacobian)
+    return np.linalg.slogdet(product)[0] > 0

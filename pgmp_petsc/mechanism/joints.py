@@ -1,146 +1,97 @@
-"""Joints between two frames ``(x, y, phi)``, fixed to a node of a body or to the ground.
-
-Each joint gives constraints ``c(a, b) = 0`` of the two frames a and b it connects, with first and second derivatives in
-the six frame unknowns. The full-order model applies them to nodes, the rigid kinematics to points of rigid bodies;
-there is one formula for both. Trailing axes of the frames (samples, configurations) are kept.
-"""
+"""Joints: lists of statements about two frames that are to be zero."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
-N_FRAME = 3
-N_PAIR = 2 * N_FRAME
+from pgmp_petsc.mechanism.statements import MEET, Statement, along, meet, perpendicular, within
+
+#: Joints whose two points share their position.
+MEETING = ("revolute", "fixed", "spherical", "universal")
 
 
-class Joint(Protocol):
-    """Constraints of a pair of frames."""
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Constraints of a pair of frames.
 
-    n_constraints: int
-    linear: bool  # in the frame unknowns: constant Jacobian, no Hessian
-    lengths: np.ndarray  # which constraints are measured by the mechanism's size, shape (n_constraints,)
+    Attributes
+    ----------
+    kind
+        Type in the scene.
+    statements
+        What is to be zero, points that meet first.
+    """
 
-    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return c, shape (n_constraints, ...), for frames of shape (3, ...)."""
-
-    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return dc/d(a, b), shape (n_constraints, 6, ...)."""
-
-    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the second derivatives of c, shape (n_constraints, 6, 6, ...)."""
-
-
-class _SharedUnknowns:
-    """Frames that have some of their unknowns in common: ``b_i - a_i`` for each of them, m or rad; linear."""
-
-    linear = True
-    unknowns: tuple[int, ...]
+    kind: str
+    statements: tuple[Statement, ...]
 
     @property
     def n_constraints(self) -> int:
         """Number of constraints."""
-        return len(self.unknowns)
+        return len(self.statements)
 
     @property
-    def lengths(self) -> np.ndarray:
-        """All constraints: rotations are held as strictly as lengths."""
-        return np.ones(len(self.unknowns), dtype=bool)
+    def holds_position(self) -> bool:
+        """Whether the two points share their position."""
+        return self.statements[0].kind == MEET
 
-    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the differences, m and rad."""
-        chosen = list(self.unknowns)
-        return b[chosen] - a[chosen]
-
-    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the constant Jacobian."""
-        jacobian = np.zeros((self.n_constraints, N_PAIR, *a.shape[1:]))
-        for row, unknown in enumerate(self.unknowns):
-            jacobian[row, unknown] = -1.0
-            jacobian[row, N_FRAME + unknown] = 1.0
-        return jacobian
-
-    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return zeros."""
-        return np.zeros((self.n_constraints, N_PAIR, N_PAIR, *a.shape[1:]))
+    @property
+    def slides(self) -> bool:
+        """Whether b moves along one line of a."""
+        return self.kind == "point_on_line"
 
 
-class Revolute(_SharedUnknowns):
-    """Equal positions: ``x_a = x_b``, ``y_a = y_b``."""
+def joint(kind: str, in_a: np.ndarray, in_b: np.ndarray) -> Joint:
+    """Make a joint.
 
-    unknowns = (0, 1)
-
-
-class Fixed(_SharedUnknowns):
-    """Equal positions and a fixed relative rotation: ``x_a = x_b``, ``y_a = y_b``, ``phi_b - phi_a = angle`` (rad)."""
-
-    unknowns = (0, 1, 2)
-
-    def __init__(self, angle: float) -> None:
-        self._angle = angle
-
-    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return ``b - a``, the angle taken off, m and rad."""
-        gap = super().residual(a, b)
-        gap[2] -= self._angle
-        return gap
-
-
-class Driver(_SharedUnknowns):
-    """The relative rotation ``phi_b - phi_a``, to be held at a given angle by whoever takes its residual."""
-
-    unknowns = (2,)
-
-
-class PointOnLine:
-    """Point b stays on a line through a: ``n(phi_a) . (b - a) = 0``, n normal to the line.
-
-    The line turns with frame a when a belongs to a body (``turning``); on the ground it is fixed and the constraint is
-    linear.
+    Parameters
+    ----------
+    kind
+        ``revolute``, ``fixed``, ``point_on_line``, and in space ``spherical``, ``universal``, ``cylindrical``,
+        ``prismatic`` or ``point_on_plane``.
+    in_a, in_b
+        The joint's axes u, v, w, an orthonormal triad, in the frame of a, and the same directions, as assembled, in
+        the frame of b, shape (3, 3) each, one axis a column; u, v and (2, 2) in the plane. The first one is that of
+        the rotation in space, of the line, or the plane's normal; a universal joint has its first axis u in a and its
+        second axis v in b.
     """
+    d = len(in_a)
+    a, b = in_a.T, in_b.T
+    meeting, guided = [meet(axis) for axis in np.eye(d)], [along(axis) for axis in a[1:]]
+    if d == 2:
+        parts = {"revolute": meeting, "fixed": [*meeting, perpendicular(a[0], b[1])], "point_on_line": guided}
+    else:
+        aligned = [perpendicular(a[k], b[0]) for k in (1, 2)]
+        parts = {
+            "spherical": meeting,
+            "revolute": [*meeting, *aligned],
+            "universal": [*meeting, perpendicular(a[0], b[1])],
+            "cylindrical": [*guided, *aligned],
+            "prismatic": [*guided, *aligned, perpendicular(a[1], b[2])],
+            "fixed": [*meeting, *aligned, perpendicular(a[1], b[2])],
+            "point_on_line": guided,
+            "point_on_plane": [along(a[0])],
+        }
+    return Joint(kind, tuple(parts[kind]))
 
-    n_constraints = 1
-    lengths = np.array([True])
 
-    def __init__(self, direction: tuple[float, float], turning: bool) -> None:
-        self._direction = np.asarray(direction, dtype=float) / np.hypot(*direction)
-        self.linear = not turning
+def orthonormality() -> tuple[list[Statement], np.ndarray]:
+    """Return the statements about frame b that make three directors a rotation, and their values, shape (6,)."""
+    pairs = [(i, j) for i in range(3) for j in range(i + 1)]
+    axes = np.eye(3)
+    return [within(axes[i], axes[j]) for i, j in pairs], np.array([float(i == j) for i, j in pairs])
 
-    @property
-    def direction(self) -> tuple[float, float]:
-        """Unit direction of the line in the frame of a."""
-        return float(self._direction[0]), float(self._direction[1])
 
-    def line(self, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the line's unit direction and normal, each of shape (2, ...)."""
-        angle = np.zeros_like(a[2]) if self.linear else a[2]
-        cos, sin = np.cos(angle), np.sin(angle)
-        dx, dy = self._direction
-        direction = np.array([cos * dx - sin * dy, sin * dx + cos * dy])
-        return direction, np.array([-direction[1], direction[0]])
-
-    def residual(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the distance of b from the line, m."""
-        _, normal = self.line(a)
-        return np.sum(normal * (b[:2] - a[:2]), axis=0)[None]
-
-    def jacobian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return dc/d(a, b); ``dn/dphi = -direction``."""
-        direction, normal = self.line(a)
-        jacobian = np.zeros((1, N_PAIR, *a.shape[1:]))
-        jacobian[0, 0:2] = -normal
-        jacobian[0, 3:5] = normal
-        if not self.linear:
-            jacobian[0, 2] = -np.sum(direction * (b[:2] - a[:2]), axis=0)
-        return jacobian
-
-    def hessian(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return the second derivatives, zero where the line is fixed."""
-        hessian = np.zeros((1, N_PAIR, N_PAIR, *a.shape[1:]))
-        if not self.linear:
-            direction, normal = self.line(a)
-            hessian[0, 0:2, 2] = hessian[0, 2, 0:2] = direction
-            hessian[0, 3:5, 2] = hessian[0, 2, 3:5] = -direction
-            hessian[0, 2, 2] = -np.sum(normal * (b[:2] - a[:2]), axis=0)
-        return hessian
+def triad(axis: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
+    """Return orthonormal axes (d, d), one a column: the first along an axis, in space the second nearest to another
+    direction."""
+    first = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    if first.size == 2:
+        return np.array([[first[0], -first[1]], [first[1], first[0]]])
+    if second is None:
+        second = np.eye(3)[np.argmin(np.abs(first))]
+    second = second - first * (first @ second)
+    second = second / np.linalg.norm(second)
+    return np.column_stack([first, second, np.cross(first, second)])

@@ -212,7 +212,7 @@ class RigidKinematics:
         n_tied = space.n_tied * n_bodies  # constraints that make poses rigid, and no joints
         n_constraints, n_poses = self.mechanism.n_constraints, space.n_pose * n_bodies - n_tied
         rows = slice(self._closure.n_constraints)
-        values = np.linalg.svd(self._closure.scaled_jacobian(poses)[0, rows], compute_uv=False)
+        values = np.linalg.svd(self._closure.scaled(self._closure.jacobian(poses)[:, rows])[0], compute_uv=False)
         rank = int(np.sum(values > SINGULAR_TOLERANCE * values[0])) - n_tied if values.size else 0
         if n_poses - rank != self.n_coordinates:
             names = ", ".join(coordinate.name for coordinate in self.coordinates)

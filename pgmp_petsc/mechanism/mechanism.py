@@ -14,15 +14,10 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.attachment import Attachment, place_points, rotate
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.joints import Driver
-from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
-from pgmp_petsc.mechanism.spatial_composition import spatial_attachment, spatial_connections, spatial_first_guess
-from pgmp_petsc.mechanism.spatial_connection import PoseConnection, SpatialConnection
-from pgmp_petsc.mechanism.spatial_joints import orthonormality
+from pgmp_petsc.mechanism.space import Space, rotate, space_of
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
 
@@ -35,40 +30,16 @@ class Coordinate:
     """
 
     name: str
-    connection: Connection | SpatialConnection
+    connection: Connection
     lower: float
     upper: float
     periodic: bool
     prescribed: bool = False
 
-    def measure(self, frame_a: np.ndarray, frame_b: np.ndarray) -> np.ndarray:
-        """Return the coordinate for frames of shape (n_pose, ...), rad."""
-        if isinstance(self.connection, SpatialConnection):
-            return self.connection.angle.value(frame_a, frame_b)
-        return frame_b[2] - frame_a[2]
-
-    def derivatives(self, frame_a: np.ndarray, frame_b: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return first and second derivatives in both frames, (2 n_pose, ...) and (2 n_pose, 2 n_pose, ...) or None."""
-        if isinstance(self.connection, SpatialConnection):
-            angle = self.connection.angle
-            return angle.gradient(frame_a, frame_b), angle.hessian(frame_a, frame_b)
-        gradient = np.zeros((2 * PLANE.n_pose, *frame_a.shape[1:]))
-        gradient[2], gradient[5] = -1.0, 1.0
-        return gradient, None
-
     def body_gradient(self, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives in them, in body
-        frames."""
-        sides = self.connection.sides
-        if not isinstance(self.connection, SpatialConnection):
-            return [(s.dofs[2:], np.array([sign])) for sign, s in zip((-1.0, 1.0), sides) if not s.on_ground]
-        frames = [side.frame_of_pose(poses) for side in sides]
-        gradient, _ = self.derivatives(*frames)
-        return [
-            (side.dofs, gradient[first : first + SPATIAL.n_pose] @ SPATIAL.natural_gradient(frame, side.arm))
-            for first, side, frame in zip((0, SPATIAL.n_pose), sides, frames)
-            if not side.on_ground
-        ]
+        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives (1, n_dofs) in them,
+        in body frames at poses (n_bodies, n_pose)."""
+        return self.connection.body_gradients((self.connection.angle,), poses)
 
 
 def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
@@ -98,7 +69,7 @@ class Mechanism:
     """
 
     bodies: tuple[Body, ...]
-    connections: tuple[Connection | SpatialConnection, ...]
+    connections: tuple[Connection, ...]
     coordinates: tuple[Coordinate, ...]
     first_guess: np.ndarray
     scene: Scene
@@ -106,20 +77,7 @@ class Mechanism:
     @property
     def space(self) -> Space:
         """What the mechanism moves in."""
-        return PLANE if self.scene.dimension == 2 else SPATIAL
-
-    @property
-    def pose_connections(self) -> tuple[Connection | PoseConnection, ...]:
-        """What holds the poses of rigid bodies together: the joints, and in space what makes poses rigid."""
-        connections = [connection.on_poses() for connection in self.connections]
-        row = self.n_constraints
-        if self.space is SPATIAL:
-            for number in range(len(self.bodies)):
-                joint = orthonormality()
-                ground, body = (SpatialAttachment(index, -1, np.zeros(3)) for index in (-1, number))
-                connections.append(PoseConnection(joint, ground, body, slice(row, row + joint.n_constraints)))
-                row += joint.n_constraints
-        return tuple(connections)
+        return space_of(self.scene.dimension)
 
     @property
     def n_nodes(self) -> int:
@@ -150,7 +108,7 @@ class Mechanism:
         """Return the connection of the joint with this name."""
         return next(connection for connection in self.connections if connection.name == name)
 
-    def attachment(self, address: str, entry: str) -> Attachment | SpatialAttachment:
+    def attachment(self, address: str, entry: str) -> Attachment:
         """Return the attachment at ``"body:point"`` or ``"ground:point"``.
 
         Raises
@@ -158,8 +116,7 @@ class Mechanism:
         InputError
             If the body's mesh has no such point; `entry` is the scene entry to blame.
         """
-        find = attachment_at if self.space is PLANE else spatial_attachment
-        return find(self.scene, self.bodies, address, entry)
+        return attachment_at(self.scene, self.bodies, address, entry)
 
     def node(self, address: str, entry: str) -> int:
         """Return the global number of the node at ``"body:point"``; raises as `attachment`."""
@@ -168,14 +125,6 @@ class Mechanism:
     def node_dofs(self, node: int) -> np.ndarray:
         """Return the unknowns of a node, shape (3,), in space (6,)."""
         return self.space.n_dofs * node + np.arange(self.space.n_dofs)
-
-    def driven_connections(self, first_row: int) -> tuple[Connection, ...]:
-        """The rotations that prescribed coordinates hold, in the coordinates' order; rows after all joints' ones."""
-        driven = [coordinate for coordinate in self.coordinates if coordinate.prescribed]
-        return tuple(
-            Connection(c.name, Driver(), c.connection.a, c.connection.b, slice(row, row + 1))
-            for row, c in enumerate(driven, first_row)
-        )
 
     def body_of(self, node: int) -> tuple[int, np.ndarray]:
         """Return the number of a node's body, and the node's place in the body's frame, shape (2,), m."""
@@ -199,7 +148,7 @@ class Mechanism:
         q = np.zeros((self.n_dofs, *poses.shape[2:]))
         nodal = self.by_node(q)
         for index, body in enumerate(self.bodies):
-            nodal[body.nodes] = place_points(poses[index], body.mesh.nodes)
+            nodal[body.nodes] = self.space.place(poses[index], body.mesh.nodes)
             if body.meshed is not None:
                 mesh = body.meshed.solid.mesh
                 on_mesh(body, q)[:] = self.space.place(poses[index], mesh.nodes)[:, : mesh.dimension]
@@ -241,12 +190,8 @@ class Mechanism:
             If a joint names a point that its body's mesh does not have.
         """
         bodies = bodies_of(scene, meshes)
-        if scene.dimension == 3:
-            guess = spatial_first_guess(scene, bodies)
-            connections = spatial_connections(scene, bodies, guess)
-        else:
-            connections = connections_of(scene, bodies)
-            guess = first_guess(scene, bodies, connections)
+        guess = first_guess(scene, bodies)
+        connections = connections_of(scene, bodies, guess)
         prescribed = {e.coordinate for e in scene.effects.values() if isinstance(e, PrescribedMotion)}
         by_name = {connection.name: connection for connection in connections}
         coordinates = tuple(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.statements import ANGLE, Statement, evaluate, n_frame
+from pgmp_petsc.mechanism.statements import ANGLE, MEET, U, V, W, Statement, evaluate, n_frame
 from pgmp_petsc.runtime.compiled import njit
 
 PLANAR = 3  # unknowns of a node in the plane
@@ -101,8 +101,8 @@ def state(statements, k, y, known, second, scratch, g, h):
     float
         s, m, 1 or rad.
     """
-    if y.size == 2 * PLANAR and statements.kinds[k] == ANGLE:
-        return _planar_angle(statements, k, y, second, g, h)
+    if y.size == 2 * PLANAR and _is_linear(statements, k):
+        return _linear(statements, k, y, second, g, h)
     z, gradient, hessian, half = scratch
     _place(statements, k, y, z)
     s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian)
@@ -110,20 +110,33 @@ def state(statements, k, y, known, second, scratch, g, h):
     return s
 
 
+@njit(inline="always")
+def _is_linear(statements, k):
+    """Return whether a statement in the plane is linear in ``(x, y, phi)``: angles, and nodes that meet."""
+    kind, arms = statements.kinds[k], statements.arms[k]
+    if kind == MEET:
+        return arms[0, 0] == 0.0 and arms[0, 1] == 0.0 and arms[1, 0] == 0.0 and arms[1, 1] == 0.0
+    return kind == ANGLE
+
+
 @njit(cache=True, error_model="numpy")
-def _planar_angle(statements, k, y, second, g, h):
-    """Evaluate ``phi_b - phi_a`` less what the axes enclose: linear in the unknowns."""
-    axes = statements.axes[k]
+def _linear(statements, k, y, second, g, h):
+    """Evaluate ``u . (r_b - r_a)``, or ``phi_b - phi_a`` and the angle from v_a to w_b before any turn."""
+    axes, n = statements.axes[k], statements.ground.shape[1] // 2
     g[:] = 0.0
     if second:
         h[:] = 0.0
-    # u_a and w_b are where both bodies have no turn; the angle between them belongs to the statement
-    s = np.arctan2(axes[0, 0] * axes[2, 1] - axes[0, 1] * axes[2, 0], axes[0, 0] * axes[2, 0] + axes[0, 1] * axes[2, 1])
+    angle = statements.kinds[k] == ANGLE
+    s = np.arctan2(axes[V] @ axes[W], axes[U] @ axes[W]) if angle else 0.0
     for side in range(2):
-        sign = 2.0 * side - 1.0
-        if not statements.on_ground[k, side]:
-            s += sign * y[PLANAR * side + 2]
-            g[PLANAR * side + 2] = sign
+        sign, own = 2.0 * side - 1.0, PLANAR * side
+        for c in range(2, 3) if angle else range(2):
+            slope = sign if angle else sign * axes[U, c]
+            if not statements.on_ground[k, side]:
+                g[own + c] = slope
+                s += slope * y[own + c]
+            elif not angle:
+                s += slope * statements.ground[k, n * side + c]
     return s
 
 

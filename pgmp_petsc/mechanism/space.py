@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pgmp_petsc.mechanism.attachment import place_points, rotate
+from pgmp_petsc.mechanism.statements import Statement
 
 
 class Space(Protocol):
@@ -31,7 +31,7 @@ class Space(Protocol):
     n_pose
         Numbers of a pose: 3 or 12.
     n_dofs
-        Unknowns of a node: 3 or 6.
+        Displacements and rotations of a node: 3 or 6.
     n_tied
         Numbers of a pose that depend on others: 0 or 6.
     identity
@@ -51,8 +51,11 @@ class Space(Protocol):
     def turns(self, step: np.ndarray) -> np.ndarray:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
 
-    def principal(self, away: np.ndarray) -> np.ndarray:
-        """Return differences of measured and wanted angles, less whole turns where measured ones have none, rad."""
+    def angle(
+        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return the angle between frames of shape (n_pose or more, ...), rad: in the plane frames count turns, in
+        space it is nearest to `turned`."""
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns in a change of poses (n_bodies, n_pose), shape (n_bodies,), that poses count."""
@@ -102,9 +105,11 @@ class Plane:
         """Return the change of the angle."""
         return np.abs(step[:, 2])
 
-    def principal(self, away: np.ndarray) -> np.ndarray:
-        """Return the differences as they are: angles count turns."""
-        return away
+    def angle(
+        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return the difference of the angles."""
+        return b[2] - a[2]
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return the whole turns of the angle."""
@@ -140,7 +145,10 @@ class Plane:
 
     def place(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the frames of points."""
-        return place_points(pose, points)
+        frames = np.empty((len(points), *pose.shape))
+        frames[:, :2] = pose[:2] + np.moveaxis(rotate(pose[2][..., None], points.T), -1, 0)
+        frames[:, 2] = pose[2]
+        return frames
 
     def velocity_field(self, pose: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return ``R^T r'`` and ``phi' J``, J a right angle's rotation."""
@@ -167,9 +175,11 @@ class Spatial:
         """Return the change of the directors."""
         return np.max(np.abs(step[:, 3:]), axis=1)
 
-    def principal(self, away: np.ndarray) -> np.ndarray:
-        """Return the differences in (-pi, pi]."""
-        return away - 2 * np.pi * np.rint(away / (2 * np.pi))
+    def angle(
+        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return the statement's value."""
+        return statement.value(self.natural(a), self.natural(b), turned)
 
     def winding(self, change: np.ndarray) -> np.ndarray:
         """Return zeros: directors come back after a turn."""
@@ -231,6 +241,12 @@ class Spatial:
         return np.concatenate([translation, gradient.reshape(9, *change.shape[1:])])
 
 
+def rotate(angle: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Turn points (2, ...) by angles that broadcast against a coordinate; the result has shape (2, ...)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * point[0] - sin * point[1], sin * point[0] + cos * point[1]])
+
+
 def directors(pose: np.ndarray) -> np.ndarray:
     """Return the rotation matrix (3, 3) whose columns are the directors of a pose (12,)."""
     return pose[3:].reshape(3, 3).T
@@ -271,3 +287,8 @@ def at_points(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 PLANE, SPATIAL = Plane(), Spatial()
+
+
+def space_of(dimension: int) -> Space:
+    """Return the plane for 2, space for 3."""
+    return PLANE if dimension == 2 else SPATIAL

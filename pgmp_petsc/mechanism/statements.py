@@ -6,6 +6,7 @@ directions ``u_a = sum_k u_k d_k`` that are fixed in a frame, a statement s of t
 =================== ================================================================================================
 ``MEET``            ``u . (p_b - p_a)`` with u fixed in the ground
 ``PERPENDICULAR``   ``u_a . w_b``
+``WITHIN``          ``v_b . w_b``, constant while b stays rigid
 ``ALONG``           ``u_a . (p_b - p_a)``
 ``ANGLE``           ``atan2(v_a . w_b, u_a . w_b)``, the turn that is nearest to one that is known
 ``DISTANCE``        ``|p_b - p_a|``; where the points meet it has no direction, and its gradient is taken as zero
@@ -24,8 +25,8 @@ import numpy as np
 
 from pgmp_petsc.runtime.compiled import njit
 
-MEET, PERPENDICULAR, ALONG, ANGLE, DISTANCE, FOLLOWING = range(6)
-U, V, W = range(3)  # rows of a statement's directions: two in a, one in b
+MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING = range(7)
+U, V, W = range(3)  # rows of a statement's directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Statement:
     kind
         One of the module's table.
     axes
-        The directions u, v in a and w in b, shape (3, d); zero where the kind has none.
+        The directions u, v and w, shape (3, d), in the frames that the kind says; zero where it has none.
     """
 
     kind: int
@@ -46,16 +47,19 @@ class Statement:
     @property
     def is_length(self) -> bool:
         """Whether it is measured in m; others are cosines or rad."""
-        return self.kind not in (PERPENDICULAR, ANGLE)
+        return self.kind not in (PERPENDICULAR, WITHIN, ANGLE)
 
     @property
     def fixed_in_bodies(self) -> bool:
         """Whether its gradient keeps its direction in the frames, however they stand."""
         return self.kind in (ANGLE, FOLLOWING)
 
-    def value(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Return s, shape (...), m, 1 or rad in (-pi, pi], for frames of shape (d (d + 1) or more, ...)."""
-        return self._evaluated(a, b)[0]
+    def value(self, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
+        """Return s, shape (...), m, 1 or rad, for frames of shape (d (d + 1) or more, ...).
+
+        An angle is nearest to `turned`, which broadcasts against s, rad.
+        """
+        return self._evaluated(a, b, turned)[0]
 
     def gradient(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return ds/d(a, b), shape (2 d (d + 1), ...)."""
@@ -65,11 +69,14 @@ class Statement:
         """Return the derivative of the gradient, shape (2 d (d + 1), 2 d (d + 1), ...)."""
         return self._evaluated(a, b)[2]
 
-    def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _evaluated(
+        self, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n, trailing = n_frame(self.axes.shape[1]), a.shape[1:]
         z = np.concatenate([a[:n].reshape(n, -1), b[:n].reshape(n, -1)]).astype(float)
         values, gradients, hessians = np.empty(z.shape[1]), np.empty(z.shape), np.empty((2 * n, *z.shape))
-        _evaluate_all(self.kind, self.axes, z, values, gradients, hessians)
+        turned = np.ascontiguousarray(np.broadcast_to(turned, trailing), dtype=float).reshape(-1)
+        _evaluate_all(self.kind, self.axes, z, turned, values, gradients, hessians)
         return tuple(part.reshape((*part.shape[:-1], *trailing)) for part in (values, gradients, hessians))
 
 
@@ -86,6 +93,11 @@ def meet(axis: np.ndarray) -> Statement:
 def perpendicular(u: np.ndarray, w: np.ndarray) -> Statement:
     """Return the cosine between unit directions (d,) in a and in b."""
     return _statement(PERPENDICULAR, u=u, w=w)
+
+
+def within(v: np.ndarray, w: np.ndarray) -> Statement:
+    """Return the product of two directions (d,) in b."""
+    return _statement(WITHIN, v=v, w=w)
 
 
 def along(axis: np.ndarray) -> Statement:
@@ -120,11 +132,11 @@ def _statement(kind: int, **directions: np.ndarray) -> Statement:
 
 
 @njit(cache=True, error_model="numpy")
-def _evaluate_all(kind, axes, z, values, gradients, hessians):
+def _evaluate_all(kind, axes, z, turned, values, gradients, hessians):
     """Evaluate a statement at pairs of frames, the columns of z."""
     gradient, hessian = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0]))
     for k in range(z.shape[1]):
-        values[k] = evaluate(kind, axes, z[:, k].copy(), 0.0, True, gradient, hessian)
+        values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], True, gradient, hessian)
         gradients[:, k] = gradient
         hessians[:, :, k] = hessian
 
@@ -166,6 +178,8 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
             gradient[c], gradient[n + c] = -axes[U, c], axes[U, c]
             s += axes[U, c] * (z[n + c] - z[c])
         return s
+    if kind == WITHIN:
+        return _within(axes, z, d, n, second, gradient, hessian)
     for k in range(d):
         u, w = axes[U, k], axes[W, k]
         for c in range(d):
@@ -190,6 +204,25 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
                     gradient[other] += u * axes[W, j] * z[in_a]
                     if second:
                         hessian[in_a, other] = hessian[other, in_a] = u * axes[W, j]
+    return s
+
+
+@njit(cache=True, error_model="numpy")
+def _within(axes, z, d, n, second, gradient, hessian):
+    """Evaluate ``v_b . w_b = sum v_k w_j d_k . d_j``."""
+    s = 0.0
+    for k in range(d):
+        for j in range(d):
+            factor = axes[V, k] * axes[W, j]
+            if factor != 0.0:
+                for c in range(d):
+                    one, other = n + d + d * k + c, n + d + d * j + c
+                    s += factor * z[one] * z[other]
+                    gradient[one] += factor * z[other]
+                    gradient[other] += factor * z[one]
+                    if second:
+                        hessian[one, other] += factor
+                        hessian[other, one] += factor
     return s
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Attachment, Coordinate
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
 from pgmp_petsc.scene import Scene
@@ -92,17 +92,14 @@ def joint_angle(connection, kinematics: RigidKinematics) -> tuple[Callable[[Fram
     In space a joint that is a coordinate counts its turns as the coordinate does; another one is in (-pi, pi].
     """
     numbers = [k for k, c in enumerate(kinematics.coordinates) if c.connection is connection]
-    measuring = Coordinate("", connection, 0.0, 0.0, periodic=False)
+    space = kinematics.mechanism.space
     nodes = {side.node for side in (connection.a, connection.b) if not side.on_ground}
 
     def angle(frames: Frames) -> np.ndarray:
         first = next(frames[node] for node in nodes)
         n = first.shape[1]
-        measured = measuring.measure(*(_frame(side, frames, n) for side in (connection.a, connection.b)))
-        if kinematics.mechanism.space is SPATIAL and numbers:
-            turned = first[SPATIAL.n_pose + numbers[0]]
-            measured = turned + SPATIAL.principal(measured - turned)
-        return measured
+        turned = first[SPATIAL.n_pose + numbers[0]] if space is SPATIAL and numbers else 0.0
+        return space.angle(connection.angle, *(_frame(side, frames, n) for side in connection.sides), turned)
 
     return angle, nodes
 

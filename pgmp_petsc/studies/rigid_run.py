@@ -13,9 +13,10 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.mechanism.joints import PointOnLine
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.statements import along
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.balance import Balance
@@ -139,11 +140,10 @@ def _collect(
     motion = np.array([[turning(c.connection, part) for c in mechanism.coordinates] for part in range(3)])
     joints = {}
     for connection in mechanism.connections:
-        if isinstance(connection.joint, PointOnLine):
-            a, b = (side.frame_of_node(parts[0]) for side in connection.sides)
-            along = connection.joint.line(a)[0]
-            joints[connection.name] = np.gradient(np.sum(along * (b - a)[:2], axis=0), time)
-        elif connection.joint.n_constraints == 2:
+        if connection.joint.slides:
+            rows = StatementRows([along(connection.axes[0][:, 0])], [connection.sides], mechanism.node_dofs, 2)
+            joints[connection.name] = np.gradient(rows.values(parts[0])[0], time)
+        elif connection.joint.kind == "revolute":
             joints[connection.name] = turning(connection, 1) * np.ones(time.size)
     heights, total = np.zeros((time.size, 2)), 0.0
     for body in mechanism.bodies:

@@ -60,8 +60,7 @@ def _measured(kinematics: RigidKinematics, scene: Scene, effect: EndStop) -> tup
     start = [scene.initial_state(coordinate.name).position for coordinate in kinematics.coordinates]
     mechanism, poses = kinematics.mechanism, kinematics.poses([start])[..., 0]
     place = joint_measure(mechanism, effect)
-    a, b = (place[side].frame_of_pose(poses) for side in "ab")
-    sliding = slides(scene, effect)
-    if mechanism.space.dimension == 2 and not sliding:
-        return float(b[2] - a[2]), "rad"
-    return float(place["statement"].value(*map(mechanism.space.natural, (a, b)))), "m" if sliding else "rad"
+    frames, space = [place[side].frame_of_pose(poses) for side in "ab"], mechanism.space
+    if slides(scene, effect):
+        return float(place["statement"].value(*map(space.natural, frames))), "m"
+    return float(space.angle(place["statement"], *frames)), "rad"

@@ -1,0 +1,132 @@
+"""All constraints of a mechanism in its unknowns: residual, Jacobian and curvature on fixed patterns.
+
+They are the statements of the joints, in space those that make directors a rotation, the ties of frames to their faces,
+and the angles that prescribed coordinates hold. Trailing axes of q (samples) are kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.frame_ties import FrameTies
+from pgmp_petsc.mechanism.joints import orthonormality
+from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
+from pgmp_petsc.mechanism.unknowns import Unknowns
+
+
+class ConstraintSet:
+    """Constraints ``c(q) = 0``.
+
+    Parameters
+    ----------
+    unknowns
+        The numbering.
+    kept
+        Numbers of the constraints to take, increasing; all by default. Those that follow from the others, such as a
+        joint that is there twice, make the equations of motion singular. Driven angles are always taken.
+
+    Attributes
+    ----------
+    n_constraints
+        Number of constraints taken, the driven angles at the end.
+    n_driven
+        Number of driven angles.
+    linear
+        Whether all of them are linear in q.
+    jacobian_pattern
+        Rows (constraints) and columns (unknowns) of the entries of C, each of shape (n_entries,).
+    curvature_pattern
+        Rows and columns of the entries of ``sum lambda d2c/dq2``, one of each symmetric pair, each (n_curved,).
+    """
+
+    def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:
+        mechanism, d = unknowns.mechanism, unknowns.dimension
+        self._unknowns = unknowns
+        parts = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
+        wanted = np.zeros(len(parts))
+        if mechanism.space is SPATIAL:
+            ground, (statements, values) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
+            frames = [Attachment(0, node, np.zeros(3), np.zeros(3)) for node in range(mechanism.n_nodes)]
+            parts += [(part, (ground, frame)) for frame in frames for part in statements]
+            wanted = np.concatenate([wanted, np.tile(values, len(frames))])
+        driven = [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates if c.prescribed]
+        self._joints, self._drives = (
+            StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
+            for rows in (parts, driven)
+        )
+        self._wanted, self._ties = wanted, FrameTies(unknowns)
+        self._parts = (self._joints, self._ties, self._drives)
+        self._first = np.cumsum([0, *(part.n for part in self._parts)])
+        self.n_driven, n_own = self._drives.n, int(self._first[2])
+        kept = np.arange(n_own) if kept is None else kept
+        self._kept = np.concatenate([kept, n_own + np.arange(self.n_driven)])
+        self.n_constraints = self._kept.size
+        self._find_patterns()
+        self.linear = not self.curvature_pattern[0].size
+
+    def residual(self, q: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Return c, shape (n_constraints, ...): m, 1 or rad.
+
+        Parameters
+        ----------
+        q
+            Unknowns, shape (n_dofs, ...).
+        driven
+            Angles that the driven joints are to have, shape (n_driven,), rad; none needed where nothing is driven.
+        """
+        joints = self._joints.values(q) - _against(self._wanted, q)
+        angles = np.zeros((0, *q.shape[1:]))
+        if self.n_driven:
+            held = _against(driven, q)
+            angles = self._drives.values(q, held) - held
+        return np.concatenate([joints, self._ties.values(q), angles])[self._kept]
+
+    def jacobian_values(self, q: np.ndarray) -> np.ndarray:
+        """Return the entries of C on `jacobian_pattern`, shape (n_entries, ...)."""
+        return np.concatenate([part.jacobian_values(q) for part in self._parts])[self._kept_entries]
+
+    def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Return the entries of ``sum lambda d2c/dq2`` on `curvature_pattern`, shape (n_curved, ...)."""
+        everywhere = np.zeros((self._first[-1], *multipliers.shape[1:]))
+        everywhere[self._kept] = multipliers
+        shares = np.split(everywhere, self._first[1:-1])
+        return np.concatenate([part.curvature_values(q, share) for part, share in zip(self._parts, shares)])
+
+    def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
+
+        `driven` are the angular accelerations of the driven joints, shape (n_driven,), rad/s2.
+        """
+        parts = [part.drift(q, v) for part in self._parts]
+        if self.n_driven:
+            parts[-1] = parts[-1] - _against(driven, q)
+        return np.concatenate(parts)[self._kept]
+
+    def independent(self, q: np.ndarray) -> ConstraintSet:
+        """Return the constraints without those that follow from the others, as found at unknowns (n_dofs,)."""
+        n_own = int(self._first[2])
+        rows, columns = self.jacobian_pattern
+        values = self.jacobian_values(q[:, None])[:, 0]
+        own = (rows < n_own) & (np.abs(values) > ROUND_OFF)  # what no constraint feels must not become dependent
+        jacobian = sp.csr_matrix((values[own], (rows[own], columns[own])), shape=(n_own, self._unknowns.n_dofs))
+        return ConstraintSet(self._unknowns, null_space(jacobian).rows)
+
+    def _find_patterns(self) -> None:
+        rows = np.concatenate([first + part.jacobian_pattern[0] for first, part in zip(self._first, self._parts)])
+        columns = np.concatenate([part.jacobian_pattern[1] for part in self._parts])
+        place = np.full(self._first[-1], -1)
+        place[self._kept] = np.arange(self._kept.size)
+        self._kept_entries = np.flatnonzero(place[rows] >= 0)
+        self.jacobian_pattern = place[rows[self._kept_entries]], columns[self._kept_entries]
+        self.curvature_pattern = tuple(
+            np.concatenate([part.curvature_pattern[k] for part in self._parts]) for k in range(2)
+        )
+
+
+def _against(values: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Shape values (n,) so that they broadcast against rows (n, ...) of unknowns."""
+    return np.reshape(values, (-1, *(1,) * (q.ndim - 1)))

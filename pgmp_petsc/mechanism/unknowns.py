@@ -1,0 +1,75 @@
+"""The unknowns of full-order models: frames of nodes, and the positions of meshes.
+
+In the plane a node has ``(x, y, phi)``. In space every node, the frame of a group of faces or the centre of mass of a
+rigid body, has the twelve natural coordinates of its frame, position and directors (`space`): rigid motion, joints and
+ties are then polynomials of first and second degree (Garcia de Jalon and Bayo 1994), and nothing is singular anywhere.
+After all of them come the positions of the meshes' nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
+from pgmp_petsc.mechanism.space import SPATIAL
+
+N_POSE = SPATIAL.n_pose
+
+
+class Unknowns:
+    """The numbering of a mechanism's unknowns.
+
+    Parameters
+    ----------
+    mechanism
+        Its flexible bodies on their meshes, where they are solids in space.
+
+    Attributes
+    ----------
+    bodies
+        The mechanism's, with internal coordinates numbered as here.
+    dimension
+        2 or 3.
+    n_dofs
+        Number of unknowns.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self._space = mechanism, mechanism.space
+        self.dimension = self._space.dimension
+        more = (self._space.n_pose - self._space.n_dofs) * mechanism.n_nodes
+        self.bodies: tuple[Body, ...] = tuple(
+            body.numbered(body.first_node, body.first_internal + more) for body in mechanism.bodies
+        )
+        self.n_dofs = mechanism.n_dofs + more
+
+    def frame(self, node: int) -> np.ndarray:
+        """Return the unknowns of a node's frame, shape (3,) or (12,)."""
+        return self._space.n_pose * node + np.arange(self._space.n_pose)
+
+    def frames(self, q: np.ndarray) -> np.ndarray:
+        """View the frames of all nodes in unknowns (n_dofs, ...), shape (n_nodes, n_pose, ...)."""
+        n_nodes, n_pose = self.mechanism.n_nodes, self._space.n_pose
+        return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
+
+    def place(self, poses: np.ndarray) -> np.ndarray:
+        """Return the unknowns (n_dofs,) of undeformed bodies at poses (n_bodies, n_pose).
+
+        In space it is linear in the poses, so that rates of poses give those of the unknowns.
+        """
+        q = np.zeros(self.n_dofs)
+        for body, pose in zip(self.bodies, poses):
+            self.frames(q)[body.nodes] = self._space.place(pose, body.mesh.nodes)
+            if body.meshed is not None:
+                on_mesh(body, q)[:] = self._space.place(pose, body.meshed.solid.mesh.nodes)[:, : self.dimension]
+        return q
+
+    def uniform(self, direction: np.ndarray) -> np.ndarray:
+        """Return the same displacement, shape (d,), of all points, shape (n_dofs,)."""
+        q = np.zeros(self.n_dofs)
+        self.frames(q)[:, : self.dimension] = direction
+        for body in self.bodies:
+            if body.meshed is not None:
+                on_mesh(body, q)[:] = direction
+        return q
