@@ -17,8 +17,9 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.beam2d import N_PACKED, PACKED_COLUMNS, PACKED_ROWS, force_and_tangent
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
 class StaticEquilibrium:
@@ -42,7 +43,7 @@ class StaticEquilibrium:
             section = evaluate_weights(terms, values) @ np.array(list(terms.values()))
             dofs = element_dofs(body.elements)
             self._elements += [(*part, section) for part in zip(dofs, body.mesh.lengths, body.directions)]
-        self._constraints = ConstraintSet(mechanism)
+        self._constraints = ConstraintSet(Unknowns(mechanism))
         self.linear_joints = self._constraints.linear
 
     def energy(self, u: np.ndarray) -> float:

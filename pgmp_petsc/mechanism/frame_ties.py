@@ -2,7 +2,7 @@
 
 With a frame (p, d_1 .. d_d), the nodes' positions x_i, their weights w_i and arms a_i,
 
-    p - sum_i w_i x_i = 0,    1/h sum_k d_k x (sum_i a_ik x_i) = 0,    h = int X'.X' dA / A,
+    p - sum_i w_i x_i = 0,    1/h sum_k (sum_i a_ik x_i) x d_k = 0,    h = int X'.X' dA / A,
 
 the second of which is the frame's rotation less the faces' mean rotation to first order, and holds for any rotation.
 Every row is a sum of products f d_kc x_ie; in the plane ``(x, y, phi)`` give the directors, with ``d d_k / d phi = J
@@ -11,6 +11,7 @@ d_k``, J a right angle's rotation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import permutations
 from typing import NamedTuple
@@ -84,8 +85,9 @@ class FrameTies:
 
     def _filled(self, fill, size: int, *arrays: np.ndarray) -> np.ndarray:
         trailing = arrays[0].shape[1:]
-        flat = [np.ascontiguousarray(array.reshape(len(array), -1)) for array in arrays]
-        result = np.zeros((size, flat[0].shape[1]))
+        n = math.prod(trailing)
+        flat = [np.ascontiguousarray(array.reshape(len(array), n)) for array in arrays]
+        result = np.zeros((size, n))
         fill(self._d, self._linear, self._products, self._places, *flat, result)
         return result.reshape(size, *trailing)
 
@@ -125,14 +127,14 @@ def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: Face
 
 
 def _rotations(first_row: int, frame: int, positions: np.ndarray, faces: FaceFrame) -> tuple[np.ndarray, ...]:
-    """Return the products of ``1/h sum_k d_k x (sum_i a_ik x_i)``, as in `_Products`."""
+    """Return the products of ``1/h sum_k (sum_i a_ik x_i) x d_k``, as in `_Products`."""
     n, d = positions.shape
     second = faces.inertia[0, 0] if d == 2 else 0.5 * np.trace(faces.inertia)
     arms = faces.arms / second
     used = np.flatnonzero(np.abs(arms).max(axis=0) > 1e-12 * np.abs(arms).max())
     parts = []
     for row, plane in enumerate(PLANES[d], first_row):
-        for sign, (one, other) in zip((1.0, -1.0), permutations(plane)):
+        for sign, (one, other) in zip((-1.0, 1.0), permutations(plane)):
             for k in used:
                 same = (np.full(n, value, dtype=np.int64) for value in (row, frame, d * k + one))
                 parts.append((*same, positions[:, other], sign * arms[:, k]))

@@ -5,6 +5,7 @@ Trailing axes of the unknowns (samples, configurations) are kept.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -95,8 +96,8 @@ class StatementRows:
         self, q: np.ndarray, known: np.ndarray | float, first: bool, second: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         trailing, m = q.shape[1:], self.dofs.shape[1]
-        unknowns = np.ascontiguousarray(q.reshape(len(q), -1))
-        n = unknowns.shape[1]
+        n = math.prod(trailing)
+        unknowns = np.ascontiguousarray(q.reshape(len(q), n))
         known = np.ascontiguousarray(np.broadcast_to(known, (self.n, *trailing)), dtype=float).reshape(self.n, n)
         values = np.empty((self.n, n))
         gradients = np.empty((self.n if first else 0, m, n))

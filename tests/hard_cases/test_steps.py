@@ -10,7 +10,8 @@ from runs import full_model, run_model, samples
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.scene import Scene
 
@@ -24,7 +25,7 @@ def model_of(name: str, scene: Scene) -> Model:
 def gaps_and_end(name: str, *overrides: str) -> tuple[np.ndarray, dict[str, float], Run]:
     """Return the largest gap in a joint (m) at a hundred times of a run, the outputs at its end, and the run."""
     model = model_of(name, accurate(*overrides))
-    constraints, system = ConstraintSet(model.kinematics.mechanism), model.batch(samples(model.scene, 1), 1)
+    constraints, system = ConstraintSet(Unknowns(model.kinematics.mechanism)), model.batch(samples(model.scene, 1), 1)
     every = max(1, round(model.scene.simulation.duration / model.scene.simulation.step) // 100)
     gaps = []
 

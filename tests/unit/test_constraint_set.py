@@ -8,9 +8,10 @@ from runs import quick_return
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
 
 from pgmp_petsc.mechanism.body_frames import to_inertial
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_hessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.unknowns import Unknowns
 
 SCENES = {"slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
           "quick_return": quick_return}
@@ -48,13 +49,13 @@ DIFFERENCE = {"rtol": 0.0, "atol": 2e-9}
 
 
 def test_the_jacobian_is_the_derivative_of_the_residual(mechanism: Mechanism) -> None:
-    constraints, (q, _, _) = ConstraintSet(mechanism), anywhere(mechanism)
+    constraints, (q, _, _) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
     expected = differences(lambda x: constraints.residual(x[:, None])[:, 0], q[:, 0])
     np.testing.assert_allclose(dense_jacobian(constraints, q[:, 0]), expected, **DIFFERENCE)
 
 
 def test_the_curvature_is_the_derivative_of_the_reactions(mechanism: Mechanism) -> None:
-    constraints, (q, _, multipliers) = ConstraintSet(mechanism), anywhere(mechanism)
+    constraints, (q, _, multipliers) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
     expected = differences(lambda x: dense_jacobian(constraints, x).T @ multipliers[:, 0], q[:, 0])
     found = np.zeros((q.size, q.size))
     np.add.at(found, constraints.curvature_pattern, constraints.curvature_values(q, multipliers)[:, 0])
@@ -66,7 +67,7 @@ def test_the_curvature_is_the_derivative_of_the_reactions(mechanism: Mechanism) 
 
 
 def test_the_drift_is_what_velocities_leave_of_the_second_derivative(mechanism: Mechanism) -> None:
-    constraints, (q, v, _) = ConstraintSet(mechanism), anywhere(mechanism)
+    constraints, (q, v, _) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism)
     step = 1e-4
 
     def residual(time: float) -> np.ndarray:
@@ -80,7 +81,7 @@ def test_the_drift_is_what_velocities_leave_of_the_second_derivative(mechanism: 
 def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
     from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
-    kinematics, constraints = RigidKinematics(mechanism), ConstraintSet(mechanism)
+    kinematics, constraints = RigidKinematics(mechanism), ConstraintSet(Unknowns(mechanism))
     poses = kinematics.poses(np.array([0.4, 2.0, 5.0]))
     # the closure's own tolerance is 1e-12 of the mechanism's size
     np.testing.assert_allclose(constraints.residual(mechanism.place(poses)), 0.0, rtol=0, atol=2e-12)
@@ -92,7 +93,7 @@ def test_the_rigid_motion_satisfies_them(mechanism: Mechanism) -> None:
 
 
 def test_samples_side_by_side_are_those_one_by_one(mechanism: Mechanism) -> None:
-    constraints, (q, v, multipliers) = ConstraintSet(mechanism), anywhere(mechanism, 3)
+    constraints, (q, v, multipliers) = ConstraintSet(Unknowns(mechanism)), anywhere(mechanism, 3)
     for function, arguments in (
         (constraints.residual, (q,)),
         (constraints.jacobian_values, (q,)),
@@ -106,15 +107,15 @@ def test_samples_side_by_side_are_those_one_by_one(mechanism: Mechanism) -> None
 
 
 def test_only_a_line_on_a_moving_body_makes_them_nonlinear() -> None:
-    found = {name: ConstraintSet(mechanism_of(scene())).linear for name, scene in SCENES.items()}
+    found = {name: ConstraintSet(Unknowns(mechanism_of(scene()))).linear for name, scene in SCENES.items()}
     assert found == {"slider_crank": True, "pendulum": True, "four_bar": True, "trammel": True, "quick_return": False}
-    linear = ConstraintSet(mechanism_of(slider_crank()))
+    linear = ConstraintSet(Unknowns(mechanism_of(slider_crank())))
     assert linear.curvature_pattern[0].size == 0
     assert np.all(linear.drift(*(np.ones((36, 2)),) * 2) == 0.0)
 
 
 def test_the_patterns_hold_no_entry_twice(mechanism: Mechanism) -> None:
-    constraints = ConstraintSet(mechanism)
+    constraints = ConstraintSet(Unknowns(mechanism))
     rows, columns = constraints.jacobian_pattern
     assert len(set(zip(rows, columns))) == rows.size
     assert rows.max() < mechanism.n_constraints and columns.max() < mechanism.n_dofs
@@ -124,7 +125,7 @@ def test_the_patterns_hold_no_entry_twice(mechanism: Mechanism) -> None:
 def test_the_hessians_in_body_frames_are_second_differences(scene) -> None:
     kinematics = kinematics_of(scene())
     mechanism = kinematics.mechanism
-    constraints, poses = ConstraintSet(mechanism), kinematics.poses(np.array([0.9]))[..., 0]
+    constraints, poses = ConstraintSet(Unknowns(mechanism)), kinematics.poses(np.array([0.9]))[..., 0]
     left, right = np.random.default_rng(4).normal(size=(2, mechanism.n_dofs))
     rho, step = mechanism.place(poses), 1e-4
     moved = [to_inertial(mechanism, poses, vector) for vector in (left + right, left - right)]

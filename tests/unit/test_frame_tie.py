@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,15 +12,17 @@ from solids import mesh_of
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.mechanism.body_frames import to_body, to_inertial
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.frame_tie import N_TIES, FrameTie
+from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, reference_element
 
 STEP, ATOL = 1e-6, 1e-8  # central differences: round-off of values of order 1 over the step, and the step's square
 KIND = "quad8"
+N_TIES = 3
 
 
 def crooked(kind: str = KIND) -> tuple[np.ndarray, FaceFrame]:
@@ -31,10 +34,18 @@ def crooked(kind: str = KIND) -> tuple[np.ndarray, FaceFrame]:
     return places, FaceFrame.of(places, faces, reference_element(kind).face_kind)
 
 
-def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTie:
+def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTies:
     """Return the tie of a frame whose unknowns come before those of the nodes."""
-    nodes = N_TIES + 2 * frame.nodes[:, None] + np.arange(2)
-    return FrameTie(np.arange(N_TIES), nodes, frame.weights, frame.arms / frame.inertia[0, 0], slice(0, N_TIES))
+    body = SimpleNamespace(meshed=SimpleNamespace(frames={"faces": frame}), first_node=0, first_internal=N_TIES)
+    n_dofs = N_TIES + places.size
+    return FrameTies(SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES)))
+
+
+def jacobian_of(tie: FrameTiess, q: np.ndarray) -> np.ndarray:
+    """Return the Jacobian from its entries, shape (3, n, ...)."""
+    full = np.zeros((N_TIES, *q.shape))
+    np.add.at(full, tie.jacobian_pattern, tie.jacobian_values(q))
+    return full
 
 
 def placed(places: np.ndarray, frame: FaceFrame, angle: float, shift: tuple[float, float]) -> np.ndarray:
@@ -49,7 +60,7 @@ def anywhere(n: int, *samples: int) -> np.ndarray:
 
 
 @pytest.fixture
-def tie() -> FrameTie:
+def tie() -> FrameTies:
     return tie_of(*crooked())
 
 
@@ -63,8 +74,7 @@ def test_at_rest_the_frame_moves_as_its_functionals_say(kind: str) -> None:
     places, frame = crooked(kind)
     tie = tie_of(places, frame)
     q = placed(places, frame, 0.0, (0.0, 0.0))
-    full = np.zeros((N_TIES, q.size))
-    full[:, tie.dofs] = tie.jacobian(q)
+    full = jacobian_of(tie, q)
     # round-off of sums over a few dozen nodes
     np.testing.assert_allclose(full[:, :N_TIES], np.eye(N_TIES), rtol=0, atol=1e-14)
     np.testing.assert_allclose(full[:, N_TIES:], -frame.functionals(len(places)).toarray(), rtol=0, atol=1e-14)
@@ -75,10 +85,10 @@ def test_the_tie_holds_after_any_rigid_motion_and_turns_with_it(angle: float, sh
     places, frame = crooked()
     tie = tie_of(places, frame)
     q = placed(places, frame, angle, shift)
-    np.testing.assert_allclose(tie.residual(q), 0.0, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(tie.values(q), 0.0, rtol=0, atol=1e-13)
     # in the body's frame the Jacobian is the same everywhere
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    jacobian, at_rest = tie.jacobian(q), tie.jacobian(placed(places, frame, 0.0, (0.0, 0.0)))
+    jacobian, at_rest = (jacobian_of(tie, state) for state in (q, placed(places, frame, 0.0, (0.0, 0.0))))
     nodes = jacobian[:, N_TIES:].reshape(N_TIES, -1, 2) @ turn
     nodes[:2] = np.einsum("ji,jnk->ink", turn, nodes[:2])
     np.testing.assert_allclose(nodes, at_rest[:, N_TIES:].reshape(nodes.shape), rtol=0, atol=1e-13)
@@ -93,7 +103,7 @@ def test_the_third_constraint_is_the_frame_s_angle_less_the_mean_rotation() -> N
         for less in (1e-3, 1e-6):
             q = placed(places, frame, angle, (0.4, 0.2))
             q[2] += less
-            assert tie.residual(q)[2] == pytest.approx(np.sin(less), rel=1e-9)
+            assert tie.values(q)[2] == pytest.approx(np.sin(less), rel=1e-9)
         # a deformation of the nodes: the mean rotation of `FaceFrame`, turned along
         q, moved = placed(places, frame, angle, (0.0, 0.0)), np.random.default_rng(2).normal(0.0, 1e-3, places.shape)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -101,51 +111,49 @@ def test_the_third_constraint_is_the_frame_s_angle_less_the_mean_rotation() -> N
         # linear in the places of the nodes: round-off of the places over the size of the motion
         expected = -(frame.functionals(len(places)) @ moved.ravel())
         expected[:2] = turn @ expected[:2]
-        np.testing.assert_allclose(tie.residual(q), expected, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(tie.values(q), expected, rtol=0, atol=1e-13)
 
 
-def test_the_jacobian_is_the_derivative_of_the_residual(tie: FrameTie, n: int) -> None:
+def test_the_jacobian_is_the_derivative_of_the_residual(tie: FrameTies, n: int) -> None:
     q = anywhere(n)
-    full = np.zeros((N_TIES, n))
-    full[:, tie.dofs] = tie.jacobian(q)
+    full = jacobian_of(tie, q)
     for column, unit in enumerate(np.eye(n)):
-        slope = (tie.residual(q + STEP * unit) - tie.residual(q - STEP * unit)) / (2 * STEP)
+        slope = (tie.values(q + STEP * unit) - tie.values(q - STEP * unit)) / (2 * STEP)
         np.testing.assert_allclose(full[:, column], slope, rtol=0, atol=ATOL)
 
 
-def test_the_curvature_is_the_derivative_of_the_jacobian(tie: FrameTie, n: int) -> None:
+def test_the_curvature_is_the_derivative_of_the_jacobian(tie: FrameTies, n: int) -> None:
     q, multipliers = anywhere(n), np.array([0.7, -1.3, 2.1])
-    curvature = tie.curvature(q, multipliers)
-    # the matrix has entries in the row and the column of phi alone
-    expected = np.zeros((tie.dofs.size, tie.dofs.size))
-    expected[2], expected[:, 2] = curvature, curvature
-    for column, dof in enumerate(tie.dofs):
-        step = STEP * np.eye(n)[dof]
-        slope = multipliers @ (tie.jacobian(q + step) - tie.jacobian(q - step)) / (2 * STEP)
-        np.testing.assert_allclose(expected[column], slope, rtol=0, atol=ATOL * 10)
-    assert np.abs(curvature[[0, 1]]).max() == 0.0
-    assert np.abs(curvature[2:]).min() > 1e-3
+    lower = np.zeros((n, n))
+    np.add.at(lower, tie.curvature_pattern, tie.curvature_values(q, multipliers))
+    full = lower + np.tril(lower, -1).T
+    for column, unit in enumerate(np.eye(n)):
+        step = STEP * unit
+        slope = multipliers @ (jacobian_of(tie, q + step) - jacobian_of(tie, q - step)) / (2 * STEP)
+        np.testing.assert_allclose(full[column], slope, rtol=0, atol=ATOL * 10)
+    # entries in the row and the column of phi alone
+    assert not np.any(np.delete(np.delete(full, 2, axis=0), 2, axis=1)) and np.any(full[2])
 
 
-def test_the_drift_is_the_second_rate_of_the_residual_without_acceleration(tie: FrameTie, n: int) -> None:
+def test_the_drift_is_the_second_rate_of_the_residual_without_acceleration(tie: FrameTies, n: int) -> None:
     q, v = anywhere(n), np.random.default_rng(3).normal(size=n)
     steps = 1e-3 * np.arange(-2, 3)
-    values = np.array([tie.residual(q + step * v) for step in steps])
+    values = np.array([tie.values(q + step * v) for step in steps])
     second = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) @ values / (12 * steps[-2] ** 2)
     # fourth order: the step's fourth power, and round-off over its square
     np.testing.assert_allclose(tie.drift(q, v), second, rtol=0, atol=1e-8)
     assert abs(second[2]) > 0.1
-    rate = (tie.jacobian(q + STEP * v) - tie.jacobian(q - STEP * v)) / (2 * STEP) @ v[tie.dofs]
+    rate = (jacobian_of(tie, q + STEP * v) - jacobian_of(tie, q - STEP * v)) / (2 * STEP) @ v
     np.testing.assert_allclose(tie.drift(q, v), rate, rtol=0, atol=1e-7)
 
 
-def test_many_samples_at_once_are_those_one_by_one(tie: FrameTie, n: int) -> None:
+def test_many_samples_at_once_are_those_one_by_one(tie: FrameTies, n: int) -> None:
     q, v, multipliers = anywhere(n, 3), anywhere(n, 3) + 0.1, np.random.default_rng(4).normal(size=(N_TIES, 3))
     for k in range(3):
         for many, one in (
-            (tie.residual(q), tie.residual(q[:, k])),
-            (tie.jacobian(q), tie.jacobian(q[:, k])),
-            (tie.curvature(q, multipliers), tie.curvature(q[:, k], multipliers[:, k])),
+            (tie.values(q), tie.values(q[:, k])),
+            (tie.jacobian_values(q), tie.jacobian_values(q[:, k])),
+            (tie.curvature_values(q, multipliers), tie.curvature_values(q[:, k], multipliers[:, k])),
             (tie.drift(q, v), tie.drift(q[:, k], v[:, k])),
         ):
             # sums in another order
@@ -169,7 +177,7 @@ def test_constraints_of_a_mechanism_on_meshes_are_those_of_its_body_frames(theta
     """Ties come after the joints; their rows are turned along with the bodies, which changes no null space."""
     meshed, kinematics = mechanism(), RigidKinematics(mechanism())
     poses = kinematics.poses(np.array([theta]))[..., 0]
-    q, constraints = meshed.place(poses), ConstraintSet(meshed)
+    q, constraints = meshed.place(poses), ConstraintSet(Unknowns(meshed))
     assert constraints.n_constraints == meshed.n_constraints + 4 * N_TIES
     assert not constraints.linear
     # the closure of the rigid mechanism is 1e-12 of its size, 1 m
@@ -190,7 +198,7 @@ def test_constraints_of_a_mechanism_on_meshes_are_those_of_its_body_frames(theta
 
 def test_derivatives_of_all_constraints_on_meshes() -> None:
     meshed = mechanism()
-    constraints = ConstraintSet(meshed)
+    constraints = ConstraintSet(Unknowns(meshed))
     random = np.random.default_rng(5)
     n_dofs = meshed.n_dofs
     q = meshed.place(RigidKinematics(meshed).poses(np.array([0.9]))[..., 0]) + random.normal(0.0, 1e-3, n_dofs)

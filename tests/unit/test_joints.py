@@ -1,79 +1,59 @@
-"""Joints: Jacobians and Hessians against differences, and what the constraints mean."""
+"""Joints in the plane: what their constraints mean, on bodies and on the ground."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from joint_arrays import jacobian, residual
 
-from pgmp_petsc.mechanism.joints import Joint, PointOnLine, Revolute
+from pgmp_petsc.mechanism.joints import joint, triad
+from pgmp_petsc.mechanism.space import PLANE
 
-JOINTS = {
-    "revolute": Revolute(),
-    "fixed_line": PointOnLine((3.0, 4.0), turning=False),
-    "turning_line": PointOnLine((-1.0, 2.0), turning=True),
-}
-
-
-@pytest.fixture(params=JOINTS)
-def joint(request: pytest.FixtureRequest) -> Joint:
-    return JOINTS[request.param]
+COUNTS = {"revolute": 2, "point_on_line": 1, "fixed": 3}
+EPSILON = 1e-15  # round-off of sums of products of numbers of order 1
+NATURAL = PLANE.natural
 
 
-def pairs(n: int = 7) -> np.ndarray:
-    """Return n pairs of frames, shape (6, n)."""
-    return np.random.default_rng(3).normal(size=(6, n))
+def line(direction: tuple[float, float]):
+    axes = triad(np.array(direction))
+    return joint("point_on_line", axes, axes)
 
 
-def test_the_jacobian_is_the_derivative_of_the_residual(joint: Joint) -> None:
-    ab = pairs()
-    jacobian = joint.jacobian(ab[:3], ab[3:])
-    assert jacobian.shape == (joint.n_constraints, 6, 7)
-    for i, unit in enumerate(np.eye(6)):
-        complex_ab = ab + 1e-30j * unit[:, None]
-        slope = joint.residual(complex_ab[:3], complex_ab[3:]).imag / 1e-30
-        np.testing.assert_allclose(jacobian[:, i], slope, rtol=0, atol=1e-14)
+@pytest.mark.parametrize("kind", COUNTS)
+def test_the_number_of_constraints(kind: str) -> None:
+    made = joint(kind, np.eye(2), np.eye(2))
+    assert made.kind == kind and made.n_constraints == COUNTS[kind]
+    assert made.holds_position == (kind != "point_on_line") and made.slides == (kind == "point_on_line")
 
 
-def test_the_hessian_is_the_derivative_of_the_jacobian(joint: Joint) -> None:
-    ab, step = pairs(), 1e-5
-    hessian = joint.hessian(ab[:3], ab[3:])
-    assert hessian.shape == (joint.n_constraints, 6, 6, 7)
-    np.testing.assert_array_equal(hessian, np.swapaxes(hessian, 1, 2))
-    for i, unit in enumerate(np.eye(6)):
-        ahead, behind = ab + step * unit[:, None], ab - step * unit[:, None]
-        slope = (joint.jacobian(ahead[:3], ahead[3:]) - joint.jacobian(behind[:3], behind[3:])) / (2 * step)
-        # second order, 1e-10, and the round-off of values of order 1 over the step, 1e-11
-        np.testing.assert_allclose(hessian[:, :, i], slope, rtol=0, atol=1e-9)
-
-
-def test_linear_joints_have_no_hessian_and_a_constant_jacobian(joint: Joint) -> None:
-    ab = pairs()
-    constant = not np.any(joint.hessian(ab[:3], ab[3:])) and not np.any(np.ptp(joint.jacobian(ab[:3], ab[3:]), axis=2))
-    assert joint.linear == constant
-
-
-def test_one_pair_needs_no_trailing_axis(joint: Joint) -> None:
-    ab = pairs()
-    for function in (joint.residual, joint.jacobian, joint.hessian):
-        np.testing.assert_array_equal(function(ab[:3, 2], ab[3:, 2]), function(ab[:3], ab[3:])[..., 2])
-
-
-def test_a_fixed_line_does_not_turn_with_the_angle_of_its_frame() -> None:
-    joint = PointOnLine((3.0, 4.0), turning=False)
-    on_line = np.array([1.0 + 2 * 0.6, 2.0 + 2 * 0.8, 0.3])
-    assert joint.residual(np.array([1.0, 2.0, 5.0]), on_line) == pytest.approx([0.0], abs=1e-15)
-    # the residual is the distance, whatever the length of the direction
+def test_a_line_on_the_ground_holds_the_distance() -> None:
+    # whatever the length of the direction; how the second body is turned does not matter
+    ground, on_line = np.array([1.0, 2.0, 0.0]), np.array([1.0 + 2 * 0.6, 2.0 + 2 * 0.8, 0.3])
+    assert residual(line((3.0, 4.0)), *map(NATURAL, (ground, on_line))) == pytest.approx([0.0], abs=EPSILON)
     off_line = on_line + [-0.8, 0.6, 0.0]
-    assert joint.residual(np.array([1.0, 2.0, 5.0]), off_line) == pytest.approx([1.0], rel=1e-14)
+    assert residual(line((3.0, 4.0)), *map(NATURAL, (ground, off_line))) == pytest.approx([1.0], rel=1e-14)
 
 
 def test_a_turning_line_goes_with_its_body() -> None:
-    joint, angle = PointOnLine((1.0, 0.0), turning=True), 0.7
+    angle = 0.7
     carrier = np.array([1.0, 2.0, angle])
     point = carrier + [3 * np.cos(angle), 3 * np.sin(angle), 9.0]
-    assert joint.residual(carrier, point) == pytest.approx([0.0], abs=1e-15)
+    assert residual(line((1.0, 0.0)), *map(NATURAL, (carrier, point))) == pytest.approx([0.0], abs=EPSILON)
 
 
 def test_a_revolute_joint_leaves_the_rotation_free() -> None:
-    gap = Revolute().residual(np.array([1.0, 2.0, 3.0]), np.array([1.5, 2.0, -8.0]))
-    np.testing.assert_array_equal(gap, [0.5, 0.0])
+    hinge = joint("revolute", np.eye(2), np.eye(2))
+    frames = [NATURAL(np.array(frame)) for frame in ((1.0, 2.0, 3.0), (1.5, 2.0, -8.0))]
+    np.testing.assert_array_equal(residual(hinge, *frames), [0.5, 0.0])
+    assert not np.any(jacobian(hinge, *frames)[:, [2, 3, 4, 5, 8, 9, 10, 11]])
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-3, -0.4])
+def test_a_weld_holds_the_angle_that_the_bodies_are_placed_at(away: float) -> None:
+    placed = (0.3, 4.0)  # the second body half a turn and more against the first
+    turns = [np.array([[np.cos(p), -np.sin(p)], [np.sin(p), np.cos(p)]]) for p in placed]
+    weld = joint("fixed", np.eye(2), turns[1].T @ turns[0])
+    frames = [NATURAL(np.array([0.5, 0.1, angle])) for angle in (placed[0] + 2.0, placed[1] + 2.0 + away)]
+    found = residual(weld, *frames)
+    np.testing.assert_array_equal(found[:2], 0.0)
+    assert abs(found[2]) == pytest.approx(abs(np.sin(away)), abs=EPSILON)

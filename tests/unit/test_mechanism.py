@@ -9,8 +9,8 @@ from scenes import RADIUS, ROD, STEEL, four_bar, mechanism_of, meshes_of, slider
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.effects import effects_of, loads_of
-from pgmp_petsc.mechanism.joints import PointOnLine, Revolute
-from pgmp_petsc.mechanism.mechanism import Mechanism, place_points, rotate
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.space import PLANE, rotate
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -47,24 +47,6 @@ def test_a_joint_at_a_point_that_the_mesh_does_not_have_is_refused() -> None:
         mechanism_of(scene)
 
 
-def test_a_connection_leaves_out_the_ground() -> None:
-    mechanism = mechanism_of(slider_crank())
-    slider, elbow = mechanism.connection("slider"), mechanism.connection("elbow")
-    np.testing.assert_array_equal(slider.dofs, [33, 34, 35])
-    np.testing.assert_array_equal(slider.moving_columns, [3, 4, 5])
-    np.testing.assert_array_equal(elbow.dofs, [15, 16, 17, 18, 19, 20])
-    np.testing.assert_array_equal(elbow.moving_columns, range(6))
-
-
-def test_a_line_turns_with_a_body_and_not_on_the_ground() -> None:
-    guide = 'joints.guide={type="point_on_line",connect=["crank:1","rod:1"],direction=[1.0,0.0]}'
-    mechanism = mechanism_of(slider_crank(guide))
-    assert isinstance(mechanism.connection("elbow").joint, Revolute)
-    for name, turning in (("slider", False), ("guide", True)):
-        joint = mechanism.connection(name).joint
-        assert isinstance(joint, PointOnLine) and joint.linear is not turning
-
-
 def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
     mechanism = mechanism_of(four_bar())
     poses = np.random.default_rng(0).normal(size=(3, 3, 4))
@@ -72,8 +54,10 @@ def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
     assert q.shape == (mechanism.n_dofs, 4)
     for connection in mechanism.connections:
         for side in (connection.a, connection.b):
-            np.testing.assert_allclose(side.frame_of_node(q), side.frame_of_pose(poses), rtol=0, atol=1e-15)
-            assert side.frame_of_node(q).shape == (3, 4)
+            if not side.on_ground:
+                of_node = side.frame_of(mechanism.by_node(q)[side.node])
+                np.testing.assert_allclose(of_node, side.frame_of_pose(poses), rtol=0, atol=1e-15)
+                assert of_node.shape == (3, 4)
     pivot = mechanism.connection("rocker_hinge").b
     assert pivot.on_ground
     np.testing.assert_array_equal(pivot.frame_of_pose(poses[..., 0]), [1.0, 0.0, 0.0])
@@ -82,7 +66,7 @@ def test_the_frame_of_a_node_and_of_the_pose_agree() -> None:
 def test_placing_turns_then_moves() -> None:
     pose = np.array([1.0, 2.0, np.pi / 2])
     np.testing.assert_allclose(
-        place_points(pose, np.array([[0.5, 0.0], [0.0, 1.0]])), [[1, 2.5, np.pi / 2], [0, 2, np.pi / 2]], atol=1e-15
+        PLANE.place(pose, np.array([[0.5, 0.0], [0.0, 1.0]])), [[1, 2.5, np.pi / 2], [0, 2, np.pi / 2]], atol=1e-15
     )
     np.testing.assert_allclose(rotate(np.pi, np.array([1.0, 2.0])), [-1.0, -2.0], atol=1e-15)
 

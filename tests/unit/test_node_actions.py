@@ -11,7 +11,6 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
 
 RANDOM = np.random.default_rng(8)
 STEP, ATOL = 1e-6, 1e-7  # central differences: round-off of values of order 10 over the step
@@ -31,11 +30,12 @@ def statement(kind: str, d: int) -> statements.Statement:
 
 
 def forces_of(kind: str, law: str, sides: str, d: int) -> LocalForces:
-    make, n = (Attachment, 3) if d == 2 else (SpatialAttachment, 12)
+    n = 3 if d == 2 else 12
     arms = RANDOM.normal(size=(2, d)) * (0.0 if sides == "nodes" else 0.4)
-    a = make(-1, -1, RANDOM.normal(size=d)) if sides == "from the ground" else make(0, 0, np.zeros(d), arms[0])
+    place = RANDOM.normal(size=d)
+    a = Attachment.on_ground_at(place) if sides == "from the ground" else Attachment(0, 0, np.zeros(d), arms[0])
     which, numbers = LAWS[law]
-    action = Action("effect", statement(kind, d), a, make(1, 1, np.zeros(d), arms[1]), which,
+    action = Action("effect", statement(kind, d), a, Attachment(1, 1, np.zeros(d), arms[1]), which,
                     tuple(map(Quantity, numbers)), lambda time: 1.5)  # fmt: skip
     return LocalForces([action], {}, 1, lambda node: n * node + np.arange(n), d)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from effect_scenes import BAR, mechanism_with_lines, scene_of
 
-from pgmp_petsc.mechanism.attachment import place_points
+from pgmp_petsc.mechanism.space import PLANE
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 FOREARM = """
@@ -29,7 +29,7 @@ def test_undeformed_bodies_stand_where_their_poses_place_their_shapes() -> None:
     nodal = np.moveaxis(mechanism.place(poses).reshape(mechanism.n_nodes, 3, 5), -1, 0)
     frames = shape_frames(mechanism, nodal, np.arange(5.0))
     for body, pose in zip(mechanism.bodies, poses):
-        exact = np.moveaxis(place_points(pose, body.shape.nodes), -1, 0)
+        exact = np.moveaxis(PLANE.place(pose, body.shape.nodes), -1, 0)
         np.testing.assert_allclose(frames.positions[body.name], exact[..., :2], atol=1e-14)
         np.testing.assert_array_equal(frames.rotations[body.name], exact[..., 2])
     assert frames.rigid == {"bar"}

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.mechanism.attachment import place_points
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, at_nodes, at_points, cross_matrix, directors
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
+from pgmp_petsc.mechanism.attachment import Attachment
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
 POINTS = np.random.default_rng(5).normal(size=(4, 3))
@@ -62,7 +61,6 @@ FIRST, SECOND = 1e-10, 1e-8
 def test_placed_points_agree_for_motions_in_the_plane() -> None:
     poses = planar(np.linspace(-1.0, 1.0, 5))
     flat, deep = PLANE.place(poses, IN_THE_PLANE[:, :2]), SPATIAL.place(lifted(poses), IN_THE_PLANE)
-    np.testing.assert_array_equal(flat, place_points(poses, IN_THE_PLANE[:, :2]))
     np.testing.assert_allclose(deep[:, :2], flat[:, :2], rtol=0, atol=EPSILON)
     np.testing.assert_array_equal(deep[:, 2], 0.0)
     # the frames have the same direction
@@ -261,18 +259,16 @@ def test_turns_and_windings() -> None:
 
 def test_an_attachment_is_a_placed_point() -> None:
     poses = np.stack([spatial(np.linspace(-1.0, 1.0, 4)), spatial(np.linspace(2.0, 3.0, 4))])
-    side = SpatialAttachment(1, 3, POINTS[0])
+    side = Attachment(1, 3, POINTS[0], np.zeros(3))
     expected = SPATIAL.place(poses[1], POINTS[:1])[0]
     np.testing.assert_allclose(side.frame_of_pose(poses), expected, rtol=0, atol=EPSILON)
     np.testing.assert_allclose(side.frame_of_pose(poses[..., 0]), expected[:, 0], rtol=0, atol=EPSILON)
-    # the map is the derivative of the frame in the pose, which is linear in it
-    np.testing.assert_allclose(side.pose_map @ poses[1], expected, rtol=0, atol=EPSILON)
 
 
 def test_an_attachment_with_an_arm_goes_with_its_node() -> None:
     arm = np.array([0.1, -0.3, 0.2])
     poses = spatial(np.linspace(-1.0, 1.0, 4))[None]
-    node, side = SpatialAttachment(0, 2, POINTS[0]), SpatialAttachment(0, 2, POINTS[0] + arm, arm)
+    node, side = Attachment(0, 2, POINTS[0], np.zeros(3)), Attachment(0, 2, POINTS[0] + arm, arm)
     assert node.at_node and not side.at_node
     expected = side.frame_of_pose(poses)
     np.testing.assert_allclose(side.frame_of(node.frame_of_pose(poses)), expected, rtol=0, atol=EPSILON)

@@ -3,15 +3,19 @@ hinge."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
+from joint_arrays import hessian, jacobian, lengths, residual
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
+from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.connection import Connection
+from pgmp_petsc.mechanism.joints import Joint, joint as make_joint, orthonormality, triad
 from pgmp_petsc.mechanism.space import SPATIAL, cross_matrix, directors
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
-from pgmp_petsc.mechanism.spatial_connection import PoseConnection, SpatialConnection
-from pgmp_petsc.mechanism.spatial_joints import SpatialJoint, orthonormality, spatial_joint, triad
+from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.mechanism.statements import angle
 
 # number of constraints of every type
@@ -58,8 +62,8 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def joint(kind: str) -> SpatialJoint:
-    return spatial_joint(kind, axes_of(1))
+def joint(kind: str) -> Joint:
+    return make_joint(kind, *axes_of(1))
 
 
 def pairs(n: int = 5) -> np.ndarray:
@@ -70,19 +74,18 @@ def pairs(n: int = 5) -> np.ndarray:
 # --- constraints and their derivatives -------------------------------------------------------------------------------
 
 
-def test_the_number_of_constraints(kind: str, joint: SpatialJoint) -> None:
-    assert joint.kind == kind and joint.n_constraints == COUNTS[kind] == joint.lengths.size
-    assert not joint.linear
+def test_the_number_of_constraints(kind: str, joint: Joint) -> None:
+    assert joint.kind == kind and joint.n_constraints == COUNTS[kind] == lengths(joint).size
     assert joint.holds_position == (kind in ("spherical", "revolute", "universal", "fixed"))
     # each length is the gap of one direction that the joint holds
-    assert joint.lengths.sum() == 3 - len(SLIDES.get(kind, ()))
+    assert lengths(joint).sum() == 3 - len(SLIDES.get(kind, ()))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_that_obey_a_joint_leave_no_residual(kind: str, seed: int) -> None:
     axes = axes_of(seed + 20)
     np.testing.assert_allclose(
-        spatial_joint(kind, axes).residual(*obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON
+        residual(make_joint(kind, *axes), *obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON
     )
 
 
@@ -90,61 +93,61 @@ def test_frames_that_obey_a_joint_leave_no_residual(kind: str, seed: int) -> Non
 def test_a_gap_is_its_own_residual(kind: str, seed: int) -> None:
     """The residual of a gap in a direction that is held is as long as the gap; in others there is none."""
     axes = axes_of(seed)
-    joint, (a, b) = spatial_joint(kind, axes), obeying(kind, axes, seed)
+    joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
     for k in range(3):
         for gap in (1e-3, 0.7):
             moved = b.copy()
             moved[:3] += gap * directors(a) @ axes[0][:, k]
-            residual = joint.residual(a, moved)
+            found = residual(joint, a, moved)
             held = k not in SLIDES.get(kind, ())
-            assert np.linalg.norm(residual[joint.lengths]) == pytest.approx(gap * held, abs=EPSILON)
-            np.testing.assert_allclose(residual[~joint.lengths], 0.0, rtol=0, atol=EPSILON)
+            assert np.linalg.norm(found[lengths(joint)]) == pytest.approx(gap * held, abs=EPSILON)
+            np.testing.assert_allclose(found[~lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
     """What a joint holds of the rotation is held by cosines of right angles: linear in small angles."""
     axes = axes_of(seed)
-    joint, (a, b) = spatial_joint(kind, axes), obeying(kind, axes, seed)
+    joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
     if kind == "universal":
         # at a right angle to both axes, wherever they are now
         held = [np.cross(directors(a) @ axes[0][:, 0], directors(b) @ axes[1][:, 1])]
     else:
         held = [directors(a) @ axes[0][:, k] for k in range(3) if k not in TURNS.get(kind, ())]
-    assert len(held) == np.sum(~joint.lengths)
+    assert len(held) == np.sum(~lengths(joint))
     for axis in held:
         for angle in (1e-3, 0.4):
             turned = frame(b[:3], Rotation.from_rotvec(angle * axis).as_matrix() @ directors(b))
-            residual = joint.residual(a, turned)
-            assert np.linalg.norm(residual[~joint.lengths]) == pytest.approx(np.sin(angle), abs=EPSILON)
-            np.testing.assert_allclose(residual[joint.lengths], 0.0, rtol=0, atol=EPSILON)
+            found = residual(joint, a, turned)
+            assert np.linalg.norm(found[~lengths(joint)]) == pytest.approx(np.sin(angle), abs=EPSILON)
+            np.testing.assert_allclose(found[lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 
-def test_the_jacobian_is_the_derivative_of_the_residual(joint: SpatialJoint) -> None:
+def test_the_jacobian_is_the_derivative_of_the_residual(joint: Joint) -> None:
     ab = pairs()
-    jacobian = joint.jacobian(ab[:12], ab[12:])
-    assert jacobian.shape == (joint.n_constraints, 24, 5)
+    found = jacobian(joint, ab[:12], ab[12:])
+    assert found.shape == (joint.n_constraints, 24, 5)
     for i, unit in enumerate(np.eye(24)):
         ahead, behind = ab + 0.5 * unit[:, None], ab - 0.5 * unit[:, None]
         # of second degree: a central difference over any step is exact
-        slope = joint.residual(ahead[:12], ahead[12:]) - joint.residual(behind[:12], behind[12:])
-        np.testing.assert_allclose(jacobian[:, i], slope, rtol=0, atol=10 * EPSILON)
+        slope = residual(joint, ahead[:12], ahead[12:]) - residual(joint, behind[:12], behind[12:])
+        np.testing.assert_allclose(found[:, i], slope, rtol=0, atol=10 * EPSILON)
 
 
-def test_the_hessian_is_the_derivative_of_the_jacobian(joint: SpatialJoint) -> None:
+def test_the_hessian_is_the_derivative_of_the_jacobian(joint: Joint) -> None:
     ab = pairs()
-    hessian = joint.hessian(ab[:12], ab[12:])
-    assert hessian.shape == (joint.n_constraints, 24, 24, 5)
-    np.testing.assert_array_equal(hessian, np.swapaxes(hessian, 1, 2))
+    found = hessian(joint, ab[:12], ab[12:])
+    assert found.shape == (joint.n_constraints, 24, 24, 5)
+    np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
     for i, unit in enumerate(np.eye(24)):
         ahead = ab + unit[:, None]
-        change = joint.jacobian(ahead[:12], ahead[12:]) - joint.jacobian(ab[:12], ab[12:])
-        np.testing.assert_allclose(hessian[:, :, i], change, rtol=0, atol=10 * EPSILON)
+        change = jacobian(joint, ahead[:12], ahead[12:]) - jacobian(joint, ab[:12], ab[12:])
+        np.testing.assert_allclose(found[:, :, i], change, rtol=0, atol=10 * EPSILON)
 
 
-def test_one_pair_needs_no_trailing_axis(joint: SpatialJoint) -> None:
+def test_one_pair_needs_no_trailing_axis(joint: Joint) -> None:
     ab = pairs()
-    for function in (joint.residual, joint.jacobian, joint.hessian):
+    for function in (partial(of, joint) for of in (residual, jacobian, hessian)):
         one, several = function(ab[:12, 2], ab[12:, 2]), function(ab[:12], ab[12:])[..., 2]
         # the products are summed in another order
         np.testing.assert_allclose(one, several, rtol=0, atol=10 * EPSILON)
@@ -153,11 +156,11 @@ def test_one_pair_needs_no_trailing_axis(joint: SpatialJoint) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_moving_both_frames_as_one_changes_nothing(kind: str, seed: int) -> None:
     axes = axes_of(seed)
-    joint, (a, b) = spatial_joint(kind, axes), obeying(kind, axes, seed)
-    jacobian = joint.jacobian(a, b)
+    joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
+    found = jacobian(joint, a, b)
     for velocity, spin in zip(np.eye(6)[:, :3], np.eye(6)[:, 3:]):
         rates = [frame(velocity + np.cross(spin, side[:3]), cross_matrix(spin) @ directors(side)) for side in (a, b)]
-        np.testing.assert_allclose(jacobian @ np.concatenate(rates), 0.0, rtol=0, atol=10 * EPSILON)
+        np.testing.assert_allclose(found @ np.concatenate(rates), 0.0, rtol=0, atol=10 * EPSILON)
 
 
 # --- what joints leave free ------------------------------------------------------------------------------------------
@@ -178,8 +181,8 @@ def free_twists(kind: str, axes: tuple[np.ndarray, np.ndarray], a: np.ndarray, b
 @pytest.mark.parametrize("seed", range(3))
 def test_the_relative_motions_left_free(kind: str, seed: int) -> None:
     axes = axes_of(seed + 7)
-    joint, (a, b) = spatial_joint(kind, axes), obeying(kind, axes, seed)
-    twists = joint.jacobian(a, b)[:, 12:] @ SPATIAL.frame_gradient(b)
+    joint, (a, b) = make_joint(kind, *axes), obeying(kind, axes, seed)
+    twists = jacobian(joint, a, b)[:, 12:] @ SPATIAL.frame_gradient(b)
     left = null_space(twists)
     expected = free_twists(kind, axes, a, b)
     assert left.shape[1] == expected.shape[1] == 6 - COUNTS[kind]
@@ -188,22 +191,23 @@ def test_the_relative_motions_left_free(kind: str, seed: int) -> None:
 
 
 def test_orthonormality_is_that_of_rotations() -> None:
-    joint, nowhere = orthonormality(), np.zeros(12)
+    (parts, values), nowhere = orthonormality(), np.zeros(12)
     pose = frame(np.array([1.0, -2.0, 0.5]), Rotation.random(random_state=4).as_matrix())
-    np.testing.assert_allclose(joint.residual(nowhere, pose), 0.0, rtol=0, atol=EPSILON)
-    assert joint.n_constraints == SPATIAL.n_tied == 6 and not joint.lengths.any()
-    jacobian = joint.jacobian(nowhere, pose)
-    assert not np.any(jacobian[:, :12])
+    rigid = Joint("rigid", tuple(parts))
+    np.testing.assert_allclose(residual(rigid, nowhere, pose), values, rtol=0, atol=EPSILON)
+    assert rigid.n_constraints == SPATIAL.n_tied == 6 and not lengths(rigid).any()
+    found = jacobian(rigid, nowhere, pose)
+    assert not np.any(found[:, :12])
     # what it leaves of twelve numbers are displacements and rotations
-    left, gradient = null_space(jacobian[:, 12:]), SPATIAL.frame_gradient(pose)
+    left, gradient = null_space(found[:, 12:]), SPATIAL.frame_gradient(pose)
     assert left.shape[1] == np.linalg.matrix_rank(gradient) == 6
     np.testing.assert_allclose(gradient, left @ (left.T @ gradient), rtol=0, atol=10 * EPSILON)
     # a stretched director and a sheared pair are told by their square and by their cosine
     stretched, sheared = pose.copy(), pose.copy()
     stretched[3:6] *= 1.1
     sheared[9:12] += 0.2 * pose[6:9]
-    assert np.linalg.norm(joint.residual(nowhere, stretched)) == pytest.approx(1.1**2 - 1, rel=1e-13)
-    assert joint.residual(nowhere, sheared).max() == pytest.approx(0.2, rel=1e-13)
+    assert np.linalg.norm(residual(rigid, nowhere, stretched) - values) == pytest.approx(1.1**2 - 1, rel=1e-13)
+    assert (residual(rigid, nowhere, sheared) - values).max() == pytest.approx(0.2, rel=1e-13)
 
 
 def test_triads() -> None:
@@ -233,38 +237,38 @@ def poses_of_two_bodies(n: int = 3) -> np.ndarray:
 
 @pytest.mark.parametrize("grounded", ["neither", "first", "second"])
 def test_a_joint_on_rigid_bodies(kind: str, grounded: str) -> None:
-    sides = [SpatialAttachment(number, number, point) for number, point in enumerate(POINTS)]
+    sides = [Attachment(number, number, point, point) for number, point in enumerate(POINTS)]
     if grounded != "neither":
-        sides[grounded == "second"] = SpatialAttachment(-1, -1, POINTS[0])
-    connection = PoseConnection(spatial_joint(kind, axes_of(2)), *sides, slice(0, COUNTS[kind]))
+        sides[grounded == "second"] = Attachment.on_ground_at(POINTS[0])
+    parts = make_joint(kind, *axes_of(2)).statements
+    rows = StatementRows(parts, [tuple(sides)] * len(parts), lambda body: 12 * body + np.arange(12), 3)
     unknowns = poses_of_two_bodies().reshape(24, 3)
-    jacobian, hessian = connection.jacobian(unknowns), connection.hessian(unknowns)
-    moving = connection.moving_columns
-    assert moving.size == connection.dofs.size == (24 if grounded == "neither" else 12)
-    for column, dof in zip(moving, connection.dofs):
-        moved = unknowns.copy()
-        moved[dof] += 1.0
-        back = unknowns.copy()
-        back[dof] -= 1.0
+    gradients, hessians = rows.gradients(unknowns), rows.hessians(unknowns)
+    moving = np.flatnonzero(rows.dofs[0] >= 0)
+    assert moving.size == (24 if grounded == "neither" else 12)
+    for column in moving:
+        moved, back = unknowns.copy(), unknowns.copy()
+        moved[rows.dofs[0, column]] += 1.0
+        back[rows.dofs[0, column]] -= 1.0
         # of second degree: differences are exact
-        slope = 0.5 * (connection.residual(moved) - connection.residual(back))
-        np.testing.assert_allclose(jacobian[:, column], slope, rtol=0, atol=10 * EPSILON)
-        change = (connection.jacobian(moved) - connection.jacobian(unknowns))[:, moving]
-        np.testing.assert_allclose(hessian[:, moving, column], change, rtol=0, atol=10 * EPSILON)
+        slope = 0.5 * (rows.values(moved) - rows.values(back))
+        np.testing.assert_allclose(gradients[:, column], slope, rtol=0, atol=10 * EPSILON)
+        change = (rows.gradients(moved) - gradients)[:, moving]
+        np.testing.assert_allclose(hessians[:, moving, column], change, rtol=0, atol=10 * EPSILON)
 
 
 @pytest.mark.parametrize("arm", [np.zeros(3), np.array([0.1, 0.3, -0.2])])
 def test_the_jacobian_in_body_frames_is_that_of_small_motions_of_nodes(kind: str, arm: np.ndarray) -> None:
-    a = SpatialAttachment(0, 4, POINTS[0], arm)
-    b = SpatialAttachment(1, 7, POINTS[1])
-    joint, poses = spatial_joint(kind, axes_of(2)), poses_of_two_bodies()[..., 0]
-    connection = SpatialConnection("test", joint, a, b, slice(0, joint.n_constraints), axes_of(2))
-    (dofs_a, block_a), (dofs_b, block_b) = connection.body_jacobian(poses, poses)
+    a = Attachment(0, 4, POINTS[0], arm)
+    b = Attachment(1, 7, POINTS[1], np.zeros(3))
+    joint, poses = make_joint(kind, *axes_of(2)), poses_of_two_bodies()[..., 0]
+    connection = Connection("test", joint, a, b, slice(0, joint.n_constraints), axes_of(2))
+    (dofs_a, block_a), (dofs_b, block_b) = connection.body_gradients(joint.statements, poses)
     np.testing.assert_array_equal(dofs_a, np.arange(24, 30))
     np.testing.assert_array_equal(dofs_b, np.arange(42, 48))
     step = 1e-5
     for side, block in ((a, block_a), (b, block_b)):
-        node = SpatialAttachment(side.body, side.node, side.point - side.arm).frame_of_pose(poses)
+        node = Attachment(side.body, side.node, side.point - side.arm, np.zeros(3)).frame_of_pose(poses)
         for column in range(6):
             residuals = []
             for sign in (step, -step):
@@ -272,14 +276,14 @@ def test_the_jacobian_in_body_frames_is_that_of_small_motions_of_nodes(kind: str
                 turn = directors(node) @ Rotation.from_rotvec(move[3:]).as_matrix()
                 moved = side.frame_of(frame(node[:3] + directors(node) @ move[:3], turn))
                 frames = [moved if one is side else one.frame_of_pose(poses) for one in (a, b)]
-                residuals.append(joint.residual(*frames))
+                residuals.append(residual(joint, *frames))
             slope = (residuals[0] - residuals[1]) / (2 * step)
             # second order, 1e-10 over 6, and the round-off of numbers of order 1 over the step, 1e-11
             np.testing.assert_allclose(block[:, column], slope, rtol=0, atol=1e-9)
 
 
 def test_points_of_the_ground_stay_where_they_are() -> None:
-    ground = SpatialAttachment(-1, -1, POINTS[0])
+    ground = Attachment.on_ground_at(POINTS[0])
     expected = np.concatenate([POINTS[0], np.eye(3).ravel()])
     np.testing.assert_array_equal(ground.frame_of_pose(poses_of_two_bodies()), np.repeat(expected[:, None], 3, axis=1))
     assert ground.on_ground and ground.ground_frame(()).shape == (12,)

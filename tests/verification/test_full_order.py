@@ -15,7 +15,8 @@ from scipy.special import ellipk
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.scene import Scene
 
@@ -143,7 +144,7 @@ def test_constraints_hold_at_every_step(name: str) -> None:
     scene = BOTH[name]()
     model = full_model(scene)
     system = model.batch(samples(scene, 1), 1)
-    constraints = ConstraintSet(model.kinematics.mechanism)
+    constraints = ConstraintSet(Unknowns(model.kinematics.mechanism))
     gaps: list[float] = []
 
     def record(step: int, time: float, state: State) -> None:

@@ -15,7 +15,7 @@ from pgmp_petsc.bodies.free_modes import free_modes
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.effects.modal_damping import modal_damping
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mechanism.space import cross_matrix
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -61,7 +61,7 @@ def test_modes_are_damped_and_rigid_motions_are_not(kind: str) -> None:
 def test_modes_of_beams_in_space_are_damped_and_rigid_motions_are_not() -> None:
     scene = scene_of("beams in space")
     mechanism = Mechanism.from_scene(scene, meshes_for(scene))
-    unknowns = NaturalUnknowns(mechanism)
+    unknowns = Unknowns(mechanism)
     damping = modal_damping(effects_of(scene, mechanism), unknowns.bodies, scene.nominal)[0]
     body = mechanism.bodies[0]
     omega, phi, mass = free_modes(body, scene.nominal, 2, "entry")

@@ -16,7 +16,8 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.body_frames import to_inertial
-from pgmp_petsc.mechanism.connections import ConstraintSet
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
@@ -261,7 +262,7 @@ def test_signs_and_order_of_the_solver_mean_nothing(turning: ReducedOrderModel) 
 def test_the_back_transformation_stays_in_the_joints(turning: ReducedOrderModel) -> None:
     scene = quick_return(STATIC, SECOND, "reduction.modes=3", "reduction.angles=16")
     kinematics = kinematics_of(scene)
-    mechanism, constraints = kinematics.mechanism, ConstraintSet(kinematics.mechanism)
+    mechanism, constraints = kinematics.mechanism, ConstraintSet(Unknowns(kinematics.mechanism))
     back = Reconstruction(kinematics, turning, "overhauser", range(mechanism.n_nodes))
     straight = Reconstruction(kinematics, replace(turning, curvature=None), "overhauser", range(mechanism.n_nodes))
     m, row = turning.tables.n_modes, 3

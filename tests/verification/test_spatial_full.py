@@ -15,8 +15,8 @@ from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_c
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.natural_coordinates import NaturalUnknowns
-from pgmp_petsc.mechanism.quadratic_constraints import QuadraticConstraints, natural_constraints
+from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
@@ -71,14 +71,14 @@ def largest(difference: np.ndarray, values: np.ndarray) -> float:
 
 
 @lru_cache
-def constraints(driven: bool) -> tuple[QuadraticConstraints, NaturalUnknowns, RigidKinematics]:
+def constraints(driven: bool) -> tuple[ConstraintSet, Unknowns, RigidKinematics]:
     scene = spatial_slider_crank(*([f"effects={{{DRIVEN[8:]}}}"] if driven else []))
     kinematics = RigidKinematics(Mechanism.from_scene(scene, bars_of(scene)))
-    unknowns = NaturalUnknowns(kinematics.mechanism)
-    return natural_constraints(unknowns), unknowns, kinematics
+    unknowns = Unknowns(kinematics.mechanism)
+    return ConstraintSet(unknowns), unknowns, kinematics
 
 
-def dense(found: QuadraticConstraints, q: np.ndarray) -> np.ndarray:
+def dense(found: ConstraintSet, q: np.ndarray) -> np.ndarray:
     jacobian = np.zeros((found.n_constraints, q.size))
     np.add.at(jacobian, found.jacobian_pattern, found.jacobian_values(q[:, None])[:, 0])
     return jacobian
@@ -245,7 +245,7 @@ def test_effects_find_their_vectors() -> None:
     made = spatial_slider_crank()
     model = FullModel(made, bars_of(made))
     with model.distributed(made.values, MPI.COMM_SELF) as system:
-        unknowns = NaturalUnknowns(model.kinematics.mechanism)
+        unknowns = Unknowns(model.kinematics.mechanism)
         vectors = dict(zip((e.name for e in system._load_effects), system._load_vectors))  # noqa: SLF001
         up = unknowns.uniform(np.array([0.0, 1.0, 0.0]))
         volume = (0.1 + 0.3 + 0.05) * WIDTH**2
