@@ -89,7 +89,8 @@ def test_bodies_without_a_placement_are_joined_to_those_placed() -> None:
 def test_coordinates_measure_the_relative_rotation() -> None:
     mechanism = mechanism_of(slider_crank('coordinates.theta.joint="elbow"'))
     coordinate = mechanism.coordinates[0]
-    assert coordinate.measure(np.array([0, 0, 0.2]), np.array([0, 0, 0.5])) == pytest.approx(0.3, rel=1e-15)
+    turn = mechanism.space.angle(coordinate.connection.angle, np.array([0, 0, 0.2]), np.array([0, 0, 0.5]))
+    assert turn == pytest.approx(0.3, rel=1e-15)
     assert (coordinate.lower, coordinate.upper, coordinate.periodic) == (0.0, 2 * np.pi, True)
 
 

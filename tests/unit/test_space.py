@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pgmp_petsc.mechanism.joints import triad
 from pgmp_petsc.mechanism.space import PLANE, SPATIAL, Space, at_nodes, at_points, cross_matrix, directors
+from pgmp_petsc.mechanism.statements import angle
 from pgmp_petsc.mechanism.attachment import Attachment
 
 SPACES = {"plane": PLANE, "space": SPATIAL}
@@ -235,14 +237,23 @@ def test_cross_products() -> None:
         np.testing.assert_allclose(cross_matrix(left) @ right, np.cross(left, right), rtol=0, atol=EPSILON)
 
 
+def test_angles_count_turns_in_the_plane_and_are_nearest_to_what_is_known_in_space() -> None:
+    theta = np.array([-7.0, -3.0, 0.2, 3.5, 4 * np.pi + 0.1])
+    a, b = planar(np.zeros(5)), planar(np.zeros(5))
+    a[2], b[2] = 0.3, 0.3 + theta
+    turn = angle(np.eye(2), np.eye(2))
+    np.testing.assert_allclose(PLANE.angle(turn, a, b), theta, rtol=0, atol=10 * EPSILON)
+    turn, (a, b) = angle(triad(np.array([0.0, 0.0, 1.0])), triad(np.array([0.0, 0.0, 1.0]))), (lifted(a), lifted(b))
+    principal = np.angle(np.exp(1j * theta))
+    np.testing.assert_allclose(SPATIAL.angle(turn, a, b), principal, rtol=0, atol=10 * EPSILON)
+    np.testing.assert_allclose(SPATIAL.angle(turn, a, b, theta + 2.0), theta, rtol=0, atol=10 * EPSILON)
+
+
 def test_turns_and_windings() -> None:
     step = np.zeros((2, 12, 3))
     step[1, 7, 2], step[0, 1, 0] = -0.4, 5.0
     np.testing.assert_array_equal(SPATIAL.turns(step), [[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]])
     np.testing.assert_array_equal(PLANE.turns(np.array([[[1.0], [2.0], [-0.3]]])), [[0.3]])
-    away = np.array([-7.0, -3.0, 0.2, 3.5, 4 * np.pi + 0.1])
-    np.testing.assert_array_equal(PLANE.principal(away), away)
-    np.testing.assert_allclose(SPATIAL.principal(away), np.angle(np.exp(1j * away)), rtol=0, atol=EPSILON)
     # directors come back after a turn, angles count it
     change = np.array([[0.0, 0.0, -4 * np.pi], [0.1, 0.0, 0.2]])
     np.testing.assert_array_equal(PLANE.winding(change), [-2.0, 0.0])
