@@ -13,6 +13,7 @@ Redundant constraints (the same statement twice) are allowed: J then has more ro
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import orthonormality
@@ -23,6 +24,8 @@ from pgmp_petsc.runtime.errors import InputError
 
 MAX_ITERATIONS = 25
 RANK_TOLERANCE = 1e-10  # of the largest pivot or singular value of J
+STIFF = 1e3  # weight of rigid bodies and given coordinates against joints, where these cannot all hold
+NO_GAP = 1e-9  # of the mechanism's size
 CLOSURE_TOLERANCE = 1e-12  # of the mechanism's size (positions) or of 1 rad
 
 
@@ -128,18 +131,41 @@ class LoopClosure:
         InputError
             Where it does not converge.
         """
-        poses, residual, gap = self._newton(poses, theta)
+        closed, gap = self._newton(poses, theta)
         if np.all(gap < CLOSURE_TOLERANCE):
-            return poses
+            return closed
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
-        rows = residual[: self.n_constraints, worst]
-        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(rows[c.rows])))
+        gaps, blame = self._gaps(self._nearest(poses[..., [worst]], theta[[worst]]))
         ranges = " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
         raise InputError(
-            f"joints.{blame.name}: the mechanism cannot close at {self.describe(theta[worst])}; "
-            f"a gap of {np.max(np.abs(rows[blame.rows])):.3g} m remains. Check the bodies' lengths and placements, "
-            f"or narrow {ranges}"
+            f"joints.{blame}: the mechanism cannot close at {self.describe(theta[worst])}; {gaps}. Check the bodies' "
+            f"lengths and placements, or narrow {ranges}"
         )
+
+    def _gaps(self, residual: np.ndarray) -> tuple[str, str]:
+        """Return what remains of a residual (n_rows,), and the name of the joint that is furthest from closed."""
+        scaled = residual / self._scale
+        blame = max(self.mechanism.connections, key=lambda c: np.max(np.abs(scaled[c.rows])))
+        lengths = [np.array([part.is_length for part in c.joint.statements]) for c in self.mechanism.connections]
+        apart = sum(np.linalg.norm(residual[c.rows][of]) for c, of in zip(self.mechanism.connections, lengths))
+        if apart > NO_GAP * self.size:
+            return f"a gap of {apart:.3g} m remains", blame.name
+        turned = np.max(np.abs(scaled[blame.rows]))
+        return f"the points meet, and an angle of {np.arcsin(min(turned, 1.0)):.3g} rad remains", blame.name
+
+    def _nearest(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Return the residual, shape (n_rows,), of rigid bodies whose joints come as near as they can, from poses
+        (n_bodies, n_pose, 1) at theta (1, n_theta)."""
+        weights = STIFF / self._scale
+        weights[: self.mechanism.n_constraints] /= STIFF
+
+        def weighted(unknowns: np.ndarray) -> np.ndarray:
+            return weights * self.residual(unknowns.reshape(poses.shape), theta)[:, 0]
+
+        def slopes(unknowns: np.ndarray) -> np.ndarray:
+            return weights[:, None] * self.jacobian(unknowns.reshape(poses.shape))[0]
+
+        return weighted(least_squares(weighted, poses.ravel(), slopes, x_scale=self._units).x) / weights
 
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
@@ -150,13 +176,13 @@ class LoopClosure:
         jacobian = self.jacobian(poses)[:, : len(residual)]
         return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
 
-    def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return poses, residual and the largest scaled entry of each; undriven where no theta is given."""
-        poses = poses.copy()
+    def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses and the largest scaled residual of each; undriven where no theta is given."""
+        poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
-            residual = self.residual(poses, wanted)[: None if theta is not None else self.n_constraints]
-            gap = np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
+            residual = self.residual(poses, wanted)[:n_rows]
+            gap = np.max(np.abs(residual) / self._scale[:n_rows, None], axis=0, initial=0.0)
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = ~(gap < CLOSURE_TOLERANCE)
             if not open_ones.any() or not np.all(np.isfinite(gap)):
@@ -166,7 +192,7 @@ class LoopClosure:
             # far from the solution a whole step can throw a body around; no more than half a radian at once
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
-        return poses, residual, gap
+        return poses, gap
 
 
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ class Case:
 
 SCENE = str(PAPER_SCENE)
 FOUR_BAR, PENDULUM = PAPER_SCENE.with_name("four_bar.toml"), PAPER_SCENE.with_name("double_pendulum.toml")
+RSSR = PAPER_SCENE.with_name("rssr_beams.toml")
 ROM, OUT = "{folder}/rom.h5", "{folder}/out.h5"
 
 
@@ -54,7 +55,54 @@ NO_SLIDER = (
     'elbow={{type="revolute", connect=["crank:tip", "rod:hinge"]}}}}'
 )
 
+BAR = 'line={{length=0.1, elements=3}}, element="beam3d", material="aluminium"'
+MOUNT = 'effects.mount={{type="bushing", points=["ground:pivot", "coupler:tip"], stiffness=[1.0, 1.0, 1.0]'
+
+
+def in_space(override: str, *words: str) -> Case:
+    """Return the check of the spatial four-bar with an override."""
+    return Case(("check", str(RSSR), "--override", override), words)
+
+
+IN_SPACE = {
+    "hinge without an axis": in_space(
+        'joints.crank_hinge={{type="revolute", connect=["ground:origin", "crank:hinge"]}}',
+        "joints.crank_hinge.axis: missing", "axis (x, y, z)",
+    ),
+    "axis of no length": in_space("joints.crank_hinge.axis=[0.0, 0.0, 0.0]", "joints.crank_hinge.axis = [0.0, 0.0, 0.0]"),
+    "parallel axes": in_space("joints.cross.second_axis=[0.0, 2.0, 0.0]", "joints.cross.second_axis = [0.0, 2.0, 0.0]"),
+    "section without an orientation": in_space(
+        f'bodies.crank={{{{{BAR}, section={{{{shape="rectangle", width=0.008, height=0.012}}}}}}}}',
+        "bodies.crank.orientation: missing", "orientation = [x, y, z]",
+    ),
+    "orientation along the beam": in_space(
+        "bodies.crank.orientation=[1.0, 0.0, 0.0]", "bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0",
+    ),
+    "a beam of the plane in space": in_space('bodies.coupler.element="beam2d"', "bodies.coupler", "beam2d", "beam3d"),
+    "bushing without a reference": in_space(f"{MOUNT}}}}}", "effects.mount.reference: missing"),
+    "bushing of parallel axes": in_space(
+        f"{MOUNT}, reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]}}}}", "effects.mount.reference", "parallel",
+    ),
+    "bushing with half a reference": in_space(
+        f"{MOUNT}, reference=[[1.0, 0.0, 0.0]]}}}}", "effects.mount.reference = [[1.0, 0.0, 0.0]]", "two axes",
+    ),
+    "force without a direction": in_space(
+        'effects.pull={{type="force", point="coupler:tip", direction=[0.0, 0.0, 0.0], table=[[0.0, 1.0], [1.0, 1.0]]}}',
+        "effects.pull.direction = [0.0, 0.0, 0.0]",
+    ),
+    # the coupler is 5 m long, and no more than 0.1 + 0.25 m and the distance of the pivots are between its ends
+    "joints that contradict each other": in_space(
+        "bodies.coupler.line={{length=5.0, elements=8}}", "joints.", "cannot close at theta = 0 rad", "m remains",
+    ),
+}
+
 CASES = {
+    **IN_SPACE,
+    # 5 m between the pivots, 0.3 + 0.9 + 0.7 m of bars
+    "bars too short for their pivots": Case(
+        ("check", str(FOUR_BAR), "--override", "ground.points.pivot=[5.0, 0.0]"),
+        ("joints.", "cannot close at theta = 0 rad; a gap of 3.1 m remains"),
+    ),
     # entries of a scene
     "unknown key": check("simulation.dration=1.0", words=("simulation.dration = 1.0", "did you mean 'duration'")),
     "unknown table": check("simulations.step=1.0", words=("simulations", "did you mean 'simulation'")),
@@ -222,6 +270,7 @@ CASES = {
     "no samples, trade-off": Case(("tradeoff", SCENE, "-n", "0", "-o", OUT), ("-n", "0")),
 }
 ON_THREE_RANKS = (
+    *IN_SPACE,
     "unknown key", "missing mesh", "unknown point", "too short a rod", "too short a rod, build", "two coordinates",
     "unknown effect", "contradictory effects", "change point", "second order of two coordinates",
     "too many modes, build", "cut off", "a scene for a model", "no directory", "ranks per angle", "no samples",

@@ -91,3 +91,8 @@ def test_the_indicator_is_on_as_it_is_for_users() -> None:
     off = ("error_indicator=false", "error_indicator = false")
     others = [path for path in MODULES if str(path.relative_to(ROOT)) not in SWITCHES and path != Path(__file__)]
     assert [str(path) for path in others if any(text in path.read_text() for text in off)] == []
+
+
+def test_no_two_test_modules_share_their_name() -> None:
+    """One pytest could not take both: scripts/test with arguments runs all folders at once."""
+    assert not repeated([path.name for path in MODULES if path.name.startswith("test_")])
