@@ -162,8 +162,9 @@ class Recorded:
 
     def side(self, attachment: object) -> np.ndarray:
         """Return the frame of an attachment, shape (n_t, 3)."""
-        q = self.frames.reshape(len(self.time), -1).T
-        return attachment.frame_of_node(q).T
+        if attachment.on_ground:
+            return attachment.ground_frame((len(self.time),)).T
+        return attachment.frame_of(self.frames[:, attachment.node].T).T
 
 
 def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
