@@ -13,7 +13,6 @@ Redundant constraints (the same statement twice) are allowed: J then has more ro
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.joints import orthonormality
@@ -156,6 +155,8 @@ class LoopClosure:
     def _nearest(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Return the residual, shape (n_rows,), of rigid bodies whose joints come as near as they can, from poses
         (n_bodies, n_pose, 1) at theta (1, n_theta)."""
+        from scipy.optimize import least_squares  # a mechanism that closes has no use for it
+
         weights = STIFF / self._scale
         weights[: self.mechanism.n_constraints] /= STIFF
 
