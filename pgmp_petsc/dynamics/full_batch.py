@@ -91,6 +91,7 @@ class FullBatch:
         self._names = EnergyNames.of(
             len(mechanism.bodies), damping, loads, self._local.actions, self._sources.motions
         )
+        self._nobody = np.zeros(n_samples, dtype=bool)
         n, n_lower = self.n_dofs + self.n_constraints, self._problem.pattern.rows.size
         self._factors = Factors(
             np.empty((blocks.n_blocks, n, blocks.n_lanes)), np.empty((blocks.n_blocks, n_lower, blocks.n_lanes))
@@ -151,12 +152,12 @@ class FullBatch:
             self._problem, self._factors, self._sources.at(ends), coefficients, step, before,
             self._blocks.mask(samples), after, lost, n_corrections,
         )  # fmt: skip
-        fine, last = np.zeros(self.n_samples, dtype=bool), lost.ravel()[: self.n_samples]
+        last = lost.ravel()[: self.n_samples]
         return [
             StepTaken(
                 State(after[0][k], after[1][k], after[2][k], after[3][k]),
                 after[4][k],
-                last if k == n_taken - 1 else fine,
+                last.copy() if k == n_taken - 1 else np.zeros_like(last),
                 int(n_corrections[k]),
             )
             for k in range(n_taken)
@@ -185,7 +186,7 @@ class FullBatch:
 
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""
-        return np.zeros(self.n_samples, dtype=bool)
+        return self._nobody
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Return why samples fail; see `SecondOrderSystem.reasons`."""

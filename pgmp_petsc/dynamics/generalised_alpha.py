@@ -63,6 +63,7 @@ class GeneralisedAlpha:
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
+        self._find_living()
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
@@ -81,8 +82,8 @@ class GeneralisedAlpha:
         """Advance all living samples one step; PETSc's own `end` of it is a sum of steps, with its round-off."""
         self._n_done += 1
         end = float(self.instants[self._n_done])
-        alive = self.status == Status.FINE
-        if alive.any():
+        alive = self._alive
+        if self._n_alive:
             previous, auxiliary = self.state, self._auxiliary
             self.state, self._auxiliary, lost = self._stepper.advance(
                 previous, auxiliary, end, self._step, alive, self.instants[self._n_done + 1 :][: self._n_ahead]
@@ -93,16 +94,22 @@ class GeneralisedAlpha:
                 )
             if lost.any():
                 self._retire(lost, self.system.reasons(end, previous, lost), end)
-            self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
-            gone = self.status != Status.FINE
-            if gone.any():
-                self.system.restore(self.state, previous, gone)
+            outside = self.system.outside(self.state)
+            if outside.any():
+                self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
+            if self._n_alive < alive.size:
+                self.system.restore(self.state, previous, ~self._alive)
         u.setArray(self.state.q.ravel())
 
     def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
         self.status[samples] = reason
         self.failure_time[samples] = time
+        self._find_living()
+
+    def _find_living(self) -> None:
+        self._alive = self.status == Status.FINE
+        self._n_alive = int(self._alive.sum())
 
 
 @dataclass(frozen=True)

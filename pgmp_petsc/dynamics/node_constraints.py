@@ -105,7 +105,7 @@ def entry_pattern(constraints: NodeConstraints) -> tuple[np.ndarray, ...]:
     rows, columns = np.nonzero(((g_one != 0.0) | (g_two != 0.0)) & moving)
     curved = ((h_one != 0.0) | (h_two != 0.0)) & moving[:, :, None] & moving[:, None, :]
     curved &= ~constraints.linear[:, None, None]
-    return rows, columns, *np.nonzero(np.tril(curved))
+    return rows, columns, *(np.ascontiguousarray(part) for part in np.nonzero(np.tril(curved)))
 
 
 def place_entries(constraints: NodeConstraints, n_dofs: int, symbolic: Symbolic) -> ConstraintEntries:
