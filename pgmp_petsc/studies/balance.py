@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.energies import Energies
@@ -24,7 +23,8 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
         potential += stored
         work[name] = stored[0] - stored
     for name, power in energies.powers.items():
-        work[name] = work.get(name, 0.0) + cumulative_trapezoid(power, time, initial=0.0)
+        done = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))
+        work[name] = work.get(name, 0.0) + np.concatenate([[0.0], done])
     return Balance(energies.kinetic, energies.strain, potential, work)
 
 
