@@ -182,7 +182,8 @@ def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
 
         run = integrate(system, scene.simulation, observer=record)
     time = np.array(times)
-    return Recorded(time, np.array(frames), np.array(rates), balance_of(time, joined(instants)), model, int(run.status[0]))
+    balance = balance_of(time, joined(instants))
+    return Recorded(time, np.array(frames), np.array(rates), balance, model, int(run.status[0]))
 
 
 def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> np.ndarray:

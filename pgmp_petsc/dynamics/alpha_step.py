@@ -87,7 +87,7 @@ class AlphaStep:
         samples
             Mask of the samples to advance, shape (n_samples,).
         following
-            Ends of equal steps of the same samples that will be asked for next, unless something happens, shape (n,), s.
+            Ends of equal steps of the same samples that will be asked for next unless something happens, shape (n,), s.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What a full-order run leaves at every instant: outputs, coordinates, energies, and the whole mechanism now and then."""
+"""What a full-order run leaves: outputs, coordinates and energies at every instant, and now and then all nodes."""
 
 from __future__ import annotations
 

@@ -189,7 +189,8 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         coordinates=recorded["coordinates"],
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
-            model, part, frames, n_ranks, timings, (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started)
+            model, part, frames, n_ranks, timings,
+            (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started),
         ),
     )
 

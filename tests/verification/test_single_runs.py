@@ -32,7 +32,7 @@ WEIGHT = 'effects.load={type="gravity"}'
 PUSH = 'effects.push={type="torque", joint="crank_hinge", table=[[0.0, %g], [1.0, %g]]}'
 # what shipped scenes have not: another start, a run that hits an end stop, and one whose steps fail
 OTHERS = {
-    "settled": ("slider_crank", (WEIGHT, "initial.equilibrium=true", 'initial.coordinates="held"')),
+    "settled": ("slider_crank", (WEIGHT, "initial.equilibrium=true", 'initial.coordinates="free"')),
     "end stop": (
         "slider_crank_effects",
         ("simulation.initial.theta.position=0.6", "simulation.initial.theta.velocity=-60.0"),
