@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.dynamics.energies import joined
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -182,7 +183,8 @@ def run_distributed(scene: Scene, start: np.ndarray | None = None) -> Recorded:
 
         run = integrate(system, scene.simulation, observer=record)
     time = np.array(times)
-    return Recorded(time, np.array(frames), np.array(rates), balance_of(time, instants), model, int(run.status[0]))
+    balance = balance_of(time, joined(instants))
+    return Recorded(time, np.array(frames), np.array(rates), balance, model, int(run.status[0]))
 
 
 def run_batch(scene: Scene, n: int = 2, start: np.ndarray | None = None) -> np.ndarray:

@@ -24,7 +24,7 @@ PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
 
 
 @njit(cache=True, error_model="numpy")
-def force_and_tangent(u, length, alpha, section, force, tangent):
+def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=True):
     """Evaluate gradient and Hessian of the strain energy of one element for several states.
 
     Parameters
@@ -37,16 +37,18 @@ def force_and_tangent(u, length, alpha, section, force, tangent):
         ``(EA, k_s GA, EI)``, shape (3, n).
     force, tangent
         Results: gradient, shape (6, n), and packed Hessian, shape (21, n).
+    with_tangent
+        Whether the Hessian is wanted; its array is a work array otherwise.
     """
     n = u.shape[1]
     inv = 1.0 / length
     for k in range(n):
         psi = 0.5 * (u[2, k] + u[5, k]) + alpha
-        # parked in the results, so that the loop below has no calls and vectorises
-        force[0, k] = np.cos(psi)
-        force[1, k] = np.sin(psi)
+        # parked in the results, so that the loops below have no calls and vectorise
+        tangent[0, k] = np.cos(psi)
+        tangent[1, k] = np.sin(psi)
     for k in range(n):
-        cos, sin = force[0, k], force[1, k]
+        cos, sin = tangent[0, k], tangent[1, k]
         dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
         stretch = (cos * dx + sin * dy) * inv
         gamma = (cos * dy - sin * dx) * inv
@@ -64,6 +66,14 @@ def force_and_tangent(u, length, alpha, section, force, tangent):
         force[3, k] = fx
         force[4, k] = fy
         force[5, k] = couple + moment
+    for k in range(n if with_tangent else 0):
+        cos, sin = tangent[0, k], tangent[1, k]
+        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
+        stretch = (cos * dx + sin * dy) * inv
+        gamma = (cos * dy - sin * dx) * inv
+        axial, shear, bending = section[0, k], section[1, k], section[2, k]
+        n_force = axial * (stretch - 1.0)
+        q_force = shear * gamma
         # d(fx, fy)/d(dx, dy) and the derivatives with psi (each phi has half of psi)
         kxx = (axial * cos * cos + shear * sin * sin) * inv
         kxy = (axial - shear) * cos * sin * inv
@@ -98,7 +108,7 @@ def force_and_tangent(u, length, alpha, section, force, tangent):
 
 
 @njit(cache=True, error_model="numpy")
-def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, power):
+def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, power, with_tangent=True):
     """Add the forces of Kelvin-Voigt damping: stresses by ``beta`` times the rates of the strains.
 
     The rates are ``b v`` with the gradient b of each strain; the tangent holds ``gain_v beta L S b b^T`` and leaves out
@@ -118,6 +128,8 @@ def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, powe
         Added to, shapes (6, n) and (21, n).
     power
         Result: power of the damping forces on the element, never positive, shape (n,), W.
+    with_tangent
+        Whether to add to the tangent.
     """
     b = np.empty((3, 6))
     for k in range(u.shape[1]):
@@ -146,7 +158,7 @@ def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, powe
             at = 0
             for i in range(6):
                 force[i, k] += stress * rate * b[strain, i]
-                for j in range(i + 1):
+                for j in range(i + 1 if with_tangent else 0):
                     tangent[at, k] += gain_v * stress * b[strain, i] * b[strain, j]
                     at += 1
 

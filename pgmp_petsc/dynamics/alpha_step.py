@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
+from dataclasses import dataclass
+
 import numpy as np
 
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
@@ -12,11 +15,35 @@ LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's s
 REFRESH_EVERY = 4  # corrections that share one factorisation
 FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
 ROUND_OFF = 1e-15
+NOTHING = np.zeros(0)
 NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
+
+
+@dataclass(frozen=True, eq=False)
+class StepTaken:
+    """A step that a system took by itself.
+
+    Attributes
+    ----------
+    state, auxiliary
+        State and auxiliary accelerations at its end.
+    lost
+        Mask of the samples whose iteration failed, shape (n_samples,).
+    n_iterations
+        Newton corrections, all samples together.
+    """
+
+    state: State
+    auxiliary: np.ndarray
+    lost: np.ndarray
+    n_iterations: int
 
 
 class AlphaStep:
     """Steps of any length of a system.
+
+    A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call; what fails
+    there is tried here.
 
     Parameters
     ----------
@@ -34,10 +61,20 @@ class AlphaStep:
     def __init__(self, system: SecondOrderSystem, spectral_radius: float) -> None:
         self._system = system
         self._spectral_radius = spectral_radius
+        self._by_itself = hasattr(system, "take_steps")
+        self._ahead: deque[StepTaken] = deque()
+        self._expected: tuple[State | None, float, float] = (None, 0.0, 0.0)
+        self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
         self.n_iterations = 0
 
     def advance(
-        self, previous: State, auxiliary: np.ndarray, end: float, step: float, samples: np.ndarray
+        self,
+        previous: State,
+        auxiliary: np.ndarray,
+        end: float,
+        step: float,
+        samples: np.ndarray,
+        following: np.ndarray = NOTHING,
     ) -> tuple[State, np.ndarray, np.ndarray]:
         """Advance some samples.
 
@@ -49,6 +86,8 @@ class AlphaStep:
             End and length of the step, s.
         samples
             Mask of the samples to advance, shape (n_samples,).
+        following
+            Ends of equal steps of the same samples that will be asked for next unless something happens, shape (n,), s.
 
         Returns
         -------
@@ -57,9 +96,17 @@ class AlphaStep:
         lost
             Mask of the samples whose iteration failed.
         """
-        scheme = Scheme.of(self._spectral_radius, step)
-        state = _predict(scheme, step, previous, auxiliary, previous.a)
-        lost = self._iterate(end, state, scheme, samples, REFRESH_EVERY)
+        if step != self._step:
+            self._scheme, self._step = Scheme.of(self._spectral_radius, step), step
+        scheme = self._scheme
+        if self._by_itself:
+            taken = self._take(previous, auxiliary, end, samples, following)
+            state, lost = taken.state, taken.lost
+            if not lost.any():
+                return state, taken.auxiliary, lost
+        else:
+            state = _predict(scheme, step, previous, auxiliary, previous.a)
+            lost = self._iterate(end, state, scheme, samples, REFRESH_EVERY)
         if lost.any():
             # A load that sets in at once gives light nodes accelerations that no step can follow; the
             # displacement, held at constant velocity, is then the better prediction.
@@ -70,6 +117,19 @@ class AlphaStep:
                 self._system.restore(state, coasting, lost)
                 state, lost = self._iterate_carefully(end, state, scheme, lost)
         return state, _ahead(scheme, auxiliary, state.a, previous.a), lost
+
+    def _take(
+        self, previous: State, auxiliary: np.ndarray, end: float, samples: np.ndarray, following: np.ndarray
+    ) -> StepTaken:
+        """Return a step that the system takes, or took ahead from the very state that it begins with."""
+        known, known_end, known_step = self._expected
+        if not (self._ahead and previous is known and end == known_end and self._step == known_step):
+            ends = np.append(end, following)
+            self._ahead = deque(self._system.take_steps(previous, auxiliary, ends, self._step, self._scheme, samples))
+        taken = self._ahead.popleft()
+        self._expected = taken.state, float(following[0]) if following.size else np.nan, self._step
+        self.n_iterations += taken.n_iterations
+        return taken
 
     def _iterate(
         self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int

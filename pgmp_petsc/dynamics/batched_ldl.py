@@ -12,6 +12,7 @@ non-singular, because C has full rank.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -45,21 +46,20 @@ class Symbolic:
         """Number of unknowns."""
         return self.order.size
 
-    def position(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
+    @cached_property
+    def place(self) -> np.ndarray:
+        """Turn of every unknown in the elimination, shape (n,)."""
         place = np.empty(self.n, dtype=np.int64)
         place[self.order] = np.arange(self.n)
-        first, second = place[np.asarray(row)], place[np.asarray(column)]
+        return place
+
+    def position(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
+        first, second = self.place[np.asarray(row)], self.place[np.asarray(column)]
         lower, upper = np.maximum(first, second), np.minimum(first, second)
-        result = np.empty(lower.shape, dtype=np.int64)
-        for index in np.ndindex(lower.shape):
-            i, k = lower[index], upper[index]
-            if i == k:
-                result[index] = -1 - i
-            else:
-                column_rows = self.rows[self.starts[k] : self.starts[k + 1]]
-                result[index] = self.starts[k] + np.searchsorted(column_rows, i)
-        return result
+        # entries lie column after column, each with growing rows
+        stored = np.repeat(np.arange(self.n), np.diff(self.starts)) * self.n + self.rows
+        return np.where(lower == upper, -1 - lower, np.searchsorted(stored, upper * self.n + lower))
 
 
 def analyse(pattern: sp.spmatrix, constraints: np.ndarray) -> Symbolic:

@@ -1,7 +1,8 @@
-"""Energies and powers of a model at one instant, from which the balance of a run is drawn up."""
+"""Energies and powers of a model at an instant, or at those of a run, from which its balance is drawn up."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 
 @dataclass
 class Energies:
-    """Energies of a system at one instant, for n samples.
+    """Energies of a system, of n samples at one instant or of one sample at n instants.
 
     Attributes
     ----------
@@ -33,3 +34,23 @@ class Energies:
     def add_power(self, effect: str, power: np.ndarray) -> None:
         """Add to the power of an effect."""
         self.powers[effect] = self.powers.get(effect, 0.0) + power
+
+    def __getitem__(self, chosen: slice) -> Energies:
+        """Return those of some samples or instants."""
+        return Energies(
+            self.kinetic[chosen],
+            self.strain[chosen],
+            {name: values[chosen] for name, values in self.potential.items()},
+            {name: values[chosen] for name, values in self.powers.items()},
+        )
+
+
+def joined(parts: Sequence[Energies]) -> Energies:
+    """Return the energies of one sample over the instants of all parts, one after the other."""
+    first = parts[0]
+    return Energies(
+        np.concatenate([part.kinetic for part in parts]),
+        np.concatenate([part.strain for part in parts]),
+        {name: np.concatenate([part.potential[name] for part in parts]) for name in first.potential},
+        {name: np.concatenate([part.powers[name] for part in parts]) for name in first.powers},
+    )

@@ -8,7 +8,6 @@ there; all others keep their step, so that the samples of a batch meet again at 
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
@@ -92,6 +91,8 @@ class EventLocation:
 
     def _root(self, moment: Moment, end: float, left: float, alone: np.ndarray, edge: int) -> float:
         """Return how long it takes to the edge, s."""
+        from scipy.optimize import brentq  # takes a noticeable time, and few runs have events
+
         start = end - left
         sign = -1.0 if self._beyond[edge, alone][0] else 1.0
 

@@ -23,7 +23,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.full_equations import FullEquations
 from pgmp_petsc.dynamics.rank_elements import ElementState
 from pgmp_petsc.dynamics.rank_solids import SolidState
@@ -58,6 +58,7 @@ class FullDistributed:
     """
 
     n_samples = 1
+    instants_at_once = 1
 
     def __init__(
         self,
@@ -189,6 +190,14 @@ class FullDistributed:
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, 1), the same on all ranks. Collective on `comm`."""
         return self._equations.frames(self.unpack(state.q))
+
+    def frames_over(self, states: Sequence[State]) -> np.ndarray:
+        """Return the frames of all nodes in several states, shape (n_nodes, n_frame, n). Collective on `comm`."""
+        return np.concatenate([self.frames(state) for state in states], axis=-1)
+
+    def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
+        """Return energies and powers at several instants, each of shape (n,). Collective on `comm`."""
+        return joined([self.energies(time, state) for time, state in zip(times, states)])
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, the same on all ranks. Collective on `comm`."""

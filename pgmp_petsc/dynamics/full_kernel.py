@@ -19,7 +19,16 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, force_and_tangent
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.full_forces import (
+    BlockActions,
+    Loads,
+    ModalFactors,
+    add_actions,
+    add_entry,
+    add_loads,
+    add_modal_damping,
+)
+from pgmp_petsc.dynamics.node_constraints import NodeConstraints, add_constraints
 from pgmp_petsc.runtime.compiled import njit
 
 
@@ -37,21 +46,13 @@ class Elements(NamedTuple):
 class Lumps(NamedTuple):
     """Masses of nodes: unknown, body and where the diagonal entry is stored (n_lumped,); and the masses, by lane.
 
-    `mass` has shape (n_blocks, n_lumped, LANES).
+    `mass` has shape (n_blocks, n_lumped, n_lanes).
     """
 
     dofs: np.ndarray
     body: np.ndarray
     positions: np.ndarray
     mass: np.ndarray
-
-
-class Entries(NamedTuple):
-    """Sparse entries with numbers a lane: row, column (or load and unknown), and where the matrix stores them."""
-
-    rows: np.ndarray
-    columns: np.ndarray
-    positions: np.ndarray
 
 
 class Pattern(NamedTuple):
@@ -63,16 +64,51 @@ class Pattern(NamedTuple):
     targets: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
-def add_entry(position, factor, values, diagonal, lower):
-    """Add ``factor * values`` (LANES,) at a stored position."""
-    n_lanes = diagonal.shape[1]
-    if position < 0:
-        for lane in range(n_lanes):
-            diagonal[-1 - position, lane] += factor * values[lane]
-    else:
-        for lane in range(n_lanes):
-            lower[position, lane] += factor * values[lane]
+class FullProblem(NamedTuple):
+    """The equations of all samples, block by block.
+
+    Attributes
+    ----------
+    elements, lumps, loads, actions, modal, constraints
+        What there is.
+    pattern
+        Of the iteration matrix.
+    section
+        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, n_lanes); the last
+        two are those of structural damping.
+    node_mass
+        Mass of a node in the mean, shape (n_blocks, n_lanes), kg; each sample's own, so that none is felt by another.
+    units
+        1/size for translations, 1 for rotations, shape (n_dofs,).
+    """
+
+    elements: Elements
+    lumps: Lumps
+    loads: Loads
+    actions: BlockActions
+    modal: ModalFactors
+    constraints: NodeConstraints
+    pattern: Pattern
+    section: np.ndarray
+    node_mass: np.ndarray
+    units: np.ndarray
+
+
+class Strengths(NamedTuple):
+    """What acts at an instant, or at several, one a row: amplitudes of loads and actions, angles (rad) and speeds
+    (rad/s) of the prescribed motions."""
+
+    loads: np.ndarray
+    actions: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+
+
+class Factors(NamedTuple):
+    """Factorised iteration matrices: diagonal (n_blocks, n, n_lanes) and lower entries (n_blocks, n_lower, n_lanes)."""
+
+    diagonal: np.ndarray
+    lower: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,9 +116,9 @@ def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, l
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
     n_lanes = x.shape[1]
     gain_v, gain_a, gain_k = gains
-    u, acceleration = np.empty((6, LANES)), np.empty((6, LANES))
-    rate, power, gain_m = np.empty((6, LANES)), np.empty(LANES), np.empty(LANES)
-    force, tangent = np.empty((6, LANES)), np.empty((N_PACKED, LANES))
+    u, acceleration, rate = np.empty((6, n_lanes)), np.empty((6, n_lanes)), np.empty((6, n_lanes))
+    power, gain_m = np.empty(n_lanes), np.empty(n_lanes)
+    force, tangent = np.empty((6, n_lanes)), np.empty((N_PACKED, n_lanes))
     for e in range(elements.length.size):
         length, properties = elements.length[e], section[elements.body[e]]
         for i in range(6):
@@ -90,7 +126,7 @@ def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, l
             for lane in range(n_lanes):
                 u[i, lane] = q[dof, lane]
                 acceleration[i, lane] = a[dof, lane]
-        force_and_tangent(u, length, elements.direction[e], properties[:3], force, tangent)
+        force_and_tangent(u, length, elements.direction[e], properties[:3], force, tangent, fresh)
         for lane in range(n_lanes):
             gain_m[lane] = gain_a
         if elements.damped:
@@ -102,8 +138,9 @@ def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, l
             for lane in range(n_lanes):
                 gain_m[lane] += properties[6, lane] * gain_v
             add_damping(
-                u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power
-            )
+                u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power,
+                fresh,
+            )  # fmt: skip
         for i in range(6):
             density = properties[3] if i % 3 < 2 else properties[4]
             other = (i + 3) % 6
@@ -133,7 +170,7 @@ def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lowe
     """Add the inertia forces of the nodes' own masses to x, and their tangents to the matrix."""
     n_lanes = x.shape[1]
     gain_v, gain_a, _ = gains
-    entry = np.empty(LANES)
+    entry = np.empty(n_lanes)
     for k in range(lumps.dofs.size):
         dof = lumps.dofs[k]
         braking = section[lumps.body[k], 6]
@@ -146,132 +183,87 @@ def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lowe
 
 
 @njit(cache=True, error_model="numpy")
-def add_constraints(jacobian, values, residual, multipliers, first_row, scale, fresh, x, place, diagonal, lower):
-    """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` to the matrix; `values` are the entries of C, by lane."""
-    n_lanes = x.shape[1]
-    scaled = np.empty(LANES)
-    for k in range(jacobian.rows.size):
-        row, at = jacobian.rows[k], place[jacobian.columns[k]]
-        for lane in range(n_lanes):
-            x[at, lane] += values[k, lane] * multipliers[row, lane]
-        if fresh:
-            for lane in range(n_lanes):
-                scaled[lane] = scale[lane] * values[k, lane]
-            add_entry(jacobian.positions[k], 1.0, scaled, diagonal, lower)
-    for row in range(residual.shape[0]):
-        at = place[first_row + row]
-        for lane in range(n_lanes):
-            x[at, lane] += scale[lane] * residual[row, lane]
-
-
-@njit(cache=True, error_model="numpy")
-def correct(
-    elements, lumps, section, jacobian, curvature, loads, pattern, constraint, load_factors, local, state, gains, scale,
-    active, fresh, factors, units, size,
-):
-    """Do one Newton correction of every active sample in place.
+def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, active, fresh, size):
+    """Do one Newton correction of every active sample of some blocks in place.
 
     Parameters
     ----------
-    elements, pattern
-        Structure of the problem.
-    section
-        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, LANES); the last
-        two are those of structural damping.
-    lumps
-        Masses of nodes.
-    jacobian, curvature
-        Entries of C, and of ``sum lambda d2c/dq2`` and of the local forces' tangents (lower triangle).
-    loads
-        Entries (load, unknown) of the load vectors; `positions` is not used.
-    constraint
-        ``(residual, jacobian values, curvature values, load values)``: shapes (n_blocks, n_constraints, LANES),
-        (n_blocks, n_entries, LANES), (n_blocks, n_curvature_entries, LANES), (n_load_entries,).
-    load_factors
-        Amplitude times weight of every load, shape (n_blocks, n_loads, LANES).
-    local
-        Forces of local effects on all unknowns, shape (n_blocks, n_dofs, LANES), or (n_blocks, 0, LANES) without any.
+    problem, factors
+        The equations, and the matrices that are kept.
+    blocks
+        The first block, and the one behind the last.
+    amplitudes, angles
+        Those of loads and of actions, shapes (n_loads,) and (n_actions,); and of the motions, (n_motions,), rad.
+    residual
+        What stands for c, shape (n_blocks, n_constraints, n_lanes), or (n_blocks, 0, n_lanes) for c itself.
     state
-        ``(q, v, a, multipliers)``, shapes (n_blocks, n_dofs or n_constraints, LANES).
+        ``(q, v, a, multipliers)``, shapes (n_blocks, n_dofs or n_constraints, n_lanes).
     gains
         ``(gain_v, gain_a, gain_k)``.
-    scale
-        Of the constraints, shape (n_blocks, LANES).
     active
-        Shape (n_blocks, LANES).
+        Shape (n_blocks, n_lanes).
     fresh
         Whether to evaluate and factorise the matrix anew.
-    factors
-        ``(diagonal, lower)`` of every block.
-    units
-        1/size for translations, 1 for rotations, shape (n_dofs,).
     size
-        Result, shape (n_blocks, LANES).
+        Result, shape (n_blocks, n_lanes).
     """
-    n_lanes = active.shape[1]
-    q, v, a, multipliers = state
-    residual, jacobian_values, curvature_values, load_values = constraint
     gain_v, gain_a, gain_k = gains
-    n_dofs, n_constraints = q.shape[1], residual.shape[1]
-    x = np.empty((n_dofs + n_constraints, LANES))
-    for block in range(q.shape[0]):
+    n_dofs, n_lanes = state[0].shape[1:]
+    n_constraints = state[3].shape[1]
+    place = problem.pattern.place
+    x, scale = np.empty((n_dofs + n_constraints, n_lanes)), np.empty(n_lanes)
+    for block in range(blocks[0], blocks[1]):
+        size[block] = 0.0
         if not active[block].any():
-            for lane in range(n_lanes):
-                size[block, lane] = 0.0
             continue
-        diagonal, lower = factors[0][block], factors[1][block]
+        q, v, a, multipliers = state[0][block], state[1][block], state[2][block], state[3][block]
+        section, diagonal, lower = problem.section[block], factors.diagonal[block], factors.lower[block]
         x[:] = 0.0
         if fresh:
             diagonal[:] = 0.0
             lower[:] = 0.0
-        add_elements(
-            elements, section[block], q[block], v[block], a[block], gains, fresh, x, pattern.place, diagonal, lower
-        )
-        add_lumps(
-            lumps,
-            lumps.mass[block],
-            section[block],
-            v[block],
-            a[block],
-            gains,
-            fresh,
-            x,
-            pattern.place,
-            diagonal,
-            lower,
-        )
-        for dof in range(local.shape[1]):
-            at = pattern.place[dof]
-            for lane in range(n_lanes):
-                x[at, lane] -= local[block, dof, lane]
-        for k in range(loads.rows.size):
-            at, value, factor = pattern.place[loads.columns[k]], load_values[k], load_factors[block, loads.rows[k]]
-            for lane in range(n_lanes):
-                x[at, lane] -= value * factor[lane]
-        add_constraints(
-            jacobian, jacobian_values[block], residual[block], multipliers[block], n_dofs, scale[block], fresh, x,
-            pattern.place, diagonal, lower,
-        )
-        if fresh:
-            for k in range(curvature.positions.size):
-                add_entry(curvature.positions[k], gain_k, curvature_values[block, k], diagonal, lower)
-            factorise(pattern.starts, pattern.targets, diagonal, lower)
-        substitute(pattern.starts, pattern.rows, diagonal, lower, x)
         for lane in range(n_lanes):
-            size[block, lane] = 0.0
-        for dof in range(n_dofs):
-            at, unit = pattern.place[dof], units[dof]
-            for lane in range(n_lanes):
-                step = x[at, lane] if active[block, lane] else 0.0
-                q[block, dof, lane] -= step
-                v[block, dof, lane] -= gain_v * step
-                a[block, dof, lane] -= gain_a * step
-                moved = abs(step) * unit
-                # written so that a NaN is kept
-                if not moved <= size[block, lane]:
-                    size[block, lane] = moved
-        for row in range(n_constraints):
-            at = pattern.place[n_dofs + row]
-            for lane in range(n_lanes):
-                if active[block, lane]:
-                    multipliers[block, row, lane] -= scale[block, lane] * x[at, lane]
+            scale[lane] = gain_a * problem.node_mass[block, lane]
+        add_elements(problem.elements, section, q, v, a, gains, fresh, x, place, diagonal, lower)
+        if problem.lumps.dofs.size:
+            add_lumps(
+                problem.lumps, problem.lumps.mass[block], section, v, a, gains, fresh, x, place, diagonal, lower
+            )
+        if problem.actions.laws.size:
+            add_actions(problem.actions, block, amplitudes[1], q, v, gains, fresh, x, place, diagonal, lower)
+        if problem.modal.dofs.size:
+            add_modal_damping(problem.modal, q, v, x, place, np.empty((problem.modal.starts.size - 1, n_lanes)))
+        add_loads(problem.loads, block, amplitudes[0], x, place)
+        add_constraints(
+            problem.constraints, angles, residual[block], q, multipliers, scale, gain_k, fresh, x,
+            place, diagonal, lower,
+        )  # fmt: skip
+        if fresh:
+            factorise(problem.pattern.starts, problem.pattern.targets, diagonal, lower)
+        substitute(problem.pattern.starts, problem.pattern.rows, diagonal, lower, x)
+        take_correction(
+            problem.units, place, x, scale, gain_v, gain_a, active[block], (q, v, a, multipliers), size[block]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def take_correction(units, place, x, scale, gain_v, gain_a, active, state, size):
+    """Correct the active samples of a block by the solution x in elimination order, and find its size (n_lanes,)."""
+    q, v, a, multipliers = state
+    n_lanes = x.shape[1]
+    for dof in range(q.shape[0]):
+        at, unit = place[dof], units[dof]
+        for lane in range(n_lanes):
+            step = x[at, lane] if active[lane] else 0.0
+            q[dof, lane] -= step
+            v[dof, lane] -= gain_v * step
+            a[dof, lane] -= gain_a * step
+            moved = abs(step) * unit
+            # written so that a NaN is kept
+            if not moved <= size[lane]:
+                size[lane] = moved
+    for row in range(multipliers.shape[0]):
+        at = place[q.shape[0] + row]
+        for lane in range(n_lanes):
+            if active[lane]:
+                multipliers[row, lane] -= scale[lane] * x[at, lane]

@@ -52,6 +52,8 @@ class GeneralisedAlpha:
         Status of every sample, shape (n_samples,).
     failure_time
         Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
+    instants
+        Of the start and the ends of all steps, shape (n_steps + 1,), s.
     """
 
     def __init__(
@@ -61,10 +63,12 @@ class GeneralisedAlpha:
         self.state = system.start()
         self.status = np.where(alive, Status.FINE, Status.UNPHYSICAL)
         self.failure_time = np.where(alive, np.nan, 0.0)
+        self._find_living()
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
-        self._duration, self._n_steps, self._n_done = duration, n_steps, 0
+        self.instants, self._n_done = instants(duration, n_steps), 0
+        self._n_ahead = getattr(system, "steps_at_once", 1) - 1
         self._step = duration / n_steps
         self._auxiliary = self.state.a.copy()
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
@@ -77,25 +81,35 @@ class GeneralisedAlpha:
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
         """Advance all living samples one step; PETSc's own `end` of it is a sum of steps, with its round-off."""
         self._n_done += 1
-        end = instant(self._n_done, self._duration, self._n_steps)
-        alive = self.status == Status.FINE
-        if alive.any():
+        end = float(self.instants[self._n_done])
+        alive = self._alive
+        if self._n_alive:
             previous, auxiliary = self.state, self._auxiliary
-            self.state, self._auxiliary, lost = self._stepper.advance(previous, auxiliary, end, self._step, alive)
+            self.state, self._auxiliary, lost = self._stepper.advance(
+                previous, auxiliary, end, self._step, alive, self.instants[self._n_done + 1 :][: self._n_ahead]
+            )
             if self._events is not None:
                 lost |= self._events.repeat_steps(
                     (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
                 )
             if lost.any():
                 self._retire(lost, self.system.reasons(end, previous, lost), end)
-            self._retire(alive & ~lost & self.system.outside(self.state), Status.LEFT_RANGE, end)
-            self.system.restore(self.state, previous, self.status != Status.FINE)
+            outside = self.system.outside(self.state)
+            if outside.any():
+                self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
+            if self._n_alive < alive.size:
+                self.system.restore(self.state, previous, ~self._alive)
         u.setArray(self.state.q.ravel())
 
     def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
         self.status[samples] = reason
         self.failure_time[samples] = time
+        self._find_living()
+
+    def _find_living(self) -> None:
+        self._alive = self.status == Status.FINE
+        self._n_alive = int(self._alive.sum())
 
 
 @dataclass(frozen=True)
@@ -124,9 +138,12 @@ def count_steps(duration: float, step: float) -> int:
     return max(1, int(np.ceil(duration / step * (1 - 1e-12))))
 
 
-def instant(number: int, duration: float, n_steps: int) -> float:
-    """Return the time after so many of equal steps, without the round-off of their sum; the last is the duration."""
-    return duration if number == n_steps else duration * number / n_steps
+def instants(duration: float, n_steps: int) -> np.ndarray:
+    """Return the times of equal steps, without the round-off of their sum, shape (n_steps + 1,); the last is the
+    duration."""
+    times = duration * np.arange(n_steps + 1) / n_steps
+    times[-1] = duration
+    return times
 
 
 def integrate(
@@ -179,9 +196,7 @@ def integrate(
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         if observer is not None:
             # not the TS's own time, a sum of steps: its round-off grows over the run
-            ts.setMonitor(
-                lambda _, number, *__: observer(number, instant(number, simulation.duration, n_steps), stepper.state)
-            )
+            ts.setMonitor(lambda _, number, *__: observer(number, float(stepper.instants[number]), stepper.state))
         with petsc_solver(prefix, "time integration"):
             ts.setFromOptions()
         ts.solve(solution)

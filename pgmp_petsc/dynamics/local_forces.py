@@ -61,6 +61,8 @@ class LocalForces:
         Unknowns of both nodes of every action, -1 on the ground, shape (n_actions, 2 m).
     pattern
         Rows and columns of the tangents' entries, one of each symmetric pair, each of shape (n_entries,).
+    compiled, entries
+        The actions and the entries as `evaluate_actions` takes them.
     """
 
     def __init__(
@@ -73,7 +75,7 @@ class LocalForces:
     ) -> None:
         self.actions = tuple(actions)
         self.n_actions = len(self.actions)
-        self._compiled = compile_actions(self.actions, values, n_samples, dimension)
+        self.compiled = compile_actions(self.actions, values, n_samples, dimension)
         # angles at the instant before, and in the last state of this one, which may be any trial of an iteration
         self._known, self._turned = np.zeros((2, self.n_actions, n_samples))
         self._time = 0.0
@@ -89,7 +91,7 @@ class LocalForces:
         starts = np.cumsum([0, *(i.size for i, _ in lower)])
         rows, columns = (np.concatenate([np.zeros(0, dtype=int), *(pair[k] for pair in lower)]) for k in (0, 1))
         owner = np.repeat(np.arange(self.n_actions), np.diff(starts))
-        self._entries = starts, rows, columns
+        self.entries = starts, rows, columns
         self.pattern = self.dofs[owner, rows], self.dofs[owner, columns]
 
     @property
@@ -133,7 +135,7 @@ class LocalForces:
         powers, stored, depths = (np.empty((self.n_actions, n)) for _ in range(3))
         with log_event("local_effects"):
             evaluate_actions(
-                self._compiled, self._entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned,
+                self.compiled, self.entries, amplitudes_of(self.actions, time), y, rates, self._known, self._turned,
                 gain_v, with_tangents, forces, tangents, powers, stored, depths,
             )  # fmt: skip
         return LocalState(forces, tangents, powers, stored, depths)

@@ -41,11 +41,12 @@ def evaluate_actions(
     """
     starts, rows, columns = entries
     statements, m = actions.statements, y.shape[1] // 2
-    scratch, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
+    scratch, own, g, h = scratch_of(statements, m), np.zeros(2 * m), np.zeros(2 * m), np.zeros((2 * m, 2 * m))
     for k in range(actions.laws.size):
         for sample in range(y.shape[2]):
             p = actions.parameters[k, sample]
-            s = state(statements, k, y[k, :, sample], known[k, sample], with_tangents, scratch, g, h)
+            own[:] = y[k, :, sample]
+            s = state(statements, k, own, known[k, sample], with_tangents, scratch, g, h)
             turned[k, sample] = s if np.isfinite(s) else known[k, sample]
             rate = 0.0
             for i in range(2 * m):

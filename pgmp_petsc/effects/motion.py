@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
@@ -77,6 +76,8 @@ def driven(motions: Sequence[Motion | Held], time: float) -> Instant:
 
 
 def _table(rows: TimeTable) -> Callable[[float], Numbers]:
+    from scipy.interpolate import CubicSpline  # takes a noticeable time, and few motions are tables
+
     times, angles = np.array(rows, dtype=float).T
     spline = CubicSpline(times, angles, bc_type="clamped")
 

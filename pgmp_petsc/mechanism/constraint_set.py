@@ -58,6 +58,7 @@ class ConstraintSet:
             StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
             for rows in (parts, driven)
         )
+        self._statements = [*parts, *driven]
         self._wanted, self._ties = wanted, FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])
@@ -105,6 +106,14 @@ class ConstraintSet:
         if self.n_driven:
             parts[-1] = parts[-1] - _against(driven, q)
         return np.concatenate(parts)[self._kept]
+
+    def as_rows(self) -> tuple[StatementRows, np.ndarray]:
+        """Return all constraints of a mechanism without meshes as one system of statements, the driven angles last, and
+        the values of the others, shape (n_constraints - n_driven,)."""
+        own = self._kept[: self.n_constraints - self.n_driven]
+        parts = [self._statements[k] for k in self._kept]
+        rows = StatementRows(*zip(*parts), self._unknowns.frame, self._unknowns.dimension)
+        return rows, self._wanted[own]
 
     def independent(self, q: np.ndarray) -> ConstraintSet:
         """Return the constraints without those that follow from the others, as found at unknowns (n_dofs,)."""

@@ -37,6 +37,8 @@ class StatementRows:
     ----------
     n
         Number of rows.
+    compiled
+        The rows as compiled functions take them.
     dofs
         Unknowns of both nodes, -1 on the ground, shape (n, 2 m).
     jacobian_pattern
@@ -94,7 +96,7 @@ class StatementRows:
         n = math.prod(trailing)
         flat = [np.ascontiguousarray(array.reshape(len(array), n), dtype=float) for array in arrays]
         result = np.zeros((size, n))
-        fill(self._compiled, *flat, result)
+        fill(self.compiled, *flat, result)
         return result.reshape(size, *trailing)
 
     def _derivatives(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -122,16 +124,16 @@ class StatementRows:
         # linear rows are their value at zero and their slopes there
         at_zero = np.zeros((n_dofs, 1))
         slopes = self._derivatives(at_zero)[0][..., 0]
-        self._compiled = _Rows(
+        self.compiled = Rows(
             self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), np.zeros(self.n), entries,
             slopes[first], (_starts(rows, self.n), i, j),
         )  # fmt: skip
         constants = np.zeros((self.n, 1))
-        _nonlinear_values(self._compiled, np.arange(self.n), at_zero, np.zeros((self.n, 1)), constants)
-        self._compiled.constants[:] = constants[:, 0]
+        _nonlinear_values(self.compiled, np.arange(self.n), at_zero, np.zeros((self.n, 1)), constants)
+        self.compiled.constants[:] = constants[:, 0]
 
 
-class _Rows(NamedTuple):
+class Rows(NamedTuple):
     """Rows as compiled functions take them.
 
     Attributes

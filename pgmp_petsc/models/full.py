@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_distributed import PREFIX, FullDistributed
 from pgmp_petsc.dynamics.full_equations import full_equations
 from pgmp_petsc.dynamics.full_statics import FullStatics
 from pgmp_petsc.dynamics.second_order_system import State
@@ -22,6 +22,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.scene import Scene
 
 
@@ -75,6 +76,15 @@ class FullModel:
     @property
     def _in_lanes(self) -> bool:
         return all(body.element == "beam2d" for body in self.scene.bodies.values())
+
+    def single(self, values: Mapping[str, float], comm: MPI.Comm) -> FullBatch | FullDistributed:
+        """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.
+
+        On one rank beams in the plane are a batch of one, unless options of PETSc's linear solver are given.
+        """
+        if comm.size > 1 or not self._in_lanes or has_options(PREFIX):
+            return self.distributed(values, comm)
+        return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
     def distributed(self, values: Mapping[str, float], comm: MPI.Comm) -> FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`."""

@@ -99,6 +99,13 @@ def _printed_reason(text: str) -> str:
     return ""
 
 
+def has_options(prefix: str) -> bool:
+    """Return whether a user gave any option with a prefix."""
+    from petsc4py import PETSc
+
+    return bool(PETSc.Options(prefix).getAll())
+
+
 def option_names(arguments: Sequence[str]) -> list[str]:
     """Return the names of options as PETSc stores them, without the dash and with pushed prefixes.
 

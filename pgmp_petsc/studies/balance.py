@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.energies import Energies
@@ -17,25 +15,17 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.balance import Balance
 
 
-def balance_of(time: np.ndarray, instants: Sequence[Energies]) -> Balance:
-    """Draw up the balance of the first sample from its energies at all times (n_t,), s."""
-
-    def history(part: str, name: str) -> np.ndarray:
-        return np.array([float(np.ravel(getattr(instant, part)[name])[0]) for instant in instants])
-
+def balance_of(time: np.ndarray, energies: Energies) -> Balance:
+    """Draw up the balance of a run from its energies at all times, each of shape (n_t,), s."""
     work: dict[str, np.ndarray] = {}
     potential = np.zeros(len(time))
-    for name in instants[0].potential:
-        stored = history("potential", name)
+    for name, stored in energies.potential.items():
         potential += stored
         work[name] = stored[0] - stored
-    for name in instants[0].powers:
-        done = cumulative_trapezoid(history("powers", name), time, initial=0.0)
-        work[name] = work.get(name, 0.0) + done
-    kinetic, strain = (
-        np.array([float(np.ravel(getattr(instant, part))[0]) for instant in instants]) for part in ("kinetic", "strain")
-    )
-    return Balance(kinetic, strain, potential, work)
+    for name, power in energies.powers.items():
+        done = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))
+        work[name] = work.get(name, 0.0) + np.concatenate([[0.0], done])
+    return Balance(energies.kinetic, energies.strain, potential, work)
 
 
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled
@@ -95,7 +95,7 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     times, states, energies = [], [], []
     simulation = model.scene.simulation
     simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
-    system = model.distributed(model.scene.values, MPI.COMM_SELF)
+    system = model.single(model.scene.values, MPI.COMM_SELF)
     require_settled(system)
     with system:
 
@@ -151,4 +151,4 @@ def _collect(
         heights += mass * parts[0][3 * body.first_node : 3 * body.first_node + 2].T
         total += mass
     theta, speed, acceleration = np.swapaxes(motion, 1, 2)
-    return RigidRun(time, theta, speed, acceleration, joints, heights, balance_of(time, energies), total)
+    return RigidRun(time, theta, speed, acceleration, joints, heights, balance_of(time, joined(energies)), total)

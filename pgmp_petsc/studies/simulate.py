@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.dynamics.energies import joined
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import State
@@ -18,7 +19,6 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.validity import Validity, remarks_of
-from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
@@ -31,6 +31,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, with_weights
+from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
@@ -162,29 +163,20 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
 
     def once(attempt: Attempt) -> _Part:
         simulation = attempt.simulation
-        wanted = frame_steps(simulation)
-        times, histories, measured, frames, energies = [], [], [], [], []
         with timings.phase("assembly"):
-            system = model.distributed(model.scene.values, comm)
+            system = model.single(model.scene.values, comm)
             require_settled(system)
         with system, timings.phase("integration"), _progress("full-order", attempt, comm) as bar:
             started[:] = start_remarks(system)
+            record = FullRecord(model, system, frame_steps(simulation))
 
-            def record(step: int, time: float, state: State) -> None:
-                every = model.frames(system, state)
-                times.append(time)
-                energies.append(system.energies(time, state))
-                histories.append(every[list(model.outputs.nodes)])
-                measured.append(_coordinates(model, every))
-                if step in wanted:
-                    frames.append(every[..., 0])
+            def observe(step: int, time: float, state: State) -> None:
+                record.observe(step, time, state)
                 bar.update(step > 0)
 
-            done = integrate(system, simulation, observer=record)
-        outputs = np.concatenate(histories, axis=-1)
-        return _Part.of(
-            model, done, attempt, times, outputs, coordinates=np.array(measured), energies=energies, frames=frames
-        )
+            done = integrate(system, simulation, observer=observe)
+            outputs, recorded = record.outputs(), record.recorded()
+        return _Part.of(model, done, attempt, record.times, outputs, **recorded)
 
     part, steps = _furthest(once, model.scene.simulation)
     timings = timings.maximum(comm)
@@ -197,7 +189,8 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         coordinates=recorded["coordinates"],
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
-            model, part, frames, n_ranks, timings, (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started)
+            model, part, frames, n_ranks, timings,
+            (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started),
         ),
     )
 
@@ -256,7 +249,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
-        balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
+        balance=with_weights(balance_of(part.time, joined(part.recorded["energies"])), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,
         **described,
@@ -290,15 +283,6 @@ def frame_steps(simulation) -> set[int]:
 
 def _span(simulation) -> tuple[float, float]:
     return simulation.duration, simulation.step
-
-
-def _coordinates(model: FullModel, every: np.ndarray) -> np.ndarray:
-    """Return the measured coordinates, shape (n_theta,), from the frames of all nodes (n_nodes, n_frame, 1)."""
-    space, coordinates = model.kinematics.mechanism.space, model.kinematics.coordinates
-    if space is SPATIAL:
-        return every[0, space.n_pose :, 0]
-    angles = [[0.0 if s.on_ground else every[s.node, 2, 0] for s in c.connection.sides] for c in coordinates]
-    return np.array([b - a for a, b in angles])
 
 
 def _why_stopped(model: FullModel | ReducedModel, part: _Part, reason: str) -> list[Remark]:

@@ -138,3 +138,12 @@ def test_the_hessians_in_body_frames_are_second_differences(scene) -> None:
     # fourth derivatives of order ten times the square of the step, and round-off over it
     np.testing.assert_allclose(found, (plus - minus) / (4 * step**2), rtol=0, atol=1e-6)
     assert np.any(found) == (scene is quick_return)
+
+
+def test_as_rows_they_are_the_same_constraints(mechanism: Mechanism) -> None:
+    q = anywhere(mechanism)[0]
+    constraints = ConstraintSet(Unknowns(mechanism))
+    rows, wanted = constraints.as_rows()
+    np.testing.assert_array_equal(rows.values(q)[: wanted.size, 0] - wanted, constraints.residual(q)[: wanted.size, 0])
+    for found, expected in zip(rows.jacobian_pattern, constraints.jacobian_pattern):
+        np.testing.assert_array_equal(found, expected)

@@ -65,9 +65,10 @@ def test_only_what_is_there_is_built() -> None:
         "", '[effects.e]\ntype = "structural_damping"\nstiffness = 1e-3\nmass = 1.0\n'))
     for model, any_damping in ((bare, False), (damped, True)):
         batch = model.batch({}, 1)
-        assert batch._elements.damped == any_damping  # noqa: SLF001
-        assert batch._local.n_actions == 0 and batch._local.pattern[0].size == 0  # noqa: SLF001
-        assert batch._load_entries.rows.size == 0 and batch._lumps.dofs.size == 0  # noqa: SLF001
+        problem = batch._problem  # noqa: SLF001
+        assert problem.elements.damped == any_damping
+        assert problem.actions.laws.size == 0 and problem.actions.positions.size == 0
+        assert problem.loads.dofs.size == 0 and problem.lumps.dofs.size == 0
         with model.distributed({}, MPI.COMM_SELF) as single:
             assert single._needs_rates == any_damping  # noqa: SLF001
 

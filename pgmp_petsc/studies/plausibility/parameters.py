@@ -27,7 +27,7 @@ def parameter_findings(scene: Scene) -> Iterator[Finding]:
 
 
 def _distribution(entry: str, parameter: Parameter, sign: str) -> Iterator[Finding]:
-    law, nominal = parameter.frozen(), parameter.nominal
+    law, nominal = parameter.distribution.law, parameter.nominal
     median = float(law.median())
     unit = f" {parameter.unit}" if parameter.unit else ""
     beyond = min(float(law.cdf(nominal)), float(law.sf(nominal)))

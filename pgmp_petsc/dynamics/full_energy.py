@@ -1,0 +1,148 @@
+"""Energies and powers of full-order samples, compiled; see `energies`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, strain_energy
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.energies import Energies
+from pgmp_petsc.dynamics.full_forces import act, add_modal_damping
+from pgmp_petsc.effects import Action, Effect, Held, Motion
+from pgmp_petsc.runtime.compiled import njit
+
+KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyNames:
+    """Which effect each row of a table of energies belongs to, in the order of `energies_of`.
+
+    Attributes
+    ----------
+    rows
+        For every row after the first two whether it is a potential energy, and the name of the effect; None where a
+        body has no damping.
+    """
+
+    rows: tuple[tuple[bool, str] | None, ...]
+
+    @classmethod
+    def of(
+        cls,
+        n_bodies: int,
+        damping: BodyDampings,
+        loads: Sequence[Effect],
+        actions: Sequence[Action],
+        motions: Sequence[Motion | Held],
+    ) -> EnergyNames:
+        """Name the rows of a model."""
+        braked = [(False, damping.effects[k]) if k in damping.effects else None for k in range(n_bodies)]
+        modal = [(False, one.effect) for one in damping.modal]
+        weights = [(effect.conservative, effect.name) for effect in loads]
+        acting = [(stored, action.effect) for stored in (False, True) for action in actions]
+        return cls((*braked, *modal, *weights, *acting, *((False, motion.name) for motion in motions)))
+
+    def energies(self, table: np.ndarray) -> Energies:
+        """Return what a table of shape (2 + n_rows, ...) holds."""
+        found = Energies(table[KINETIC], table[STRAIN])
+        for row, values in zip(self.rows, table[OF_EFFECTS:]):
+            if row is not None:
+                is_potential, effect = row
+                add: Callable = found.add_potential if is_potential else found.add_power
+                add(effect, values)
+        return found
+
+
+@njit(cache=True, error_model="numpy")
+def energies_of(problem, conservative, strengths, blocks, q, v, multipliers):
+    """Return energies and powers of states, shape (n, n_rows, n_lanes), J and W.
+
+    Rows are the kinetic and the strain energy, the power of the structural damping of every body, of modal damping, of
+    loads (their potential energy where they are conservative), of actions, the potential energy of actions, and the
+    power of prescribed motions.
+
+    Parameters
+    ----------
+    problem
+        The equations.
+    conservative
+        Whether each load has a potential energy, shape (n_loads,).
+    strengths
+        What acts in each state, one a row.
+    blocks
+        Which block of samples each state is of, shape (n,).
+    q, v, multipliers
+        States, shapes (n, n_dofs, n_lanes) and (n, n_constraints, n_lanes).
+    """
+    n_lanes, n_bodies = q.shape[2], problem.section.shape[1]
+    n_modal, n_loads = problem.modal.starts.size - 1, conservative.size
+    n_actions, n_motions = problem.actions.laws.size, strengths.speeds.shape[1]
+    modal = OF_EFFECTS + n_bodies
+    loads = modal + n_modal
+    actions = loads + n_loads
+    motions = actions + 2 * n_actions
+    table = np.zeros((q.shape[0], motions + n_motions, n_lanes))
+    unwanted, nowhere = np.zeros(q.shape[1:]), np.arange(q.shape[1])
+    for k in range(q.shape[0]):
+        block, result = blocks[k], table[k]
+        _add_elements(problem.elements, problem.section[block], q[k], v[k], result)
+        _add_lumps(problem.lumps, problem.lumps.mass[block], problem.section[block], v[k], result)
+        if n_modal:
+            add_modal_damping(problem.modal, q[k], v[k], unwanted, nowhere, result[modal:loads])
+        for entry in range(problem.loads.dofs.size):
+            number, dof = problem.loads.numbers[entry], problem.loads.dofs[entry]
+            for lane in range(n_lanes):
+                moved = -q[k, dof, lane] if conservative[number] else v[k, dof, lane]
+                strength = strengths.loads[k, number] * problem.loads.weights[block, number, lane]
+                result[loads + number, lane] += problem.loads.values[entry] * strength * moved
+        if n_actions:
+            now = act(problem.actions, block, strengths.actions[k], q[k], v[k], 0.0, False)
+            result[actions : actions + n_actions] = now.powers
+            result[actions + n_actions : motions] = now.stored
+        for motion in range(n_motions):
+            row = multipliers.shape[1] - n_motions + motion
+            for lane in range(n_lanes):
+                result[motions + motion, lane] = -multipliers[k, row, lane] * strengths.speeds[k, motion]
+    return table
+
+
+@njit(cache=True, error_model="numpy")
+def _add_elements(elements, section, q, v, result):
+    """Add the energies of all elements, and the power of the damping of their bodies."""
+    n_lanes = q.shape[1]
+    u, rate, stiffnesses = np.empty((6, 1)), np.empty((6, 1)), np.empty((3, 1))
+    force, unused, power = np.zeros((6, 1)), np.zeros((N_PACKED, 1)), np.zeros(1)
+    for e in range(elements.length.size):
+        length, body = elements.length[e], elements.body[e]
+        for lane in range(n_lanes):
+            for i in range(6):
+                u[i, 0], rate[i, 0] = q[elements.dofs[e, i], lane], v[elements.dofs[e, i], lane]
+            for i in range(3):
+                stiffnesses[i, 0] = section[body, i, lane]
+            moving = 0.0
+            for i in range(6):
+                density = section[body, 3, lane] if i % 3 < 2 else section[body, 4, lane]
+                moving += length / 3.0 * density * rate[i, 0] * (rate[i, 0] + 0.5 * rate[(i + 3) % 6, 0])
+            result[KINETIC, lane] += 0.5 * moving
+            result[STRAIN, lane] += strain_energy(u[:, 0], length, elements.direction[e], stiffnesses[:, 0])
+            if elements.damped:
+                add_damping(
+                    u, rate, length, elements.direction[e], stiffnesses, section[body, 5, lane : lane + 1], 0.0, force,
+                    unused, power, False,
+                )  # fmt: skip
+                result[OF_EFFECTS + body, lane] += power[0] - section[body, 6, lane] * moving
+
+
+@njit(cache=True, error_model="numpy")
+def _add_lumps(lumps, mass, section, v, result):
+    """Add the energies of the nodes' own masses, and the power of what brakes them."""
+    for k in range(lumps.dofs.size):
+        dof, body = lumps.dofs[k], lumps.body[k]
+        for lane in range(v.shape[1]):
+            moving = mass[k, lane] * v[dof, lane] * v[dof, lane]
+            result[KINETIC, lane] += 0.5 * moving
+            result[OF_EFFECTS + body, lane] -= section[body, 6, lane] * moving

@@ -1,0 +1,125 @@
+"""Steps of the generalised-alpha scheme for blocks of full-order samples, compiled.
+
+The equations and the control of the iteration are those of `alpha_step`: a step is predicted with the accelerations
+before it, and corrected until what remains is below the tolerance, every sample by itself. Equal steps in turn are one
+call, whose cost from Python is that of several of a small mechanism.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.dynamics.alpha_step import (
+    FIRST_CONTRACTION,
+    MAX_ITERATIONS,
+    NEWTON_TOLERANCE,
+    REFRESH_EVERY,
+    ROUND_OFF,
+)
+from pgmp_petsc.dynamics.full_kernel import correct
+from pgmp_petsc.runtime.compiled import njit
+
+
+@njit(cache=True, error_model="numpy")
+def take_steps(problem, factors, strengths, scheme, step, before, samples, after, lost, n_corrections):
+    """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
+
+    Parameters
+    ----------
+    problem, factors
+        The equations, and the matrices of the iteration.
+    strengths
+        What acts at the ends of the steps, one a row.
+    scheme
+        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
+    step
+        s.
+    before
+        ``(q, v, a, multipliers, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs or n_constraints, n_lanes).
+    samples
+        Which to advance, shape (n_blocks, n_lanes); others stay as they are.
+    after
+        Results, as `before` with a leading axis of steps.
+    lost
+        Result: the samples whose iteration failed in the last step, shape (n_blocks, n_lanes).
+    n_corrections
+        Result: Newton corrections of each step, all samples together, shape (n_steps,).
+    """
+    n_steps = strengths.loads.shape[0]
+    n_blocks, n_lanes = samples.shape
+    gains = (scheme[4], scheme[5], 1.0)
+    itself = np.empty((n_blocks, 0, n_lanes))
+    active, size, last = samples.copy(), np.zeros((n_blocks, n_lanes)), np.zeros(n_lanes)
+    lost[:] = False
+    now = before
+    for k in range(n_steps):
+        end = after[0][k], after[1][k], after[2][k], after[3][k], after[4][k]
+        state = end[0], end[1], end[2], end[3]
+        amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
+        n_corrections[k] = 0
+        for block in range(n_blocks):
+            predict_block(
+                scheme, step, now[0][block], now[1][block], now[2][block], now[4][block], samples[block],
+                end[0][block], end[1][block],
+            )  # fmt: skip
+            end[2][block], end[3][block] = now[2][block], now[3][block]
+            active[block] = samples[block]
+            for iteration in range(MAX_ITERATIONS):
+                if not active[block].any():
+                    break
+                n_corrections[k] += active[block].sum()
+                fresh = iteration % REFRESH_EVERY == 0
+                correct(
+                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, active, fresh, size
+                )
+                judge(iteration, size[block], last, active[block], lost[block])
+            for lane in range(n_lanes):
+                lost[block, lane] = lost[block, lane] or active[block, lane]
+            follow_block(scheme, now[2][block], now[4][block], end[2][block], samples[block], end[4][block])
+        if lost.any():
+            return k + 1
+        now = end
+    return n_steps
+
+
+@njit(cache=True, error_model="numpy")
+def judge(iteration, size, last, active, lost):
+    """Decide which samples of a block are done after a correction of `size`, with the one before; each (n_lanes,).
+
+    What remains is estimated as in `AlphaStep`. Those whose correction is no number are lost.
+    """
+    for lane in range(size.size):
+        if active[lane]:
+            contraction = FIRST_CONTRACTION
+            if iteration > 0:
+                contraction = min(max(size[lane] / max(last[lane], 1e-300), 0.0), 0.999)
+            remaining = size[lane] * contraction / (1.0 - contraction)
+            if not np.isfinite(size[lane]):
+                lost[lane], active[lane] = True, False
+            elif remaining <= NEWTON_TOLERANCE or size[lane] <= ROUND_OFF:
+                active[lane] = False
+            last[lane] = size[lane]
+
+
+@njit(cache=True, error_model="numpy")
+def predict_block(scheme, step, q, v, a, auxiliary, samples, ahead_q, ahead_v):
+    """Predict the end of a step with the accelerations at its beginning, shapes (n_dofs, n_lanes)."""
+    alpha_m, alpha_f, beta, gamma, _, _ = scheme
+    for dof in range(q.shape[0]):
+        for lane in range(q.shape[1]):
+            behind = auxiliary[dof, lane]
+            ahead = (a[dof, lane] - alpha_m * behind) / (1.0 - alpha_m)
+            moved = step * v[dof, lane] + step * step * ((0.5 - beta) * behind + beta * ahead)
+            faster = step * ((1.0 - gamma) * behind + gamma * ahead)
+            ahead_q[dof, lane] = q[dof, lane] + (moved if samples[lane] else 0.0)
+            ahead_v[dof, lane] = v[dof, lane] + (faster if samples[lane] else 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def follow_block(scheme, a, auxiliary, ahead_a, samples, ahead_auxiliary):
+    """Find the auxiliary accelerations at the end of a step from the accelerations there."""
+    alpha_m, alpha_f = scheme[0], scheme[1]
+    for dof in range(a.shape[0]):
+        for lane in range(a.shape[1]):
+            weighted = (1.0 - alpha_f) * ahead_a[dof, lane] + alpha_f * a[dof, lane] - alpha_m * auxiliary[dof, lane]
+            ahead_auxiliary[dof, lane] = weighted / (1.0 - alpha_m) if samples[lane] else auxiliary[dof, lane]

@@ -1,0 +1,61 @@
+"""How the samples of a batch lie in arrays: sample k is lane ``k % n_lanes`` of block ``k // n_lanes``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.dynamics.lanes import LANES
+
+FEW = 8  # lanes are a multiple of it but for one sample: what fits the vectors of any machine
+
+
+@dataclass(frozen=True)
+class SampleBlocks:
+    """Blocks of samples side by side; the last is filled up with copies of the last sample that are never active.
+
+    A sample's numbers do not depend on how many lie beside it.
+
+    Attributes
+    ----------
+    n_samples
+        Number of samples.
+    n_lanes, n_blocks
+        Samples of a block, no more than are needed, and number of blocks.
+    """
+
+    n_samples: int
+    n_lanes: int
+    n_blocks: int
+
+    @classmethod
+    def of(cls, n_samples: int) -> SampleBlocks:
+        """Choose the blocks for a number of samples."""
+        n_lanes = 1 if n_samples == 1 else min(LANES, FEW * -(-n_samples // FEW))
+        return cls(n_samples, n_lanes, -(-n_samples // n_lanes))
+
+    @property
+    def n_places(self) -> int:
+        """Number of lanes of all blocks."""
+        return self.n_blocks * self.n_lanes
+
+    def fill(self, rows: np.ndarray) -> np.ndarray:
+        """Repeat the last sample so that the last axis, of samples, fills all blocks."""
+        return np.concatenate([rows, np.repeat(rows[..., -1:], self.n_places - self.n_samples, axis=-1)], axis=-1)
+
+    def pack(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of shape (..., n_samples) as contiguous (n_blocks, ..., n_lanes)."""
+        blocks = self.fill(rows).reshape(*rows.shape[:-1], self.n_blocks, self.n_lanes)
+        return np.ascontiguousarray(np.moveaxis(blocks, -2, 0))
+
+    def unpack(self, array: np.ndarray) -> np.ndarray:
+        """Return an array of shape (n_blocks, ..., n_lanes) as (..., n_samples)."""
+        rows = np.moveaxis(array, 0, -2)
+        return rows.reshape(*rows.shape[:-2], self.n_places)[..., : self.n_samples]
+
+    def mask(self, samples: np.ndarray) -> np.ndarray:
+        """Return a mask of samples as (n_blocks, n_lanes), False where there is none."""
+        filled = np.zeros(self.n_places, dtype=bool)
+        filled[: self.n_samples] = samples
+        return filled.reshape(self.n_blocks, self.n_lanes)

@@ -1,0 +1,86 @@
+"""What a full-order run leaves: outputs, coordinates and energies at every instant, and now and then all nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from pgmp_petsc.dynamics.energies import Energies, joined
+from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.models import FullModel
+
+
+class FullRecord:
+    """Record of a run of one sample; states are evaluated as many at once as the system is quickest with.
+
+    Parameters
+    ----------
+    model, system
+        The model, and the system that is integrated. Collective on its communicator.
+    wanted
+        Steps at which the frames of all nodes are kept.
+
+    Attributes
+    ----------
+    times
+        Instants so far, s.
+    """
+
+    def __init__(self, model: FullModel, system: FullBatch | FullDistributed, wanted: Collection[int]) -> None:
+        self._model, self._system, self._wanted = model, system, wanted
+        self.times: list[float] = []
+        self._pending: list[State] = []
+        self._outputs: list[np.ndarray] = []
+        self._coordinates: list[np.ndarray] = []
+        self._energies: list[Energies] = []
+        self._frames: list[np.ndarray] = []
+
+    def observe(self, step: int, time: float, state: State) -> None:
+        """Take in an instant."""
+        self.times.append(time)
+        self._pending.append(state)
+        if len(self._pending) == self._system.instants_at_once:
+            self._evaluate()
+
+    def outputs(self) -> np.ndarray:
+        """Return the frames of the outputs' nodes at all instants, shape (n_nodes, n_frame, n_t)."""
+        self._evaluate()
+        return np.concatenate(self._outputs, axis=-1)
+
+    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray]]:
+        """Return coordinates (n_t, n_theta), energies, and the frames that are wanted, (n_nodes, n_frame) each."""
+        self._evaluate()
+        return {
+            "coordinates": np.concatenate(self._coordinates, axis=-1).T,
+            "energies": joined(self._energies),
+            "frames": self._frames,
+        }
+
+    def _evaluate(self) -> None:
+        """Evaluate the states that wait."""
+        states, self._pending = self._pending, []
+        if not states:
+            return
+        first = len(self.times) - len(states)
+        with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
+            every = self._system.frames_over(states)
+            self._energies.append(self._system.energies_over(self.times[first:], states))
+        self._outputs.append(every[list(self._model.outputs.nodes)])
+        self._coordinates.append(self._measured(every))
+        self._frames += [every[..., k] for k in range(len(states)) if first + k in self._wanted]
+
+    def _measured(self, every: np.ndarray) -> np.ndarray:
+        """Return the measured coordinates, shape (n_theta, n), from the frames of all nodes (n_nodes, n_frame, n)."""
+        kinematics = self._model.kinematics
+        if kinematics.mechanism.space is SPATIAL:
+            return every[0, SPATIAL.n_pose :]
+        still = np.zeros(every.shape[-1])
+        angles = [
+            [still if side.on_ground else every[side.node, 2] for side in coordinate.connection.sides]
+            for coordinate in kinematics.coordinates
+        ]
+        return np.array([b - a for a, b in angles])
