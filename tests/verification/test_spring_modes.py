@@ -274,15 +274,15 @@ def test_reduced_frequencies_for_any_value_of_the_stiffness(preload: bool) -> No
     given = (
         FAR,
         SLIDER.format('"k"', 1.4),
-        "parameters.k={nominal=1e4}",
+        "parameters.k={nominal=1e3}",
         'reduction.interpolation="spectral"',
         # what the preload does by the curvature of the rigid motion acts as the motor's couple does
         f"reduction.preload={str(preload).lower()}",
         f"reduction.static_modes={str(preload).lower()}",
     )
     rom = built(slider_crank(*given))
-    # beyond 4 kN of preload the bodies would have buckled long before
-    for stiffness in (1e2, 1e4) if preload else (1e2, 1e4, 1e6):
+    # with more than some 400 N of preload the bodies would have buckled
+    for stiffness in (1e1, 1e3) if preload else (1e2, 1e4, 1e6):
         scene = scene_from_toml(SLIDER_CRANK, ".", given, (f"k={stiffness}",))
         table = tabulate_modes(scene, meshes_of(scene), rom, 24, group())
         full, reduced = table.full_hz, table.reduced_hz[:, :5]
