@@ -18,6 +18,7 @@ from two_coordinates import double_pendulum
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.effects import actions_of, effects_of
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -58,11 +59,21 @@ def dense(scene: Scene, kinematics: RigidKinematics, theta: float | np.ndarray) 
     The displacements of a node are put on its place and directors exactly, by rotation matrices; the energy is that of
     the springs' extensions, without force at the configuration.
     """
-    mechanism, space = kinematics.mechanism, kinematics.mechanism.space
+    mechanism = kinematics.mechanism
     poses = kinematics.poses(np.atleast_1d(theta))[..., 0]
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     stiffness, mass = (weighted_sum(part, scene.values).toarray() for part in (matrices.stiffness, matrices.mass))
-    d = space.dimension
+    stiffness += spring_stiffness(scene, kinematics, poses)
+    clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+    null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses, clamped).toarray())
+    values = scipy.linalg.eigvalsh(null.T @ stiffness @ null, null.T @ mass @ null)
+    return np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
+
+
+def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarray) -> np.ndarray:
+    """Return the springs' stiffness (n_dofs, n_dofs) at poses (n_bodies, n_pose), from differences of measures."""
+    mechanism, space = kinematics.mechanism, kinematics.mechanism.space
+    stiffness, d = np.zeros((mechanism.n_dofs, mechanism.n_dofs)), space.dimension
 
     def frame(side: object, u: np.ndarray) -> np.ndarray:
         natural = space.natural(side.frame_of_pose(poses))
@@ -86,10 +97,7 @@ def dense(scene: Scene, kinematics: RigidKinematics, theta: float | np.ndarray) 
         step = 1e-5
         slopes = [(measure(step * e) - measure(-step * e)) / (2 * step) for e in np.eye(dofs.size)]
         stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slopes, slopes)
-    clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
-    null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses, clamped).toarray())
-    values = scipy.linalg.eigvalsh(null.T @ stiffness @ null, null.T @ mass @ null)
-    return np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
+    return stiffness
 
 
 def rigid_slider_crank(theta: float) -> tuple[float, float, float]:
@@ -318,3 +326,39 @@ def test_what_is_left_out_is_said() -> None:
     assert "linear springs in the stiffness: s" in said
     for name, why in (("stop", "one-sided"), ("rub", "friction"), ("oil", "damper")):
         assert f"effects.{name} is not in the stiffness: it is" in said and why in said
+
+
+@pytest.mark.parametrize(("stiffness", "sprung", "unsprung"), [(1e3, 1e-5, 1e-5), (1e5, 1e-2, 1e-3), (1e7, 4.0, 5e-2)])
+def test_which_vectors_make_the_best_basis(stiffness: float, sprung: float, unsprung: float) -> None:
+    """Errors of the first four frequencies with the rigid motion and five modes, with the spring and without, and with
+    the static answer to its force. The errors grow with the stiffness, but for the answer's."""
+    scene = slider_crank(FAR, SLIDER.format(stiffness, 1.0))
+    kinematics = kinematics_of(scene)
+    mechanism, places = kinematics.mechanism, kinematics.poses(np.array([0.7]))
+    poses = places[..., 0]
+    rigid = rigid_velocities(mechanism, poses, kinematics.rates(places)[..., 0])
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses).toarray())
+    added = null.T @ spring_stiffness(scene, kinematics, poses) @ null
+    bodies, mass = (
+        null.T @ weighted_sum(part, scene.values) @ null for part in (matrices.stiffness, matrices.mass)
+    )
+    rigid = null.T @ rigid
+    rigid = rigid / np.sqrt(rigid.T @ mass @ rigid)
+    own, free = scipy.linalg.eigh(bodies, mass)
+    exact, whole = scipy.linalg.eigh(bodies + added, mass)
+    force = scipy.linalg.eigh(added)[1][:, -1]
+    answer = free[:, 1:] @ ((free[:, 1:].T @ force) / own[1:])
+
+    def error(vectors: np.ndarray) -> float:
+        vectors = vectors - rigid @ (rigid.T @ mass @ vectors)
+        basis = np.hstack([rigid, vectors / np.sqrt(np.diag(vectors.T @ mass @ vectors))])
+        found = scipy.linalg.eigvalsh(basis.T @ (bodies + added) @ basis, basis.T @ mass @ basis)
+        return float(np.max(np.abs(np.sqrt(found[:4] / exact[:4]) - 1)))
+
+    with_spring, without, answered = error(whole[:, 1:6]), error(free[:, 1:6]), error(np.c_[free[:, 1:5], answer])
+    print(f"{stiffness:g}: modes with the spring {with_spring:.1e}, without {without:.1e}, and answer {answered:.1e}")
+    assert sprung / 3 < with_spring < 3 * sprung
+    assert unsprung / 3 < without < 3 * unsprung
+    assert answered < 5e-4
+    assert error(np.c_[free[:, 1:6], answer]) < 2e-5
