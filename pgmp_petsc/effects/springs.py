@@ -58,7 +58,7 @@ def linear_springs(actions: Sequence[Action]) -> tuple[Action, ...]:
 
 
 def left_out(actions: Sequence[Action]) -> dict[str, str]:
-    """Return why actions are no part of the stiffness, by the name of their effect; sources are loads, and not named."""
+    """Return why actions are not in the stiffness, by the name of their effect; sources are loads, and not named."""
     springs = {action.effect for action in actions if action.is_spring}
     return {
         action.effect: LEFT_OUT[action.law]
@@ -82,7 +82,7 @@ def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None
     elif springs and (reduction.spring_modes or reduction.static_modes):
         remarks.append(note(f"linear springs whose static answers are in the basis, for any stiffness: {springs}"))
     elif springs:
-        remarks.append(note(f"reduction.spring_modes = false: no static answers to linear springs in the basis: {springs}"))
+        remarks.append(note(f"reduction.spring_modes = false: the basis has no static answers to springs: {springs}"))
     remarks += [note(f"effects.{name} is not in the {what}: {reason}") for name, reason in left_out(actions).items()]
     return tuple(remarks)
 
