@@ -11,9 +11,9 @@ from mpi4py import MPI
 from runs import history
 from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
 from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 from spatial import bars_of, slider_crank_in_space
-from spatial_beams import kinematics_of_beams, slider_crank_of_beams
+from spatial_beams import kinematics_of_beams, pendulum_in_space, slider_crank_of_beams
+from spring_measures import measure_of, slopes_of
 from two_coordinates import double_pendulum
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -74,30 +74,11 @@ def dense(scene: Scene, kinematics: RigidKinematics, theta: float | np.ndarray) 
 
 def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarray) -> np.ndarray:
     """Return the springs' stiffness (n_dofs, n_dofs) at poses (n_bodies, n_pose), from differences of measures."""
-    mechanism, space = kinematics.mechanism, kinematics.mechanism.space
-    stiffness, d = np.zeros((mechanism.n_dofs, mechanism.n_dofs)), space.dimension
-
-    def frame(side: object, u: np.ndarray) -> np.ndarray:
-        natural = space.natural(side.frame_of_pose(poses))
-        if side.on_ground:
-            return natural
-        turn = natural[d:].reshape(d, d).T
-        vector = u[d:] if d == 3 else np.array([0.0, 0.0, u[2]])
-        small = Rotation.from_rotvec(vector).as_matrix()[:d, :d]
-        place = natural[:d] + turn @ (u[:d] + (small - np.eye(d)) @ side.arm)
-        return np.concatenate([place, (turn @ small).T.ravel()])
-
+    mechanism = kinematics.mechanism
+    stiffness = np.zeros((mechanism.n_dofs, mechanism.n_dofs))
     for action in (a for a in actions_of(effects_of(scene, mechanism)) if a.is_spring):
-        sides = [side for side in action.sides if not side.on_ground]
-        dofs, n = np.concatenate([side.dofs for side in sides]), space.n_dofs
-
-        def measure(u: np.ndarray) -> float:
-            parts = iter(u.reshape(-1, n))
-            frames = [frame(s, np.zeros(n) if s.on_ground else next(parts)) for s in action.sides]
-            return float(action.statement.value(*frames))
-
-        step = 1e-5
-        slopes = [(measure(step * e) - measure(-step * e)) / (2 * step) for e in np.eye(dofs.size)]
+        dofs, measure = measure_of(action, mechanism, poses)
+        slopes = slopes_of(measure, dofs.size)
         stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slopes, slopes)
     return stiffness
 
@@ -164,6 +145,31 @@ def test_a_pendulum_under_its_weight() -> None:
     table = tabulate_modes(scene, meshes_of(scene), None, 4, group())
     assert any("unstable on its springs" in str(remark) for remark in table.record.remarks)
     assert any("loaded by weight" in str(remark) for remark in table.record.remarks)
+
+
+def test_a_pendulum_in_space_under_its_weight_and_a_spring() -> None:
+    """The hinge's axis is z; the spring pulls the tip out of the plane of the motion too."""
+    spring = 'effects.s={type="spring_damper",points=["ground:far","arm:tip"],stiffness=30.0,rest=0.4}'
+    scene = pendulum_in_space(
+        'effects.weight={type="gravity",direction=[0.0,-1.0,0.0]}', spring, "ground.points.far=[1.0,0.7,0.5]", STIFF,
+        PRELOAD,
+    )  # fmt: skip
+    kinematics = kinematics_of_beams(scene)
+    mechanism = kinematics.mechanism
+    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.values)
+    along = np.zeros(mechanism.n_dofs)
+    mechanism.by_node(along)[:, 0] = 1.0
+    whole = along @ mass @ along
+
+    def energy(t: float) -> float:
+        length = np.sqrt((np.cos(t) - 1.0) ** 2 + (np.sin(t) - 0.7) ** 2 + 0.5**2)
+        return 15.0 * (length - 0.4) ** 2 + whole * G * 0.5 * np.sin(t)
+
+    step = 1e-4
+    for theta, frequency in zip((0.3, -1.2, 2.5), vibrations(scene, kinematics, [0.3, -1.2, 2.5])[:, 0]):
+        stiffness = (energy(theta + step) - 2 * energy(theta) + energy(theta - step)) / step**2
+        exact = np.sign(stiffness) * np.sqrt(abs(stiffness) / (whole / 3)) / (2 * np.pi)
+        assert frequency == pytest.approx(exact, rel=2e-4)  # rotary inertia of the section
 
 
 @pytest.mark.parametrize("stiffness", [1e-2, 1.0, 1e4])
