@@ -42,11 +42,13 @@ class Reduction(Table):
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
     spring_modes: bool = Field(
         True,
+        strict=True,
         description="extend the basis by the static answers to the forces of linear springs, whatever static_modes is; "
         "with them it holds for any stiffness of the springs",
     )
     preload: bool = Field(
         False,
+        strict=True,
         description="pgmp modes: vibrations about the state that springs and weights load, instead of the unloaded one",
     )
     inertia_modes: bool = Field(
