@@ -21,9 +21,8 @@ from scipy.linalg import block_diag
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
-from pgmp_petsc.mechanism.mechanism import Attachment, Mechanism
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import PLANE
-from pgmp_petsc.mechanism.spatial_attachment import SpatialAttachment
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene.numerics import Reduction
@@ -137,22 +136,23 @@ def spring_block(
     matrix = spring.parameters[0].at(values) * np.outer(gradient, gradient)
     if force:
         bent = turn.T @ spring.statement.hessian(*frames)[np.ix_(chosen, chosen)] @ turn
-        parts = [_turning_part(side, space.rotation(poses[side.body]), np.split(in_frames, 2)[k]) for k, side in sides]
+        halves = np.split(in_frames, 2)
+        parts = [_turning_part(side.arm, space.rotation(poses[side.body]), halves[k]) for k, side in sides]
         matrix = matrix - force * (bent + block_diag(*parts))
     return Block(moving_dofs(spring), 0.5 * (matrix + matrix.T))
 
 
-def _turning_part(side: Attachment | SpatialAttachment, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Return the second derivatives of ``gradient . zeta`` in the displacement of a node (n_dofs, n_dofs).
+def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Return the second derivatives of ``gradient . zeta`` in the displacement of a node, shape (n_dofs, n_dofs).
 
-    ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm a and the directors of the frame zeta.
+    The frame zeta stands at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
+    body's frame. ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm and the directors a.
     """
-    d = side.arm.size
+    d = arm.size
     result = np.zeros_like(rotation)
-    arms = [side.arm, *np.eye(d)]
-    for arm, part in zip(arms, gradient.reshape(d + 1, d)):
+    for fixed, part in zip([arm, *np.eye(d)], gradient.reshape(d + 1, d)):
         in_body = rotation[:d, :d].T @ part
-        along = 0.5 * (np.outer(arm, in_body) + np.outer(in_body, arm))
+        along = 0.5 * (np.outer(fixed, in_body) + np.outer(in_body, fixed))
         # in the plane phi stands at a right angle to both
-        result[d:, d:] += -arm @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
+        result[d:, d:] += -fixed @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
     return result
