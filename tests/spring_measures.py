@@ -1,4 +1,4 @@
-"""What springs measure when nodes are turned by exact rotations, and its differences: references for their stiffness."""
+"""What springs measure when nodes are turned exactly, and its differences: references for their stiffness."""
 
 from __future__ import annotations
 
