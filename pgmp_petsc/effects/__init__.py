@@ -72,9 +72,13 @@ def actions_of(effects: Sequence[Effect]) -> tuple[Action, ...]:
 
 def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns:
     """Return the forces that all effects are made of, for static answers to them."""
-    vectors = [vector for effect in effects for vector in effect.patterns(matrices)]
+    vectors, elastic = [], []
+    for effect in effects:
+        elastic += [len(vectors) + number for number in effect.elastic_patterns()]
+        vectors += effect.patterns(matrices)
     turning = tuple(action for effect in effects for action in effect.turning_patterns())
-    return Patterns(np.array(vectors).reshape(len(vectors), len(matrices.rows)).T, turning)
+    fixed = np.array(vectors).reshape(len(vectors), len(matrices.rows)).T
+    return Patterns(fixed, turning, np.array(elastic, dtype=int))
 
 
 __all__ = [

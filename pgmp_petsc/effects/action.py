@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.effects.laws import N_PARAMETERS, STOP
+from pgmp_petsc.effects.laws import N_PARAMETERS, SPRING_DAMPER, STOP
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
@@ -62,6 +62,11 @@ class Action:
     def has_events(self) -> bool:
         """Whether the law has an edge whose crossing is to be found in time."""
         return self.law == STOP
+
+    @property
+    def is_spring(self) -> bool:
+        """Whether the law is linear and has a stiffness, whatever its damping."""
+        return self.law == SPRING_DAMPER and self.parameters[0].coefficient != 0.0
 
 
 class Actions(NamedTuple):

@@ -86,6 +86,10 @@ class Effect:
         """
         return []
 
+    def elastic_patterns(self) -> list[int]:
+        """Return the numbers of the patterns that are forces of linear springs."""
+        return []
+
     def turning_patterns(self) -> list[Action]:
         """Return the unit forces that are to be answered in the direction that they have in each configuration."""
         return []
@@ -115,9 +119,16 @@ class ActionEffect(Effect):
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the unit forces of the actions whose direction is constant in body frames, as in any configuration."""
         rows, anywhere = slice(matrices.rows.start, matrices.rows.stop), self._mechanism.first_guess
-        fixed = [action for action in self._actions if action.statement.fixed_in_bodies]
-        return [unit_force(action, self._mechanism, anywhere)[rows] for action in fixed]
+        return [unit_force(action, self._mechanism, anywhere)[rows] for action in self._fixed()]
+
+    def elastic_patterns(self) -> list[int]:
+        """Return the numbers of the patterns that are forces of linear springs."""
+        return [number for number, action in enumerate(self._fixed()) if action.is_spring]
 
     def turning_patterns(self) -> list[Action]:
         """Return the other actions."""
         return [action for action in self._actions if not action.statement.fixed_in_bodies]
+
+    def _fixed(self) -> list[Action]:
+        """Return the actions whose forces keep their direction in body frames."""
+        return [action for action in self._actions if action.statement.fixed_in_bodies]

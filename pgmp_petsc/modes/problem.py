@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -76,8 +77,9 @@ class ModalProblem:
         rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
         self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
         self.rows = rows
-        self.mass = _petsc_sum(self.matrices.mass, values, comm)
-        self.stiffness = _petsc_sum(self.matrices.stiffness, values, comm)
+        self.mass, self.stiffness = (
+            aij_matrix(self._sum(terms), comm, len(rows)) for terms in (self.matrices.mass, self.matrices.stiffness)
+        )
         self._null: PETSc.Mat | None = None
         self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
         self._signature: bytes = b""
@@ -305,6 +307,10 @@ class ModalProblem:
             trial.close()
         return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free], PREFIX)
 
+    def _sum(self, terms: Mapping[Monomial, sp.csr_matrix]) -> sp.csr_matrix:
+        """Return the local rows of a matrix at the problem's parameter values."""
+        return weighted_sum(terms, self.values)
+
     def _lowest(self) -> np.ndarray:
         """Return the configuration at the lower end of every coordinate, shape (n_theta,)."""
         return np.array([coordinate.lower for coordinate in self.kinematics.coordinates])
@@ -366,8 +372,3 @@ class ModalProblem:
                 f"eigenproblem at {where}: the modes of frequency zero are not the mechanism's rigid motion "
                 f"(they share {captured:.6f} of its kinetic energy)"
             )
-
-
-def _petsc_sum(terms: Mapping, values: Mapping[str, float], comm: MPI.Comm) -> PETSc.Mat:
-    total = weighted_sum(terms, values)
-    return aij_matrix(total, comm, total.shape[0])

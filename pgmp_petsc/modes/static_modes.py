@@ -37,7 +37,8 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np
     if dependent.any():
         raise RunError(
             f"reduction.static_modes at {problem.kinematics.describe(modes.theta)}: a load's static "
-            "answer is a combination of the modes and the other answers; take fewer modes, or no static ones"
+            "answer is a combination of the modes and the other answers; take fewer modes, or no static ones "
+            "(reduction.static_modes, reduction.spring_modes)"
         )
     return basis[:, modes.eigenvectors.shape[1] :]
 

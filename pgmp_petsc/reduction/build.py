@@ -17,6 +17,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, owned_rows
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, Patterns, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -148,6 +149,7 @@ def _built(
     remarks = (
         *scene.remarks,
         *(() if checkpoint is None else checkpoint.remarks),
+        *spring_remarks(effects, scene.reduction),
         *_doubts(float(joined.cosines.min()), n_redundant, indefinite),
     )
     return ReducedOrderModel(

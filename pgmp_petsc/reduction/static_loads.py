@@ -44,14 +44,15 @@ class StaticLoads:
         Parameters
         ----------
         patterns
-            Load patterns of the effects; used where static modes are wanted.
+            Load patterns of the effects; all are used where static modes are wanted, and those of linear springs where
+            nothing is said against them.
 
         Raises
         ------
         InputError
             If the mesh has too few degrees of freedom for the whole basis.
         """
-        wanted = patterns if reduction.static_modes else Patterns(patterns.fixed[:, :0])
+        wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
         turning = tuple(wanted.turning[k] for k in _independent_forces(problem, wanted.turning))
         loads = cls(problem.independent(wanted.fixed), turning, accelerations)._answered(problem)

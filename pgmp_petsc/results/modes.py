@@ -1,6 +1,8 @@
 """Eigenfrequencies over the configurations, of the full-order model and of the reduced one beside it.
 
-Layout of the file (kind ``modes``); rigid motion is left out and frequencies rise along the last axis:
+Layout of the file (kind ``modes``); frequencies rise along the last axis. Rigid motion is left out, but for what linear
+springs resist anywhere: that vibrates, and is 0 at dead centres. Frequencies f below zero are motions that grow as
+``exp(2 pi |f| t)``:
 
 =============================== ====================== =======================================================
 dataset                         shape                  content
@@ -34,7 +36,7 @@ class ModesTable:
     record : RunRecord
     theta : ndarray, shape (n_theta,), or (n_coordinates, n_theta) with more than one coordinate
     full_hz : ndarray, shape (n_theta, n_modes)
-        Flexible eigenfrequencies of the full-order model, Hz.
+        Eigenfrequencies of the full-order model on its linear springs, Hz.
     reduced_hz : ndarray, shape (n_theta, n_modes), optional
         Those of the reduced model.
     coordinate_units : dict of str to str

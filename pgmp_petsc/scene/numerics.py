@@ -40,6 +40,17 @@ class Reduction(Table):
     )
     max_angles: Angles = Field(2000, ge=4, description="where adaptive sampling gives up")
     static_modes: bool = Field(False, description="extend the basis by the static answers to the scene's loads")
+    spring_modes: bool = Field(
+        True,
+        strict=True,
+        description="extend the basis by the static answers to the forces of linear springs, whatever static_modes is; "
+        "with them it holds for any stiffness of the springs",
+    )
+    preload: bool = Field(
+        False,
+        strict=True,
+        description="pgmp modes: vibrations about the state that springs and weights load, instead of the unloaded one",
+    )
     inertia_modes: bool = Field(
         False, description="extend the basis by the static answer to the inertia forces of the mechanism's rigid motion"
     )

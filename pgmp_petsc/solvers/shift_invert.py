@@ -56,7 +56,7 @@ class ShiftInvertSolver:
     comm
         That of the matrices.
     shift
-        sigma.
+        sigma, below all eigenvalues.
     prefix
         Of the options that reach this solver.
 
@@ -70,7 +70,7 @@ class ShiftInvertSolver:
         from petsc4py import PETSc
         from slepc4py import SLEPc
 
-        self._shift, self._prefix = shift, prefix
+        self.shift, self._prefix = shift, prefix
         self._eps = SLEPc.EPS().create(comm)
         self._eps.setOptionsPrefix(prefix)
         self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
@@ -118,7 +118,7 @@ class ShiftInvertSolver:
         a, b
             Symmetric matrices of one pattern.
         n_rigid, n_flexible
-            Number of zero eigenvalues of A, and of positive ones to be found.
+            Number of eigenvalues of A that are or may be zero, and of others to be found.
         where
             Configuration, for messages.
 
@@ -167,7 +167,8 @@ class ShiftInvertSolver:
                 f"a larger -{self._prefix}eps_ncv may help"
             )
         values, vectors = self._fetch(a, converged)
-        self._check_residuals(a, b, values[:n_pairs], vectors[:, :n_pairs], values[n_rigid], where)
+        floor = np.max(np.abs(values[: n_rigid + 1]))
+        self._check_residuals(a, b, values[:n_pairs], vectors[:, :n_pairs], floor, where)
         self._check_complete(a, b, values, n_pairs, where)
         return EigenPairs(values[:n_pairs], vectors[:, :n_pairs], values[n_pairs:])
 
@@ -181,10 +182,10 @@ class ShiftInvertSolver:
         """
         self._eps.setOperators(a, b)
         ksp = self._eps.getST().getKSP()
-        with petsc_solver(self._prefix, f"factorisation with the shift {self._shift:.6g}"):
+        with petsc_solver(self._prefix, f"factorisation with the shift {self.shift:.6g}"):
             self._eps.setUp()
             ksp.setUp()
-        check_factor(ksp, f"factorisation with the shift {self._shift:.6g}")
+        check_factor(ksp, f"factorisation with the shift {self.shift:.6g}")
 
     def apply_inverse(self, columns: np.ndarray) -> np.ndarray:
         """Return ``(A - sigma B)^-1`` times local columns (n_local, k), with the last factor.
@@ -194,7 +195,7 @@ class ShiftInvertSolver:
         RunError
             If a solve fails.
         """
-        ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self._shift:.6g}"
+        ksp, what = self._eps.getST().getKSP(), f"linear system with the shift {self.shift:.6g}"
         with petsc_solver(self._prefix, what):
             if ksp.getType() == "preonly" and ksp.getPC().getType() == "cholesky":
                 # all columns at once: many times faster than one by one, above all on several ranks
@@ -246,11 +247,12 @@ class ShiftInvertSolver:
         # the widest relative gap at or above the last wanted pair, so that the count is not ambiguous
         candidates = np.arange(n_pairs, values.size)
         if candidates.size:
-            gaps = values[candidates] / values[candidates - 1]
+            sizes = np.abs(values) + np.finfo(float).tiny
+            gaps = np.diff(values)[candidates - 1] / np.maximum(sizes[candidates], sizes[candidates - 1])
             found = int(candidates[np.argmax(gaps)])
             tau = 0.5 * (values[found - 1] + values[found])
         else:
-            found, tau = n_pairs, values[n_pairs - 1] * (1 + 1e-6)
+            found, tau = n_pairs, values[n_pairs - 1] + 1e-6 * np.abs(values[n_pairs - 1])
         below = self.count_below(a, b, tau)
         if below != found:
             raise RunError(

@@ -47,7 +47,7 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     # how many loads there are takes no rows of large matrices
     matrices = assemble(mechanism.bodies, range(0 if continuum else mechanism.n_dofs))
     effects = effects_of(scene, mechanism)
-    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).n
+    loads, n_patterns = loads_of(effects, matrices), patterns_of(effects, matrices).wanted(scene.reduction).n
     coordinates = kinematics.coordinates
     pose = kinematics.poses([coordinate.lower for coordinate in coordinates])[..., 0]
     clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
@@ -160,7 +160,7 @@ def _flexible(scene: Scene, mechanism: Mechanism, n_patterns: int) -> dict[str, 
     n_accelerations = n_theta * (n_theta + 1) // 2 + sum(coordinate.prescribed for coordinate in mechanism.coordinates)
     counts = {
         "modes": reduction.modes,
-        "static": n_patterns if reduction.static_modes else 0,
+        "static": n_patterns,
         "inertia": n_accelerations if reduction.inertia_modes else 0,
         "of other parameter values": reduction.parameter_modes,
     }

@@ -40,7 +40,12 @@ DRIVE = "prescribed_motion"
 WAVE = "harmonic = { amplitude = 1e-3, frequency_hz = 1.0 }"
 SLOW, SECOND_ORDER = "without gyroscopic", "second order"
 # no part of the reduced basis may depend on the effects: their costs are to be compared
-SAME_BASIS = ("reduction.static_modes=false", "reduction.parameter_modes=0", "reduction.second_order=false")
+SAME_BASIS = (
+    "reduction.static_modes=false",
+    "reduction.spring_modes=false",
+    "reduction.parameter_modes=0",
+    "reduction.second_order=false",
+)
 # entries of the reduced model alone, by the name of their line
 OF_REDUCED = {
     SLOW: {"gyroscopic": '{ type = "gyroscopic", keep = false }'},

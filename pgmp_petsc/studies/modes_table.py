@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import angle_group, condensed
+from pgmp_petsc.effects import actions_of, effects_of
+from pgmp_petsc.effects.springs import linear_springs, spring_remarks
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.spring_stiffness import SpringStiffness
+from pgmp_petsc.modes.vibration import VibrationProblem, frequencies_of
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -25,9 +30,13 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import note
+from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+from pgmp_petsc.studies.reduced_vibrations import reduced_vibrations
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 MESH_ERROR = "errors of the mesh in the frequencies were not estimated; compare with more elements a body"
 STRUCTURE = ("ground", "materials", "bodies", "joints", "coordinates")
@@ -73,15 +82,16 @@ def _tabulated(
         _check_same_mechanism(scene, rom)
         mechanism = Mechanism.from_scene(scene, meshes)
         kinematics = RigidKinematics(mechanism)
+        springs, said = springs_of(scene, kinematics)
         coordinates = kinematics.coordinates
         samples = SampleGrid(tuple(Samples.uniform(c.lower, c.upper, n_angles, c.periodic) for c in coordinates))
         theta = samples.theta
         arc = group.arc(samples.n)
         if arc:
-            with ModalProblem(kinematics, scene.values, scene.reduction.modes, group.comm) as problem:
+            with _problem(scene, kinematics, springs, group.comm) as problem:
                 rows = []
                 for index in arc:
-                    rows.append(problem.solve(theta[index]).frequencies_hz)
+                    rows.append(_frequencies(problem, theta[index]))
                     bar.update(group.count)
                 own = np.array(rows)
     timings = timings.maximum(group.world)
@@ -95,14 +105,66 @@ def _tabulated(
         if rom is not None:
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
-            reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
-    remarks = (*scene.remarks, note(MESH_ERROR))
+            if springs is None:
+                reduced = reduced_frequencies(rom.tables, scheme, scene.values, theta, free)
+            else:
+                reduced = reduced_vibrations(rom, springs, scheme, scene.values, theta)
+    full = np.concatenate(arcs)
+    remarks = (*scene.remarks, *said, *_unstable(full, theta, coordinates), note(MESH_ERROR))
     return ModesTable(
         record=RunRecord(scene_to_toml(scene), scene.values, None, group.world.size, timings.as_dict(), remarks),
         theta=theta[:, 0] if len(coordinates) == 1 else theta.T,
-        full_hz=np.concatenate(arcs),
+        full_hz=full,
         reduced_hz=reduced,
         coordinate_units={coordinate.name: "rad" for coordinate in coordinates},
+    )
+
+
+def springs_of(scene: Scene, kinematics: RigidKinematics) -> tuple[SpringStiffness | None, tuple[Remark, ...]]:
+    """Return what springs and preload add to the stiffness, None where that is nothing, and what is said of it."""
+    effects = effects_of(scene, kinematics.mechanism)
+    springs, preload = linear_springs(actions_of(effects)), scene.reduction.preload
+    weights = tuple(effect for effect in effects if effect.conservative) if preload else None
+    said = spring_remarks(effects)
+    if preload:
+        loads = [*dict.fromkeys(spring.effect for spring in springs), *(effect.name for effect in weights)]
+        said += (
+            note(
+                f"reduction.preload: the vibrations are about the state loaded by {', '.join(loads) or 'nothing'}; "
+                "torques and forces over time, and what axial forces do to the stiffness of each body, are left out"
+            ),
+        )
+    if not springs and not weights:
+        return None, said
+    return SpringStiffness(kinematics, springs, scene.values, weights), said
+
+
+def _problem(
+    scene: Scene, kinematics: RigidKinematics, springs: SpringStiffness | None, comm: MPI.Comm
+) -> ModalProblem:
+    if springs is None:
+        return ModalProblem(kinematics, scene.values, scene.reduction.modes, comm)
+    return VibrationProblem(springs, scene.values, scene.reduction.modes, comm)
+
+
+def _frequencies(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
+    if isinstance(problem, VibrationProblem):
+        return frequencies_of(problem.eigenvalues(theta))
+    return problem.solve(theta).frequencies_hz
+
+
+def _unstable(full_hz: np.ndarray, theta: np.ndarray, coordinates: Sequence[Coordinate]) -> tuple[Remark, ...]:
+    """Warn of motions that grow."""
+    growing = np.flatnonzero((full_hz < 0.0).any(axis=1))
+    if not growing.size:
+        return ()
+    worst = growing[np.argmin(full_hz[growing, 0])]
+    where = ", ".join(f"{c.name} = {value:.4g} rad" for c, value in zip(coordinates, theta[worst]))
+    return (
+        warning(
+            f"at {growing.size} of {len(full_hz)} configurations the mechanism is unstable on its springs: negative "
+            f"frequencies f are motions that grow as exp(2 pi |f| t); lowest {full_hz[worst, 0]:.4g} Hz at {where}"
+        ),
     )
 
 

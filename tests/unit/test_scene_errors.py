@@ -43,6 +43,8 @@ ENTRIES = [
     ("reduction.modes=1.5", "reduction.modes = 1.5: an integer is needed"),
     ("reduction.modes=0", "reduction.modes = 0: must be at least 1"),
     ("reduction.angles=3", "reduction.angles = 3: must be at least 4"),
+    ("reduction.preload=1", "reduction.preload = 1: true or false is needed"),
+    ('reduction.spring_modes="no"', 'reduction.spring_modes = "no": true or false is needed'),
     ("simulation.spectral_radius=1.1", "simulation.spectral_radius = 1.1: must be at most 1.0"),
     ("simulation.frames=-1", "simulation.frames = -1: must be at least 0"),
     ("simulation.duration=0", "simulation.duration = 0: must be greater than 0.0"),

@@ -100,6 +100,8 @@ def test_defaults(tmp_path: Path) -> None:
         "sampling_tolerance": None,
         "max_angles": 2000,
         "static_modes": False,
+        "spring_modes": True,
+        "preload": False,
         "inertia_modes": False,
         "parameter_modes": 0,
         "second_order": False,

@@ -1,0 +1,157 @@
+"""Stiffness of linear springs about the rigid mechanism, in body frames.
+
+A spring on the statement s has the potential ``1/2 k (s - rest)^2``. Its second derivatives in the small displacements
+of the nodes that carry its ends are
+
+    k g g^T + k (s - rest) h,
+
+with the gradient g of s and its second derivatives h, of which a node's rotation vector has a part too: a director
+turns as ``d + phi x d + 1/2 phi x (phi x d)``. The first term is the stiffness of the spring; the second one is the
+force that it has already (its preload) times the change of direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from pgmp_petsc.effects.action import Action
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, STOP
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.statements import ANGLE
+from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.scene.numerics import Reduction
+
+#: Why an action is not in the stiffness, by its law; springs without stiffness are dampers.
+LEFT_OUT = {
+    SPRING_DAMPER: "it is a damper, and modes are those of undamped vibrations",
+    FRICTION: "it is friction, not linear and without stiffness",
+    STOP: "it is one-sided, not linear",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Stiffness between a few unknowns.
+
+    Attributes
+    ----------
+    dofs
+        Their numbers, shape (n,).
+    matrix
+        Symmetric, shape (n, n), N/m, N, N m.
+    """
+
+    dofs: np.ndarray
+    matrix: np.ndarray
+
+
+def linear_springs(actions: Sequence[Action]) -> tuple[Action, ...]:
+    """Return the actions that are linear springs, with or without damping, between bodies or to the ground."""
+    return tuple(action for action in actions if action.is_spring and moving_dofs(action).size)
+
+
+def left_out(actions: Sequence[Action]) -> dict[str, str]:
+    """Return why actions are not in the stiffness, by the name of their effect; sources are loads, and not named."""
+    springs = {action.effect for action in actions if action.is_spring}
+    return {
+        action.effect: LEFT_OUT[action.law]
+        for action in actions
+        if action.law != SOURCE and action.effect not in springs
+    }
+
+
+def spring_remarks(effects: Sequence[Effect], reduction: Reduction | None = None) -> tuple[Remark, ...]:
+    """Say which effects are in the stiffness of vibrations, and which are not, and why.
+
+    With `reduction` it is said of the basis of a reduced model, whose runs have all effects. Nothing is said where no
+    effect is local.
+    """
+    actions = [action for effect in effects for action in effect.actions()]
+    springs = ", ".join(dict.fromkeys(action.effect for action in linear_springs(actions)))
+    what = "stiffness" if reduction is None else "basis"
+    remarks = []
+    if springs and reduction is None:
+        remarks.append(note(f"linear springs in the stiffness: {springs}"))
+    elif springs and (reduction.spring_modes or reduction.static_modes):
+        remarks.append(note(f"linear springs whose static answers are in the basis, for any stiffness: {springs}"))
+    elif springs:
+        remarks.append(note(f"reduction.spring_modes = false: the basis has no static answers to springs: {springs}"))
+    remarks += [note(f"effects.{name} is not in the {what}: {reason}") for name, reason in left_out(actions).items()]
+    return tuple(remarks)
+
+
+def moving_dofs(action: Action) -> np.ndarray:
+    """Return the unknowns of the nodes that an action holds at, shape (n,)."""
+    return np.concatenate([np.zeros(0, dtype=int), *(side.dofs for side in action.sides if not side.on_ground)])
+
+
+def spring_force(
+    spring: Action, mechanism: Mechanism, poses: np.ndarray, theta: np.ndarray, values: Mapping[str, float]
+) -> float:
+    """Return the force ``-k (s - rest)`` of a spring on the rigid mechanism, N or N m.
+
+    Parameters
+    ----------
+    poses, theta
+        One configuration, shapes (n_bodies, n_pose) and (n_theta,), rad. Angles that are no coordinates are in (-pi,
+        pi] in space, and as the bodies are turned in the plane.
+    """
+    stiffness, rest = spring.parameters[0].at(values), spring.parameters[2].at(values)
+    frames = [side.frame_of_pose(poses) for side in spring.sides]
+    if spring.coordinate >= 0:
+        measure = theta[spring.coordinate]
+    elif spring.statement.kind == ANGLE:
+        measure = mechanism.space.angle(spring.statement, *frames)
+    else:
+        measure = spring.statement.value(*map(mechanism.space.natural, frames))
+    return -float(stiffness * (measure - rest))
+
+
+def spring_block(
+    spring: Action, mechanism: Mechanism, poses: np.ndarray, values: Mapping[str, float], force: float = 0.0
+) -> Block:
+    """Return the stiffness of a spring on the rigid mechanism at poses (n_bodies, n_pose), in body frames.
+
+    Parameters
+    ----------
+    values
+        Parameter values.
+    force
+        That it has already (`spring_force`), N or N m; 0 leaves the second term of the module's equation out.
+    """
+    space = mechanism.space
+    sides = [(number, side) for number, side in enumerate(spring.sides) if not side.on_ground]
+    frames = [space.natural(side.frame_of_pose(poses)) for side in spring.sides]
+    n = frames[0].size
+    chosen = np.concatenate([n * number + np.arange(n) for number, _ in sides])
+    turn = block_diag(*(space.natural_gradient(poses[side.body], side.arm) for _, side in sides))
+    in_frames = spring.statement.gradient(*frames)
+    gradient = in_frames[chosen] @ turn
+    matrix = spring.parameters[0].at(values) * np.outer(gradient, gradient)
+    if force:
+        bent = turn.T @ spring.statement.hessian(*frames)[np.ix_(chosen, chosen)] @ turn
+        halves = np.split(in_frames, 2)
+        parts = [_turning_part(side.arm, space.rotation(poses[side.body]), halves[k]) for k, side in sides]
+        matrix = matrix - force * (bent + block_diag(*parts))
+    return Block(moving_dofs(spring), 0.5 * (matrix + matrix.T))
+
+
+def _turning_part(arm: np.ndarray, rotation: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Return the second derivatives of ``gradient . zeta`` in the displacement of a node, shape (n_dofs, n_dofs).
+
+    The frame zeta stands at the arm (d,) of the node, whose displacements the rotation (n_dofs, n_dofs) turns from the
+    body's frame. ``g . phi x (phi x a) = (g . phi) (a . phi) - g . a phi . phi`` for the arm and the directors a.
+    """
+    d = arm.size
+    result = np.zeros_like(rotation)
+    for fixed, part in zip([arm, *np.eye(d)], gradient.reshape(d + 1, d)):
+        in_body = rotation[:d, :d].T @ part
+        along = 0.5 * (np.outer(fixed, in_body) + np.outer(in_body, fixed))
+        # in the plane phi stands at a right angle to both
+        result[d:, d:] += -fixed @ in_body * np.eye(len(rotation) - d) + (along if d == 3 else 0.0)
+    return result

@@ -1,0 +1,52 @@
+"""Vibrations on springs between nodes that different ranks hold: the same frequencies and remarks on any ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from runs import PGMP, overridden
+
+from pgmp_petsc.results import ModesTable
+
+# from the ground to the rod's tip, from the crank to the rod, about the elbow, and a toggle of negative stiffness
+PLANE = (
+    ROOT / "scenes" / "slider_crank_effects.toml",
+    "effects.buffer.stiffness=2e4",
+    'effects.mount={type="bushing",points=["crank:middle","rod:middle"],reference=[[1.0,0.3]],stiffness=[1e4,3e3],'
+    "turning_stiffness=[20.0]}",
+    'effects.turn={type="spring_damper",joint="elbow",stiffness=-3.0}',
+)
+SPACE = (
+    ROOT / "scenes" / "rssr_beams.toml",
+    'effects.mount={type="bushing",points=["crank:tip","rocker:tip"],reference=[[1.0,0.0,0.0],[0.0,1.0,0.0]],'
+    "stiffness=[1e3,2e3,3e3],turning_stiffness=[2.0,3.0,4.0]}",
+)
+CASES = {"plane": PLANE, "loaded": (*PLANE, "reduction.preload=true"), "space": SPACE}
+
+
+@pytest.fixture(scope="module")
+def table(mpirun: Callable, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int, int], ModesTable]:
+    """Return a function that gives the table of a case on some ranks, made once."""
+    directory = tmp_path_factory.mktemp("tables")
+
+    def make(name: str, n: int, per_angle: int) -> ModesTable:
+        path, (scene, *entries) = directory / f"{name}_{n}_{per_angle}.h5", CASES[name]
+        if not path.exists():
+            words = (scene, *overridden(*entries), "--angles", 5, "--ranks-per-angle", per_angle)
+            mpirun(n, *PGMP, "modes", *words, "-o", path)
+        return ModesTable.read(path)
+
+    return make
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(("n", "per_angle"), [(2, 2), (3, 3)])
+def test_ranks_have_no_part_in_the_frequencies(table: Callable, name: str, n: int, per_angle: int) -> None:
+    one, several = table(name, 1, 1), table(name, n, per_angle)
+    assert (one.full_hz[:, 0] < 0.0).any() == (name == "loaded")
+    np.testing.assert_allclose(several.full_hz, one.full_hz, rtol=1e-9, atol=1e-9)
+    assert several.record.remarks == one.record.remarks

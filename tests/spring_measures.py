@@ -1,0 +1,55 @@
+"""What springs measure when nodes are turned exactly, and its differences: references for their stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pgmp_petsc.effects import Action
+from pgmp_petsc.mechanism.mechanism import Mechanism
+
+
+def measure_of(action: Action, mechanism: Mechanism, poses: np.ndarray) -> tuple[np.ndarray, Callable]:
+    """Return the unknowns of the nodes at the ends of a spring, and the measure as a function of their displacements.
+
+    Displacements, shape (n,), are in body frames from the rigid mechanism at poses (n_bodies, n_pose): places, and
+    rotation vectors.
+    """
+    space = mechanism.space
+    d, n = space.dimension, space.n_dofs
+    sides = [side for side in action.sides if not side.on_ground]
+
+    def frame(side: object, u: np.ndarray) -> np.ndarray:
+        natural = space.natural(side.frame_of_pose(poses))
+        if side.on_ground:
+            return natural
+        turn = natural[d:].reshape(d, d).T
+        vector = u[d:] if d == 3 else np.array([0.0, 0.0, u[2]])
+        small = Rotation.from_rotvec(vector).as_matrix()[:d, :d]
+        place = natural[:d] + turn @ (u[:d] + (small - np.eye(d)) @ side.arm)
+        return np.concatenate([place, (turn @ small).T.ravel()])
+
+    def measure(u: np.ndarray) -> float:
+        parts = iter(u.reshape(-1, n))
+        frames = [frame(side, np.zeros(n) if side.on_ground else next(parts)) for side in action.sides]
+        return float(action.statement.value(*frames))
+
+    return np.concatenate([side.dofs for side in sides]), measure
+
+
+def slopes_of(measure: Callable, n: int, step: float = 1e-5) -> np.ndarray:
+    """Return the first derivatives of a function of n unknowns at zero, by central differences."""
+    return np.array([(measure(step * e) - measure(-step * e)) / (2 * step) for e in np.eye(n)])
+
+
+def bends_of(measure: Callable, n: int, step: float = 1e-4) -> np.ndarray:
+    """Return the second derivatives (n, n) of a function of n unknowns at zero, by central differences."""
+    ways = step * np.eye(n)
+    return np.array(
+        [
+            [(measure(a + b) - measure(a - b) - measure(b - a) + measure(-a - b)) / (4 * step**2) for b in ways]
+            for a in ways
+        ]
+    )

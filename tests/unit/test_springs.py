@@ -1,0 +1,78 @@
+"""Springs as stiffness: against differences of what they measure, with and without force; what is left out."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scenes import kinematics_of, slider_crank
+from spatial_beams import kinematics_of_beams, slider_crank_of_beams
+from spring_measures import bends_of, measure_of, slopes_of
+
+from pgmp_petsc.effects import Action, actions_of, effects_of
+from pgmp_petsc.effects.springs import left_out, linear_springs, moving_dofs, spring_block, spring_force, spring_remarks
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.scene import Scene
+
+# the crank is rigid, so that its points are at arms of its only node
+PLANE = (
+    "bodies.crank.flexible=false",
+    "ground.points.far=[-1.0,0.3]",
+    'effects.s={type="spring_damper",points=["crank:tip","ground:far"],stiffness=7.0,rest=0.2}',
+    'effects.b={type="bushing",points=["crank:tip","rod:tip"],reference=[[1.0,0.4]],stiffness=[2.0,3.0],'
+    "turning_stiffness=[4.0]}",
+    'effects.t={type="spring_damper",joint="crank_hinge",stiffness=5.0,rest=0.1}',
+    'effects.oil={type="joint_damping",joint="elbow",coefficient=1.0}',
+)
+SPACE = (
+    "bodies.crank.flexible=false",
+    "ground.points.far=[-1.0,0.3,0.2]",
+    'effects.s={type="spring_damper",points=["crank:tip","ground:far"],stiffness=7.0,rest=0.2}',
+    'effects.b={type="bushing",points=["crank:tip","rod:tip"],reference=[[1.0,0.4,0.1],[0.0,1.0,0.3]],'
+    "stiffness=[2.0,3.0,4.0],turning_stiffness=[5.0,6.0,7.0]}",
+    'effects.t={type="spring_damper",joint="elbow",stiffness=5.0,rest=0.1}',
+)
+
+
+@lru_cache
+def springs_in(dimension: int) -> tuple[Scene, RigidKinematics, tuple[Action, ...]]:
+    """Return a scene in 2 or 3 dimensions, its kinematics and springs: on a distance, a mount, an angle."""
+    if dimension == 2:
+        scene = slider_crank(*PLANE, "parameters={}", "bodies.crank.section.radius=5e-3")
+        kinematics = kinematics_of(scene)
+    else:
+        scene = slider_crank_of_beams(*SPACE, "parameters={}", "bodies.crank.section.radius=5e-3")
+        kinematics = kinematics_of_beams(scene)
+    return scene, kinematics, linear_springs(actions_of(effects_of(scene, kinematics.mechanism)))
+
+
+@pytest.mark.parametrize(("dimension", "number"), [(2, k) for k in range(5)] + [(3, k) for k in range(8)])
+def test_the_stiffness_is_that_of_the_energy(dimension: int, number: int) -> None:
+    scene, kinematics, springs = springs_in(dimension)
+    mechanism, theta = kinematics.mechanism, np.array([0.7])
+    poses, spring = kinematics.poses(theta)[..., 0], springs[number]
+    stiffness = spring.parameters[0].at(scene.values)
+    dofs, measure = measure_of(spring, mechanism, poses)
+    slopes = slopes_of(measure, dofs.size)
+    plain = spring_block(spring, mechanism, poses, scene.values)
+    np.testing.assert_array_equal(plain.dofs, dofs)
+    # central differences with steps of 1e-5 and 1e-4 leave 1e-9 and 1e-7
+    np.testing.assert_allclose(plain.matrix, stiffness * np.outer(slopes, slopes), rtol=0, atol=1e-8 * stiffness)
+    force = spring_force(spring, mechanism, poses, theta, scene.values)
+    away = measure(np.zeros(dofs.size)) - spring.parameters[2].at(scene.values)
+    assert force == pytest.approx(-stiffness * away, rel=1e-12, abs=1e-12)
+    loaded = spring_block(spring, mechanism, poses, scene.values, -3.0)
+    np.testing.assert_allclose(loaded.matrix - plain.matrix, 3.0 * bends_of(measure, dofs.size), rtol=0, atol=1e-6)
+
+
+def test_dampers_are_named_and_springs_are_not() -> None:
+    scene, kinematics, springs = springs_in(2)
+    effects = effects_of(scene, kinematics.mechanism)
+    assert list(left_out(actions_of(effects))) == ["oil"]
+    assert all(moving_dofs(spring).size for spring in springs)
+    said = [str(remark) for remark in spring_remarks(effects)]
+    assert said[0] == "note: linear springs in the stiffness: s, b, t"
+    assert "effects.oil is not in the stiffness: it is a damper" in said[1]
+    of_basis = [str(remark) for remark in spring_remarks(effects, scene.reduction)]
+    assert "static answers are in the basis, for any stiffness: s, b, t" in of_basis[0]

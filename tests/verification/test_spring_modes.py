@@ -1,0 +1,402 @@
+"""Vibrations on springs: closed forms, dense pencils with stiffness from differences, preload, reduced models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import scipy.linalg
+from mpi4py import MPI
+from runs import history
+from scenes import CRANK, RADIUS, ROD, SLIDER_CRANK, kinematics_of, meshes_of, pendulum, slider_crank
+from scipy.optimize import brentq
+from spatial import bars_of, slider_crank_in_space
+from spatial_beams import kinematics_of_beams, pendulum_in_space, slider_crank_of_beams
+from spring_measures import measure_of, slopes_of
+from two_coordinates import double_pendulum
+
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.effects import actions_of, effects_of
+from pgmp_petsc.mechanism.body_frames import rigid_velocities
+from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.modes_table import springs_of, tabulate_modes
+
+G = 9.81
+AREA = np.pi * RADIUS**2
+LINE = 7800.0 * AREA  # kg/m
+PLACES = (0.4, 1.1, 2.9)
+SLIDER = 'effects.s={{type="spring_damper",points=["ground:far","rod:tip"],stiffness={0},rest={1}}}'
+FAR = "ground.points.far=[-1.0,0.0]"  # behind the crank's hinge, on the line of the slider
+STIFF = "materials.steel.E=210e15"  # rigid but for a share of 1e-6 of the frequencies
+PRELOAD = "reduction.preload=true"
+GRAVITY = 'effects.weight={type="gravity"}'
+
+
+def group() -> RankGroup:
+    """Return this process alone."""
+    return RankGroup.split(MPI.COMM_SELF, 1)
+
+
+def vibrations(scene: Scene, kinematics: RigidKinematics, theta: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the frequencies (n, n_modes) at configurations (n,) or (n, n_theta), Hz."""
+    from pgmp_petsc.modes.vibration import VibrationProblem, frequencies_of
+
+    springs, _ = springs_of(scene, kinematics)
+    with VibrationProblem(springs, scene.values, scene.reduction.modes, MPI.COMM_SELF) as problem:
+        return frequencies_of(np.array([problem.eigenvalues(np.atleast_1d(at)) for at in theta]))
+
+
+def dense(scene: Scene, kinematics: RigidKinematics, theta: float | np.ndarray) -> np.ndarray:
+    """Return all frequencies of the dense pencil with the second differences of the springs' energy, Hz.
+
+    The displacements of a node are put on its place and directors exactly, by rotation matrices; the energy is that of
+    the springs' extensions, without force at the configuration.
+    """
+    mechanism = kinematics.mechanism
+    poses = kinematics.poses(np.atleast_1d(theta))[..., 0]
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    stiffness, mass = (weighted_sum(part, scene.values).toarray() for part in (matrices.stiffness, matrices.mass))
+    stiffness += spring_stiffness(scene, kinematics, poses)
+    clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+    null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses, clamped).toarray())
+    values = scipy.linalg.eigvalsh(null.T @ stiffness @ null, null.T @ mass @ null)
+    return np.sign(values) * np.sqrt(np.abs(values)) / (2 * np.pi)
+
+
+def spring_stiffness(scene: Scene, kinematics: RigidKinematics, poses: np.ndarray) -> np.ndarray:
+    """Return the springs' stiffness (n_dofs, n_dofs) at poses (n_bodies, n_pose), from differences of measures."""
+    mechanism = kinematics.mechanism
+    stiffness = np.zeros((mechanism.n_dofs, mechanism.n_dofs))
+    for action in (a for a in actions_of(effects_of(scene, mechanism)) if a.is_spring):
+        dofs, measure = measure_of(action, mechanism, poses)
+        slopes = slopes_of(measure, dofs.size)
+        stiffness[np.ix_(dofs, dofs)] += action.parameters[0].at(scene.values) * np.outer(slopes, slopes)
+    return stiffness
+
+
+def rigid_slider_crank(theta: float) -> tuple[float, float, float]:
+    """Return inertia (kg m2) and first and second derivative of the slider's place (m) of rigid uniform rods."""
+
+    def place(t: float) -> float:
+        return CRANK * np.cos(t) + np.sqrt(ROD**2 - (CRANK * np.sin(t)) ** 2)
+
+    step = 1e-4
+    first = (place(theta + step) - place(theta - step)) / (2 * step)
+    second = (place(theta + step) - 2 * place(theta) + place(theta - step)) / step**2
+    sin = CRANK * np.sin(theta) / ROD
+    turning = -CRANK * np.cos(theta) / (ROD * np.sqrt(1 - sin**2))  # of the rod, a radian of the crank
+    elbow = CRANK * np.array([-np.sin(theta), np.cos(theta)])
+    centre = 0.5 * (elbow + [first, 0.0])
+    m_crank, m_rod = LINE * CRANK, LINE * ROD
+    return m_crank * CRANK**2 / 3 + m_rod * (centre @ centre + ROD**2 * turning**2 / 12), first, second
+
+
+@pytest.mark.parametrize("theta", PLACES)
+def test_a_rigid_slider_crank_on_a_spring(theta: float) -> None:
+    scene = slider_crank(FAR, SLIDER.format(50.0, 1.5), STIFF)
+    inertia, slope, _ = rigid_slider_crank(theta)
+    exact = np.sqrt(50.0 * slope**2 / inertia) / (2 * np.pi)
+    # differences leave 1e-8, the bodies' elasticity and rotary inertia of the sections 1e-4
+    assert vibrations(scene, kinematics_of(scene), [theta])[0, 0] == pytest.approx(exact, rel=2e-4)
+
+
+@pytest.mark.parametrize("theta", PLACES)
+def test_a_rigid_slider_crank_on_a_preloaded_spring(theta: float) -> None:
+    scene = slider_crank(FAR, SLIDER.format(50.0, 1.5), STIFF, PRELOAD)
+    inertia, slope, curvature = rigid_slider_crank(theta)
+    length = 1.0 + CRANK * np.cos(theta) + np.sqrt(ROD**2 - (CRANK * np.sin(theta)) ** 2)
+    stiffness = 50.0 * slope**2 + 50.0 * (length - 1.5) * curvature
+    exact = np.sign(stiffness) * np.sqrt(abs(stiffness) / inertia) / (2 * np.pi)
+    assert vibrations(scene, kinematics_of(scene), [theta])[0, 0] == pytest.approx(exact, rel=2e-4)
+
+
+def test_a_spring_across_a_pendulum_with_its_force() -> None:
+    """A spring that is oblique to the bar: both its force's parts, of the statement and of the motion, count."""
+    spring = 'effects.s={type="spring_damper",points=["ground:far","arm:tip"],stiffness=0.02,rest=0.4}'
+    scene = pendulum(spring, "ground.points.far=[1.0,0.7]", STIFF, PRELOAD)
+
+    def energy(t: float) -> float:
+        return 0.01 * (np.hypot(np.cos(t) - 1.0, np.sin(t) - 0.7) - 0.4) ** 2
+
+    step, inertia = 1e-4, 7800.0 * np.pi * 2e-4**2 / 3
+    found = vibrations(scene, kinematics_of(scene), [0.3, 1.0, 2.5])[:, 0]
+    for theta, frequency in zip((0.3, 1.0, 2.5), found):
+        stiffness = (energy(theta + step) - 2 * energy(theta) + energy(theta - step)) / step**2
+        exact = np.sign(stiffness) * np.sqrt(abs(stiffness) / inertia) / (2 * np.pi)
+        assert frequency == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_pendulum_under_its_weight() -> None:
+    """Hanging it swings with ``sqrt(3 g / 2 L)``; upright it falls at the same rate, and that is said."""
+    scene = pendulum(GRAVITY, STIFF, PRELOAD)
+    exact = np.sqrt(1.5 * G) / (2 * np.pi)
+    found = vibrations(scene, kinematics_of(scene), [-0.5 * np.pi, 0.5 * np.pi, 0.3])[:, 0]
+    np.testing.assert_allclose(found[:2], [exact, -exact], rtol=1e-5)
+    assert found[2] == pytest.approx(-exact * np.sqrt(np.sin(0.3)), rel=1e-5)
+    table = tabulate_modes(scene, meshes_of(scene), None, 4, group())
+    assert any("unstable on its springs" in str(remark) for remark in table.record.remarks)
+    assert any("loaded by weight" in str(remark) for remark in table.record.remarks)
+
+
+def test_a_pendulum_in_space_under_its_weight_and_a_spring() -> None:
+    """The hinge's axis is z; the spring pulls the tip out of the plane of the motion too."""
+    spring = 'effects.s={type="spring_damper",points=["ground:far","arm:tip"],stiffness=30.0,rest=0.4}'
+    scene = pendulum_in_space(
+        'effects.weight={type="gravity",direction=[0.0,-1.0,0.0]}', spring, "ground.points.far=[1.0,0.7,0.5]", STIFF,
+        PRELOAD,
+    )  # fmt: skip
+    kinematics = kinematics_of_beams(scene)
+    mechanism = kinematics.mechanism
+    mass = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).mass, scene.values)
+    along = np.zeros(mechanism.n_dofs)
+    mechanism.by_node(along)[:, 0] = 1.0
+    whole = along @ mass @ along
+
+    def energy(t: float) -> float:
+        length = np.sqrt((np.cos(t) - 1.0) ** 2 + (np.sin(t) - 0.7) ** 2 + 0.5**2)
+        return 15.0 * (length - 0.4) ** 2 + whole * G * 0.5 * np.sin(t)
+
+    step = 1e-4
+    for theta, frequency in zip((0.3, -1.2, 2.5), vibrations(scene, kinematics, [0.3, -1.2, 2.5])[:, 0]):
+        stiffness = (energy(theta + step) - 2 * energy(theta) + energy(theta - step)) / step**2
+        exact = np.sign(stiffness) * np.sqrt(abs(stiffness) / (whole / 3)) / (2 * np.pi)
+        assert frequency == pytest.approx(exact, rel=2e-4)  # rotary inertia of the section
+
+
+@pytest.mark.parametrize("stiffness", [1e-2, 1.0, 1e4])
+def test_a_beam_on_springs_at_both_ends(stiffness: float) -> None:
+    """Hinged with a couple's spring c and held at its tip by a transverse spring k: Euler's beam in closed form."""
+    couple = 0.3
+    scene = pendulum(
+        'bodies.arm.mesh="0.0:1.0:100"',
+        f'effects.c={{type="spring_damper",joint="hinge",stiffness={couple}}}',
+        'effects.k={type="bushing",points=["ground:end","arm:tip"],reference=[[1.0,0.0]],'
+        f"stiffness=[0.0,{stiffness}]}}",
+        "ground.points.end=[1.0,0.0]",
+        "bodies.arm.section.radius=2e-3",
+        "reduction.modes=3",
+    )
+    bending, line = 210e9 * np.pi * 2e-3**4 / 4, 7800.0 * np.pi * 2e-3**2
+
+    def determinant(beta: float) -> float:
+        c, s, ch, sh = np.cos(beta), np.sin(beta), np.cosh(beta), np.sinh(beta)
+        # w = A cos + B sin + C cosh + D sinh of beta x: w(0) = 0, EI w'' = c w' at 0, w'' = 0 and EI w''' = k w at 1
+        rows = [
+            [1.0, 0.0, 1.0, 0.0],
+            [-bending * beta**2, -couple * beta, bending * beta**2, -couple * beta],
+            [-c, -s, ch, sh],
+            [
+                bending * beta**3 * s - stiffness * c,
+                -bending * beta**3 * c - stiffness * s,
+                bending * beta**3 * sh - stiffness * ch,
+                bending * beta**3 * ch - stiffness * sh,
+            ],
+        ]
+        sizes = np.array([1.0, bending * beta, ch, bending * beta**3 * ch])
+        return float(np.linalg.det(np.array(rows) / sizes[:, None]))
+
+    grid = np.linspace(0.05, 12.0, 4000)
+    signs = np.sign([determinant(beta) for beta in grid])
+    roots = [brentq(determinant, grid[k], grid[k + 1]) for k in np.flatnonzero(signs[1:] != signs[:-1])][:3]
+    exact = np.array(roots) ** 2 * np.sqrt(bending / line) / (2 * np.pi)
+    # the mesh leaves (beta h)^2 / 12 or so, shear and rotary inertia (beta r)^2
+    np.testing.assert_allclose(vibrations(scene, kinematics_of(scene), [0.0])[0], exact, rtol=2e-3)
+
+
+BUSHING = (
+    'effects.b={type="bushing",points=["ground:post","crank:tip"],reference=[[1.0,0.4]],'
+    "stiffness=[2e4,5e3],turning_stiffness=[40.0]}"
+)
+
+
+@pytest.mark.parametrize("stiffness", [10.0, 1e3, 1e5, 1e7, -1e3])
+def test_the_dense_pencil_in_the_plane(stiffness: float) -> None:
+    scene = slider_crank(FAR, SLIDER.format(stiffness, 1.0))
+    kinematics = kinematics_of(scene)
+    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
+        # round-off of the dense solver's largest eigenvalue is 3e-6 of the softest spring's frequency
+        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[:5], rtol=1e-5)
+
+
+def test_the_dense_pencil_with_a_bushing_and_a_rigid_crank() -> None:
+    scene = slider_crank(BUSHING, "ground.points.post=[0.2,0.1]", "bodies.crank.flexible=false", "parameters={}",
+                         "bodies.crank.section.radius=5.6e-3")  # fmt: skip
+    kinematics = kinematics_of(scene)
+    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
+        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[:5], rtol=1e-6)
+
+
+SPATIAL = (
+    "ground.points.far=[-1.0,0.3,0.2]",
+    'effects.s={type="spring_damper",points=["ground:far","rod:tip"],stiffness=3e4,rest=1.0}',
+    'effects.b={type="bushing",points=["crank:hinge","rod:hinge"],reference=[[1.0,0.0,0.0],[0.0,1.0,0.0]],'
+    "stiffness=[1e3,2e3,3e3],turning_stiffness=[5.0,6.0,7.0]}",
+    'effects.t={type="spring_damper",joint="elbow",stiffness=11.0}',
+)
+
+
+def test_the_dense_pencil_of_beams_in_space() -> None:
+    scene = slider_crank_of_beams(*SPATIAL)
+    kinematics = kinematics_of_beams(scene)
+    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
+        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[: found.size], rtol=1e-6)
+
+
+def test_the_dense_pencil_of_condensed_solids() -> None:
+    scene = slider_crank_in_space(*SPATIAL)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, condensed(scene, bars_of(scene), group())))
+    for theta, found in zip(PLACES, vibrations(scene, kinematics, PLACES)):
+        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[: found.size], rtol=1e-6)
+
+
+def test_two_coordinates_of_which_one_is_on_a_spring() -> None:
+    """One rigid motion stays free of the spring in the second joint, and is left out; the other one vibrates."""
+    scene = double_pendulum('effects.t={type="spring_damper",joint="elbow",stiffness=2.0}', "reduction.modes=4")
+    kinematics = kinematics_of(scene)
+    for theta in (np.array([0.3, 0.5]), np.array([1.0, -0.7])):
+        found = vibrations(scene, kinematics, [theta])[0]
+        np.testing.assert_allclose(found, dense(scene, kinematics, theta)[1:5], rtol=1e-6)
+
+
+def test_a_spring_on_a_driven_mechanism() -> None:
+    """With the crank driven no rigid motion is left, and the spring holds the bent bodies alone."""
+    drive = 'effects.d={type="prescribed_motion",coordinate="theta",constant_speed={speed=1.0}}'
+    scene = slider_crank("effects={}", FAR, SLIDER.format(1e5, 1.0), drive)
+    kinematics = kinematics_of(scene)
+    found = vibrations(scene, kinematics, PLACES)
+    np.testing.assert_allclose(found, [dense(scene, kinematics, t)[:5] for t in PLACES], rtol=1e-6)
+
+
+def test_a_dead_centre_has_the_frequency_zero() -> None:
+    scene = slider_crank(FAR, SLIDER.format(1e4, 1.0))
+    assert vibrations(scene, kinematics_of(scene), [0.0])[0, 0] == pytest.approx(0.0, abs=1e-4)
+
+
+def built(scene: Scene) -> ReducedOrderModel:
+    """Return the reduced model of a scene."""
+    return build_rom(scene, meshes_of(scene), group())
+
+
+@pytest.mark.parametrize("preload", [False, True])
+def test_reduced_frequencies_for_any_value_of_the_stiffness(preload: bool) -> None:
+    """The stiffness is a parameter; the basis of the nominal one holds for a hundredth and for a hundred times it."""
+    given = (
+        FAR,
+        SLIDER.format('"k"', 1.4),
+        "parameters.k={nominal=1e3}",
+        'reduction.interpolation="spectral"',
+        # what the preload does by the curvature of the rigid motion acts as the motor's couple does
+        f"reduction.preload={str(preload).lower()}",
+        f"reduction.static_modes={str(preload).lower()}",
+    )
+    rom = built(slider_crank(*given))
+    # with more than some 400 N of preload the bodies would have buckled
+    for stiffness in (1e1, 1e3) if preload else (1e2, 1e4, 1e6):
+        scene = scene_from_toml(SLIDER_CRANK, ".", given, (f"k={stiffness}",))
+        table = tabulate_modes(scene, meshes_of(scene), rom, 24, group())
+        full, reduced = table.full_hz, table.reduced_hz[:, :5]
+        assert full.shape == (24, 5)
+        some = np.abs(full[:, 0]) > 1e-3 * np.abs(full[:, 0]).max()  # but for dead centres
+        np.testing.assert_allclose(reduced[some, :3], full[some, :3], rtol=1e-6)
+
+
+def test_without_its_answer_the_basis_says_so() -> None:
+    scene = slider_crank(FAR, SLIDER.format(1e5, 1.0), "reduction.spring_modes=false")
+    rom = built(scene)
+    assert rom.tables.n_modes == 5
+    assert any("reduction.spring_modes = false" in str(remark) for remark in rom.record.remarks)
+    with_answer = built(slider_crank(FAR, SLIDER.format(1e5, 1.0)))
+    assert with_answer.tables.n_modes == 6
+    errors = []
+    for model in (rom, with_answer):
+        table = tabulate_modes(scene, meshes_of(scene), model, 24, group())
+        errors.append(np.max(np.abs(table.reduced_hz[1:12, 1] / table.full_hz[1:12, 1] - 1)))
+    assert errors[0] > 1e-4 > 1e-7 > errors[1]
+
+
+def test_what_is_left_out_is_said() -> None:
+    scene = slider_crank(
+        FAR,
+        SLIDER.format(1e3, 1.0),
+        'effects.stop={type="end_stop",joint="elbow",upper=3.0,stiffness=10.0}',
+        'effects.rub={type="joint_friction",joint="elbow",limit=0.1,speed=0.1}',
+        'effects.oil={type="joint_damping",joint="elbow",coefficient=0.1}',
+    )
+    table = tabulate_modes(scene, meshes_of(scene), None, 4, group())
+    said = " ".join(map(str, table.record.remarks))
+    assert "linear springs in the stiffness: s" in said
+    for name, why in (("stop", "one-sided"), ("rub", "friction"), ("oil", "damper")):
+        assert f"effects.{name} is not in the stiffness: it is" in said and why in said
+
+
+@pytest.mark.parametrize(("stiffness", "sprung", "unsprung"), [(1e3, 1e-5, 1e-5), (1e5, 1e-2, 1e-3), (1e7, 4.0, 5e-2)])
+def test_which_vectors_make_the_best_basis(stiffness: float, sprung: float, unsprung: float) -> None:
+    """Errors of the first four frequencies with the rigid motion and five modes, with the spring and without, and with
+    the static answer to its force. The errors grow with the stiffness, but for the answer's."""
+    scene = slider_crank(FAR, SLIDER.format(stiffness, 1.0))
+    kinematics = kinematics_of(scene)
+    mechanism, places = kinematics.mechanism, kinematics.poses(np.array([0.7]))
+    poses = places[..., 0]
+    rigid = rigid_velocities(mechanism, poses, kinematics.rates(places)[..., 0])
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses).toarray())
+    added = null.T @ spring_stiffness(scene, kinematics, poses) @ null
+    bodies, mass = (
+        null.T @ weighted_sum(part, scene.values) @ null for part in (matrices.stiffness, matrices.mass)
+    )
+    rigid = null.T @ rigid
+    rigid = rigid / np.sqrt(rigid.T @ mass @ rigid)
+    own, free = scipy.linalg.eigh(bodies, mass)
+    exact, whole = scipy.linalg.eigh(bodies + added, mass)
+    force = scipy.linalg.eigh(added)[1][:, -1]
+    answer = free[:, 1:] @ ((free[:, 1:].T @ force) / own[1:])
+
+    def error(vectors: np.ndarray) -> float:
+        vectors = vectors - rigid @ (rigid.T @ mass @ vectors)
+        basis = np.hstack([rigid, vectors / np.sqrt(np.diag(vectors.T @ mass @ vectors))])
+        found = scipy.linalg.eigvalsh(basis.T @ (bodies + added) @ basis, basis.T @ mass @ basis)
+        return float(np.max(np.abs(np.sqrt(found[:4] / exact[:4]) - 1)))
+
+    with_spring, without, answered = error(whole[:, 1:6]), error(free[:, 1:6]), error(np.c_[free[:, 1:5], answer])
+    print(f"{stiffness:g}: modes with the spring {with_spring:.1e}, without {without:.1e}, and answer {answered:.1e}")
+    assert sprung / 3 < with_spring < 3 * sprung
+    assert unsprung / 3 < without < 3 * unsprung
+    assert answered < 5e-4
+    assert error(np.c_[free[:, 1:6], answer]) < 2e-5
+
+
+@pytest.mark.parametrize(("stiffness", "gain"), [(2e3, 1.5), (2e4, 2.0), (1e6, 10.0)])
+def test_runs_with_the_answer_are_closer_to_the_full_order_model(stiffness: float, gain: float) -> None:
+    """A couple of 0.1 Nm on the crank against a spring at the slider that is without force at first.
+
+    Measured: 2.8e-5, 5.4e-4 and 0.11 without the answer, 4.8e-6, 4.7e-5 and 7.0e-4 with it beside the same modes.
+    """
+    length = 1.0 + CRANK * np.cos(1.0) + np.sqrt(ROD**2 - (CRANK * np.sin(1.0)) ** 2)
+    given = (
+        FAR,
+        SLIDER.format(stiffness, length),
+        "effects.motor.table=[[0.0,0.0],[0.002,0.1]]",
+        "simulation={duration=0.05,step=1e-4,spectral_radius=0.8,initial={theta={position=1.0}}}",
+        'outputs.place={type="position",point="rod:tip",axis="x"}',
+        "reduction.angles=64",
+        'reduction.interpolation="spline"',
+    )
+    values = {"r1": np.array([RADIUS])}
+    scene = slider_crank(*given)
+    full = history(FullModel(scene, meshes_of(scene)), values, 1)[1]["place"].ravel()
+    errors = []
+    for basis in (("reduction.spring_modes=false",), (), ("reduction.modes=4",)):
+        scene = slider_crank(*given, *basis)
+        found = history(ReducedModel(scene, built(scene)), values, 1)[1]["place"].ravel()
+        errors.append(np.max(np.abs(found - full)) / np.ptp(full))
+    print(f"{stiffness:g}: 5 modes {errors[0]:.1e}, 5 and the answer {errors[1]:.1e}, 4 and the answer {errors[2]:.1e}")
+    assert max(errors[1:]) < errors[0] / gain
