@@ -125,7 +125,7 @@ class SpringStiffness:
         gradient = np.zeros((dofs.size, self.free.size))
         for column, part in zip(gradient.T, parts):
             for own, values in part:
-                column[np.searchsorted(dofs, own)] += values
+                column[np.searchsorted(dofs, own)] += values[0]
         return dofs, gradient
 
     def _of_curvature(
