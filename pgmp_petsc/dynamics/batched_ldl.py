@@ -119,9 +119,9 @@ def factorise(starts, targets, diagonal, lower):
     starts, targets
         Of the symbolic factorisation.
     diagonal
-        Shape (n, LANES), in elimination order.
+        Shape (n, n_lanes), in elimination order.
     lower
-        Entries below the diagonal, shape (n_entries, LANES).
+        Entries below the diagonal, shape (n_entries, n_lanes).
     """
     n_lanes = diagonal.shape[1]
     at = 0
@@ -144,7 +144,7 @@ def factorise(starts, targets, diagonal, lower):
 
 @njit(cache=True, error_model="numpy")
 def substitute(starts, rows, diagonal, lower, x):
-    """Solve ``L D L^T y = x`` in place, x of shape (n, LANES) in elimination order."""
+    """Solve ``L D L^T y = x`` in place, x of shape (n, n_lanes) in elimination order."""
     n_lanes = x.shape[1]
     n = diagonal.shape[0]
     for k in range(n):
