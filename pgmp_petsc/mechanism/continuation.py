@@ -117,8 +117,8 @@ class Continuation:
             gap = np.abs(found - self.poses[..., after]) / closure.mechanism.space.units(closure.size)[:, None]
             worst = int(np.argmax(gap.max(axis=(0, 1))))
             if gap[..., worst].max() > SAME_BRANCH:
-                at = self.theta[after[worst]]
-                _refuse_control(closure, at, _singular_values(closure, closure.jacobian(self.poses[..., after[[worst]]]))[0])
+                jacobian = closure.jacobian(self.poses[..., after[[worst]]])
+                _refuse_control(closure, self.theta[after[worst]], _singular_values(closure, jacobian)[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,11 +123,15 @@ def _is_linear(statements, k):
 def _linear(statements, k, y, second, g, h):
     """Evaluate ``u . (r_b - r_a)``, or ``phi_b - phi_a`` and the angle from v_a to w_b before any turn."""
     axes, n = statements.axes[k], statements.ground.shape[1] // 2
-    g[:] = 0.0
-    if second:
-        h[:] = 0.0
+    for i in range(2 * PLANAR):
+        g[i] = 0.0
+        for j in range(2 * PLANAR if second else 0):
+            h[i, j] = 0.0
     angle = statements.kinds[k] == ANGLE
-    s = np.arctan2(axes[V] @ axes[W], axes[U] @ axes[W]) if angle else 0.0
+    s = 0.0
+    if angle:
+        cos, sin = axes[U, 0] * axes[W, 0] + axes[U, 1] * axes[W, 1], axes[V, 0] * axes[W, 0] + axes[V, 1] * axes[W, 1]
+        s = np.arctan2(sin, cos)
     for side in range(2):
         sign, own = 2.0 * side - 1.0, PLANAR * side
         for c in range(2, 3) if angle else range(2):
@@ -146,19 +150,21 @@ def _place(statements, k, y, z):
     d, m = statements.axes.shape[2], y.size // 2
     n = d * (d + 1)
     for side in range(2):
-        frame, own = z[n * side : n * (side + 1)], y[m * side : m * (side + 1)]
+        first, own = n * side, m * side
         if statements.on_ground[k, side]:
-            frame[:] = statements.ground[k, n * side : n * (side + 1)]
+            for c in range(n):
+                z[first + c] = statements.ground[k, first + c]
             continue
         if m == PLANAR:
-            cos, sin = np.cos(own[2]), np.sin(own[2])
-            frame[0], frame[1] = own[0], own[1]
-            frame[2], frame[3], frame[4], frame[5] = cos, sin, -sin, cos
+            cos, sin = np.cos(y[own + 2]), np.sin(y[own + 2])
+            z[first], z[first + 1] = y[own], y[own + 1]
+            z[first + 2], z[first + 3], z[first + 4], z[first + 5] = cos, sin, -sin, cos
         else:
-            frame[:] = own
+            for c in range(n):
+                z[first + c] = y[own + c]
         for j in range(d):
             for c in range(d):
-                frame[c] += statements.arms[k, side, j] * frame[d + d * j + c]
+                z[first + c] += statements.arms[k, side, j] * z[first + d + d * j + c]
 
 
 @njit(cache=True, error_model="numpy")
@@ -188,31 +194,31 @@ def _to_unknowns(arms, z, second, gradient, hessian, half, g, h):
                     at, point = n * side + d + d * j + c, n * side + c
                     gradient[at] += arm * gradient[point]
                     if second:
-                        hessian[at] += arm * hessian[point]
-                        hessian[:, at] += arm * hessian[:, point]
+                        for i in range(n_pair):
+                            hessian[at, i] += arm * hessian[point, i]
+                        for i in range(n_pair):
+                            hessian[i, at] += arm * hessian[i, point]
     if m == n:
-        g[:] = gradient
-        if second:
-            h[:] = hessian
+        for i in range(n_pair):
+            g[i] = gradient[i]
+            for j in range(n_pair if second else 0):
+                h[i, j] = hessian[i, j]
         return
     # (x, y, phi): columns, then rows; J d_1 = d_2, J d_2 = -d_1
     for side in range(2):
         first, own = n * side, PLANAR * side
-        g[own], g[own + 1], g[own + 2] = gradient[first], gradient[first + 1], _around(z, first, gradient)
+        x, y, at = z[first + 2], z[first + 3], first + 2  # the directors are (x, y) and (-y, x)
+        g[own], g[own + 1] = gradient[first], gradient[first + 1]
+        g[own + 2] = x * (gradient[at + 1] - gradient[at + 2]) - y * (gradient[at] + gradient[at + 3])
         for i in range(n_pair if second else 0):
-            half[i, own], half[i, own + 1] = hessian[i, first], hessian[i, first + 1]
-            half[i, own + 2] = _around(z, first, hessian[i])
+            bent = hessian[i]
+            half[i, own], half[i, own + 1] = bent[first], bent[first + 1]
+            half[i, own + 2] = x * (bent[at + 1] - bent[at + 2]) - y * (bent[at] + bent[at + 3])
     for side in range(2 if second else 0):
         first, own = n * side, PLANAR * side
+        x, y, at = z[first + 2], z[first + 3], first + 2
         for j in range(2 * PLANAR):
             h[own, j], h[own + 1, j] = half[first, j], half[first + 1, j]
-            h[own + 2, j] = _around(z, first, half[:, j])
+            h[own + 2, j] = x * (half[at + 1, j] - half[at + 2, j]) - y * (half[at, j] + half[at + 3, j])
         for c in range(2, 6):
             h[own + 2, own + 2] -= z[first + c] * gradient[first + c]  # d2 d_k / d phi2 = -d_k
-
-
-@njit(inline="always")
-def _around(z, first, values):
-    """Return ``sum_k (J d_k) . values_k`` over the directors of the frame that begins at `first`."""
-    x, y = z[first + 2], z[first + 3]
-    return -y * values[first + 2] + x * values[first + 3] - x * values[first + 4] - y * values[first + 5]

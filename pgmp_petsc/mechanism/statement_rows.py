@@ -16,6 +16,7 @@ from pgmp_petsc.mechanism.node_statements import NodeStatements, scratch_of, sta
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.runtime.compiled import njit
 
+VALUES, SLOPES, CURVATURES, DRIFT = range(4)
 ROUND_OFF = 1e-14  # of derivatives of order 1 at a generic place, below which they are zero everywhere
 
 
@@ -67,50 +68,71 @@ class StatementRows:
 
         In space angles are nearest to `known`, which broadcasts against the result, rad.
         """
-        known = np.ascontiguousarray(np.broadcast_to(known, (self.n, *q.shape[1:])), dtype=float)
-        return self._filled(_values, self.n, q, known)
+        known = np.broadcast_to(known, (self.n, *q.shape[1:]))
+        return self._evaluated(VALUES, self.n, q, known)
 
     def gradients(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives in the unknowns of `dofs`, shape (n, 2 m, ...)."""
-        return self._derivatives(q)[0]
+        return self._everything(SLOPES, q).reshape(*self.dofs.shape, *q.shape[1:])
 
     def hessians(self, q: np.ndarray) -> np.ndarray:
         """Return the second derivatives in the unknowns of `dofs`, shape (n, 2 m, 2 m, ...)."""
-        return self._derivatives(q)[1]
+        return self._everything(CURVATURES, q).reshape(*self.dofs.shape, self.dofs.shape[1], *q.shape[1:])
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
-        return self._filled(_jacobian, self.jacobian_pattern[0].size, q)
+        return self._evaluated(SLOPES, self.jacobian_pattern[0].size, q)
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Return the second derivatives times the rows' multipliers (n, ...) on `curvature_pattern`, shape (n_curved,
         ...)."""
-        return self._filled(_curvature, self.curvature_pattern[0].size, q, multipliers)
+        return self._evaluated(CURVATURES, self.curvature_pattern[0].size, q, multipliers)
 
     def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return ``v^T h v``, shape (n, ...): what the velocities do to the rates of the statements."""
-        return self._filled(_drift, self.n, q, v)
+        return self._evaluated(DRIFT, self.n, q, rates=v)
 
-    def _filled(self, fill, size: int, *arrays: np.ndarray) -> np.ndarray:
-        trailing = arrays[0].shape[1:]
+    def _evaluated(
+        self,
+        what: int,
+        size: int,
+        q: np.ndarray,
+        known: np.ndarray | None = None,
+        rates: np.ndarray | None = None,
+        rows: Rows | None = None,
+    ) -> np.ndarray:
+        """Return what is wanted, shape (size, ...); `known` are the angles or the multipliers of the rows."""
+        trailing = q.shape[1:]
         n = math.prod(trailing)
-        flat = [np.ascontiguousarray(array.reshape(len(array), n), dtype=float) for array in arrays]
+        known = np.zeros((0, n)) if known is None else known
+        arrays = (q, q if rates is None else rates, known)
+        q, rates, known = (np.ascontiguousarray(part.reshape(len(part), n), dtype=float) for part in arrays)
         result = np.zeros((size, n))
-        fill(self.compiled, *flat, result)
+        _evaluate(what, self.compiled if rows is None else rows, q, rates, known, result)
         return result.reshape(size, *trailing)
 
-    def _derivatives(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        trailing, m = q.shape[1:], self.dofs.shape[1]
-        n = math.prod(trailing)
-        gradients, hessians = np.empty((self.n, m, n)), np.empty((self.n, m, m, n))
-        unknowns = np.ascontiguousarray(q.reshape(len(q), n), dtype=float)
-        _derivatives(self.statements, self.dofs, unknowns, gradients, hessians)
-        return gradients.reshape(self.n, m, *trailing), hessians.reshape(self.n, m, m, *trailing)
+    def _everything(self, what: int, q: np.ndarray) -> np.ndarray:
+        """Return all first or second derivatives, zeros included, row by row."""
+        ones = np.ones((self.n, *q.shape[1:]))
+        size = self.dofs.size * (1 if what == SLOPES else self.dofs.shape[1])
+        return self._evaluated(what, size, q, ones, rows=self._all())
+
+    def _all(self) -> Rows:
+        """Return the rows with every derivative on their patterns, none of them known beforehand."""
+        width = self.dofs.shape[1]
+        everyone, columns = np.arange(self.n), np.tile(np.arange(width), self.n)
+        pairs = np.tile(np.indices((width, width)).reshape(2, -1), self.n)
+        return Rows(
+            self.statements, self.dofs, everyone[:0], everyone, np.zeros(self.n),
+            (width * np.arange(self.n + 1), columns, self.dofs.ravel()), np.zeros(columns.size),
+            (width**2 * np.arange(self.n + 1), *np.ascontiguousarray(pairs)),
+        )  # fmt: skip
 
     def _compile(self) -> None:
         """Find what is not zero at a place that no mechanism comes to, and what is the same everywhere."""
         n_dofs = self.dofs.max(initial=0) + 1
-        gradients, hessians = self._derivatives(np.random.default_rng(0).normal(size=(n_dofs, 2)))
+        generic, at_zero = np.random.default_rng(0).normal(size=(n_dofs, 2)), np.zeros((n_dofs, 1))
+        gradients, hessians = self.gradients(generic), self.hessians(generic)
         moving = self.dofs >= 0
         lower = (self.dofs[:, :, None] >= self.dofs[:, None, :]) & moving[:, :, None] & moving[:, None, :]
         curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
@@ -122,15 +144,11 @@ class StatementRows:
         rows, i, j = np.nonzero(curved & lower)
         self.curvature_pattern = self.dofs[rows, i], self.dofs[rows, j]
         # linear rows are their value at zero and their slopes there
-        at_zero = np.zeros((n_dofs, 1))
-        slopes = self._derivatives(at_zero)[0][..., 0]
+        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all())[:, 0]
         self.compiled = Rows(
-            self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), np.zeros(self.n), entries,
-            slopes[first], (_starts(rows, self.n), i, j),
+            self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), constants, entries,
+            self.gradients(at_zero)[..., 0][first], (_starts(rows, self.n), i, j),
         )  # fmt: skip
-        constants = np.zeros((self.n, 1))
-        _nonlinear_values(self.compiled, np.arange(self.n), at_zero, np.zeros((self.n, 1)), constants)
-        self.compiled.constants[:] = constants[:, 0]
 
 
 class Rows(NamedTuple):
@@ -167,91 +185,62 @@ def _starts(rows: np.ndarray, n: int) -> np.ndarray:
     return np.searchsorted(rows, np.arange(n + 1))
 
 
+@njit(cache=True, error_model="numpy")
+def _evaluate(what, rows, q, rates, known, result):
+    """Fill what is wanted of all rows, for all samples; one function, as each compiles the statements anew.
+
+    Parameters
+    ----------
+    what
+        ``VALUES``, ``SLOPES`` or ``CURVATURES`` on the patterns of `rows`, or ``DRIFT``.
+    q, rates
+        Shape (n_dofs, n_samples); the rates are for the drift.
+    known
+        What angles are nearest to, or the multipliers of the curvatures, shape (n, n_samples).
+    result
+        Zeros, shape (n or n_entries or n_curved, n_samples).
+    """
+    starts, columns, unknowns = rows.entries
+    curved_starts, one, other = rows.curved
+    n_samples, width = q.shape[1], rows.dofs.shape[1]
+    for k in rows.linear:
+        if what == VALUES:
+            for sample in range(n_samples):
+                result[k, sample] = rows.constants[k]
+        for entry in range(starts[k], starts[k + 1]):
+            slope = rows.slopes[entry]
+            for sample in range(n_samples):
+                if what == VALUES:
+                    result[k, sample] += slope * q[unknowns[entry], sample]
+                elif what == SLOPES:
+                    result[entry, sample] = slope
+    scratch, y, g = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width)
+    second = what == CURVATURES or what == DRIFT
+    h = np.zeros((width, width)) if second else np.zeros((1, 1))
+    for k in rows.bent:
+        for sample in range(n_samples):
+            for i in range(width):
+                y[i] = q[rows.dofs[k, i], sample] if rows.dofs[k, i] >= 0 else 0.0
+            near = known[k, sample] if what == VALUES else 0.0
+            s = state(rows.statements, k, y, near, second, scratch, g, h)
+            if what == VALUES:
+                result[k, sample] = s
+            elif what == SLOPES:
+                for entry in range(starts[k], starts[k + 1]):
+                    result[entry, sample] = g[columns[entry]]
+            elif what == CURVATURES:
+                for entry in range(curved_starts[k], curved_starts[k + 1]):
+                    result[entry, sample] = known[k, sample] * h[one[entry], other[entry]]
+            else:
+                for i in range(width):
+                    for j in range(width):
+                        if h[i, j] != 0.0:
+                            turning = _rate(rows, k, i, rates, sample) * _rate(rows, k, j, rates, sample)
+                            result[k, sample] += h[i, j] * turning
+
+
 @njit(inline="always")
-def _gather(dofs, k, q, sample, y):
-    """Fill the unknowns (2 m,) of row k."""
-    for i in range(y.size):
-        y[i] = q[dofs[k, i], sample] if dofs[k, i] >= 0 else 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def _values(rows, q, known, result):
-    """Fill values (n, n_samples)."""
-    starts, _, unknowns = rows.entries
-    for k in rows.linear:
-        result[k] = rows.constants[k]
-        for entry in range(starts[k], starts[k + 1]):
-            slope, own = rows.slopes[entry], q[unknowns[entry]]
-            for sample in range(q.shape[1]):
-                result[k, sample] += slope * own[sample]
-    _nonlinear_values(rows, rows.bent, q, known, result)
-
-
-@njit(cache=True, error_model="numpy")
-def _nonlinear_values(rows, numbers, q, known, result):
-    width = rows.dofs.shape[1]
-    scratch, y, g, h = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width), np.zeros((1, 1))
-    for k in numbers:
-        for sample in range(q.shape[1]):
-            _gather(rows.dofs, k, q, sample, y)
-            result[k, sample] = state(rows.statements, k, y, known[k, sample], False, scratch, g, h)
-
-
-@njit(cache=True, error_model="numpy")
-def _jacobian(rows, q, result):
-    """Fill first derivatives (n_entries, n_samples)."""
-    starts, columns, _ = rows.entries
-    for k in rows.linear:
-        for entry in range(starts[k], starts[k + 1]):
-            result[entry] = rows.slopes[entry]
-    width = rows.dofs.shape[1]
-    scratch, y, g, h = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width), np.zeros((1, 1))
-    for k in rows.bent:
-        for sample in range(q.shape[1]):
-            _gather(rows.dofs, k, q, sample, y)
-            state(rows.statements, k, y, 0.0, False, scratch, g, h)
-            for entry in range(starts[k], starts[k + 1]):
-                result[entry, sample] = g[columns[entry]]
-
-
-@njit(cache=True, error_model="numpy")
-def _curvature(rows, q, multipliers, result):
-    """Fill second derivatives times multipliers (n_curved, n_samples)."""
-    starts, one, other = rows.curved
-    width = rows.dofs.shape[1]
-    scratch, y, g = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width)
-    h = np.zeros((width, width))
-    for k in rows.bent:
-        for sample in range(q.shape[1]):
-            _gather(rows.dofs, k, q, sample, y)
-            state(rows.statements, k, y, 0.0, True, scratch, g, h)
-            for entry in range(starts[k], starts[k + 1]):
-                result[entry, sample] = multipliers[k, sample] * h[one[entry], other[entry]]
-
-
-@njit(cache=True, error_model="numpy")
-def _drift(rows, q, v, result):
-    """Fill ``v^T h v`` (n, n_samples)."""
-    width = rows.dofs.shape[1]
-    scratch, y, g = scratch_of(rows.statements, width // 2), np.zeros(width), np.zeros(width)
-    rates, h = np.zeros(width), np.zeros((width, width))
-    for k in rows.bent:
-        for sample in range(q.shape[1]):
-            _gather(rows.dofs, k, q, sample, y)
-            _gather(rows.dofs, k, v, sample, rates)
-            state(rows.statements, k, y, 0.0, True, scratch, g, h)
-            result[k, sample] = rates @ (h @ rates)
-
-
-@njit(cache=True, error_model="numpy")
-def _derivatives(statements, dofs, q, gradients, hessians):
-    """Fill gradients (n, 2 m, n_samples) and hessians (n, 2 m, 2 m, n_samples)."""
-    n, width = dofs.shape
-    scratch, y, g = scratch_of(statements, width // 2), np.zeros(width), np.zeros(width)
-    h = np.zeros((width, width))
-    for k in range(n):
-        for sample in range(q.shape[1]):
-            _gather(dofs, k, q, sample, y)
-            state(statements, k, y, 0.0, True, scratch, g, h)
-            gradients[k, :, sample] = g
-            hessians[k, :, :, sample] = h
+def _rate(rows, k, i, rates, sample):
+    """Return the rate of the unknown i of a row, zero on the ground."""
+    dof = rows.dofs[k, i]
+    return rates[dof, sample] if dof >= 0 else 0.0

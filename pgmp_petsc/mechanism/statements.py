@@ -165,9 +165,10 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
     """
     d = axes.shape[1]
     n = d * (d + 1)
-    gradient[:] = 0.0
-    if second:
-        hessian[:] = 0.0
+    for i in range(2 * n):
+        gradient[i] = 0.0
+        for j in range(2 * n if second else 0):
+            hessian[i, j] = 0.0
     if kind == DISTANCE:
         return _distance(z, d, n, second, gradient, hessian)
     if kind == ANGLE:
