@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
@@ -203,6 +202,8 @@ def _placed(placement: Placement, dimension: int) -> np.ndarray:
     origin = placement.origin_in(dimension)
     if dimension == 2:
         return np.array([*origin, placement.angle])
+    from scipy.spatial.transform import Rotation  # takes a tenth of a second, and the plane has no use for it
+
     turn = Rotation.from_rotvec(placement.rotation or (0.0, 0.0, 0.0)).as_matrix()
     return np.concatenate([origin, turn.T.ravel()])
 

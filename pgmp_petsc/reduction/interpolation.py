@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
-from scipy.signal import resample
 
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
@@ -267,6 +266,8 @@ def _spectral_on_fine_grid(samples: Samples, table: np.ndarray, fine: int) -> np
     if samples.periodic:
         if not samples.is_uniform:
             raise ValueError("trigonometric interpolation needs uniform samples")
+        from scipy.signal import resample  # takes a third of a second, and only this interpolation needs it
+
         return resample(table, count, axis=0)
     points = Samples.uniform(samples.lower, samples.upper, count, False)
     return _barycentric(samples.theta, table, points.theta)
