@@ -15,9 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.mechanism.attachment import Attachment
-from pgmp_petsc.mechanism.joints import orthonormality
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 from pgmp_petsc.runtime.errors import InputError
 
@@ -49,7 +47,8 @@ class LoopClosure:
         self.size = max(body.extent for body in mechanism.bodies)
         self.n_coordinates = len(mechanism.coordinates)
         self.n_pose = mechanism.space.n_pose
-        parts, wanted = self._closing()
+        origin = np.zeros(mechanism.space.dimension)
+        parts, wanted = mechanism.holding([Attachment(k, -1, origin, origin) for k in range(len(mechanism.bodies))])
         self.n_constraints = len(parts)
         parts += [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates]
         # joints hold at points of rigid bodies here: their unknowns are those of the bodies' poses
@@ -59,20 +58,6 @@ class LoopClosure:
         self._wanted = np.concatenate([wanted, np.zeros(self.n_coordinates)])
         self._units = np.tile(mechanism.space.units(self.size), len(mechanism.bodies))
         self._scale = np.where([part.is_length for part in statements], self.size, 1.0)
-
-    def _closing(self) -> tuple[list, np.ndarray]:
-        """Return what holds the poses together, statements with their sides, and its values: the joints, and in space
-        what makes poses rigid."""
-        mechanism = self.mechanism
-        parts = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
-        wanted = [np.zeros(len(parts))]
-        if mechanism.space is SPATIAL:
-            ground, (statements, values) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
-            for number in range(len(mechanism.bodies)):
-                body = Attachment(number, -1, np.zeros(3), np.zeros(3))
-                parts += [(part, (ground, body)) for part in statements]
-                wanted.append(values)
-        return parts, np.concatenate(wanted)
 
     def _pose_dofs(self, body: int) -> np.ndarray:
         return self.n_pose * body + np.arange(self.n_pose)

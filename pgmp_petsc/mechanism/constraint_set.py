@@ -11,9 +11,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.frame_ties import FrameTies
-from pgmp_petsc.mechanism.joints import orthonormality
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
@@ -46,20 +44,15 @@ class ConstraintSet:
     def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:
         mechanism, d = unknowns.mechanism, unknowns.dimension
         self._unknowns = unknowns
-        parts = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
-        wanted = np.zeros(len(parts))
-        if mechanism.space is SPATIAL:
-            ground, (statements, values) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
-            frames = [Attachment(0, node, np.zeros(3), np.zeros(3)) for node in range(mechanism.n_nodes)]
-            parts += [(part, (ground, frame)) for frame in frames for part in statements]
-            wanted = np.concatenate([wanted, np.tile(values, len(frames))])
+        frames = [Attachment(0, node, np.zeros(d), np.zeros(d)) for node in range(mechanism.n_nodes)]
+        parts, self._wanted = mechanism.holding(frames)
         driven = [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates if c.prescribed]
         self._joints, self._drives = (
             StatementRows([part for part, _ in rows], [sides for _, sides in rows], unknowns.frame, d)
             for rows in (parts, driven)
         )
         self._statements = [*parts, *driven]
-        self._wanted, self._ties = wanted, FrameTies(unknowns)
+        self._ties = FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])
         self.n_driven, n_own = self._drives.n, int(self._first[2])

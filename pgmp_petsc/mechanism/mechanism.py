@@ -6,7 +6,7 @@ centre of mass. The internal coordinates of condensed bodies follow; they are ze
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,9 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.connection import Connection
-from pgmp_petsc.mechanism.space import Space, rotate, space_of
+from pgmp_petsc.mechanism.joints import orthonormality
+from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
+from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
 
@@ -40,6 +42,21 @@ class Coordinate:
         """Return, for each side that moves, unknowns of its node and the coordinate's derivatives (1, n_dofs) in them,
         in body frames at poses (n_bodies, n_pose)."""
         return self.connection.body_gradients((self.connection.angle,), poses)
+
+
+def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
+    """Return unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
+
+    They are the frames of all nodes, as poses are, and the positions of meshes where the bodies say that they are.
+    """
+    q = np.zeros((n_dofs, *poses.shape[2:]))
+    n_nodes = sum(body.n_nodes for body in bodies)
+    frames = q[: space.n_pose * n_nodes].reshape(n_nodes, space.n_pose, *poses.shape[2:])
+    for body, pose in zip(bodies, poses):
+        frames[body.nodes] = space.place(pose, body.mesh.nodes)
+        if body.meshed is not None:
+            on_mesh(body, q)[:] = space.place(pose, body.meshed.solid.mesh.nodes)[:, : space.dimension]
+    return q
 
 
 def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
@@ -145,14 +162,23 @@ class Mechanism:
         ndarray, shape (n_dofs, ...)
             Unknowns q.
         """
-        q = np.zeros((self.n_dofs, *poses.shape[2:]))
-        nodal = self.by_node(q)
-        for index, body in enumerate(self.bodies):
-            nodal[body.nodes] = self.space.place(poses[index], body.mesh.nodes)
-            if body.meshed is not None:
-                mesh = body.meshed.solid.mesh
-                on_mesh(body, q)[:] = self.space.place(poses[index], mesh.nodes)[:, : mesh.dimension]
-        return q
+        return placed(self.space, self.bodies, self.n_dofs, poses)
+
+    def holding(
+        self, frames: Sequence[Attachment]
+    ) -> tuple[list[tuple[Statement, tuple[Attachment, Attachment]]], np.ndarray]:
+        """Return what holds the mechanism together, statements with their sides, and the values that they have, (n,).
+
+        These are the statements of the joints, which are zero, and in space those that make the directors of `frames` a
+        rotation: of its bodies' poses, or of all nodes.
+        """
+        held = [(part, c.sides) for c in self.connections for part in c.joint.statements]
+        values = np.zeros(len(held))
+        if self.space is SPATIAL:
+            ground, (parts, rigid) = Attachment.on_ground_at(np.zeros(3)), orthonormality()
+            held += [(part, (ground, frame)) for frame in frames for part in parts]
+            values = np.concatenate([values, np.tile(rigid, len(frames))])
+        return held, values
 
     def by_node(self, vectors: np.ndarray) -> np.ndarray:
         """View the nodal part of vectors (n_dofs, ...) as (n_nodes, n_dofs of a node, ...)."""

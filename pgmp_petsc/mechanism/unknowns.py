@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
+from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh, placed
 from pgmp_petsc.mechanism.space import SPATIAL
 
 N_POSE = SPATIAL.n_pose
@@ -54,16 +54,11 @@ class Unknowns:
         return q[: n_pose * n_nodes].reshape(n_nodes, n_pose, *q.shape[1:])
 
     def place(self, poses: np.ndarray) -> np.ndarray:
-        """Return the unknowns (n_dofs,) of undeformed bodies at poses (n_bodies, n_pose).
+        """Return the unknowns (n_dofs, ...) of undeformed bodies at poses (n_bodies, n_pose, ...).
 
         In space it is linear in the poses, so that rates of poses give those of the unknowns.
         """
-        q = np.zeros(self.n_dofs)
-        for body, pose in zip(self.bodies, poses):
-            self.frames(q)[body.nodes] = self._space.place(pose, body.mesh.nodes)
-            if body.meshed is not None:
-                on_mesh(body, q)[:] = self._space.place(pose, body.meshed.solid.mesh.nodes)[:, : self.dimension]
-        return q
+        return placed(self._space, self.bodies, self.n_dofs, poses)
 
     def uniform(self, direction: np.ndarray) -> np.ndarray:
         """Return the same displacement, shape (d,), of all points, shape (n_dofs,)."""
