@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.second_order_system import Scheme, SecondOrderSystem, State
+from pgmp_petsc.runtime.compiled import njit
 
 MAX_ITERATIONS = 12
 CAREFUL_ITERATIONS = 40
@@ -146,12 +147,7 @@ class AlphaStep:
             fresh = iteration % refresh_every == 0
             size = self._system.correct(time, state, scheme, active, fresh)
             self.n_iterations += int(active.sum())
-            lost |= active & ~np.isfinite(size)
-            active &= np.isfinite(size)
-            contraction = np.clip(size / np.maximum(last, 1e-300), 0.0, 0.999) if iteration else FIRST_CONTRACTION
-            remaining = size * contraction / (1.0 - contraction)
-            active &= ~((remaining <= NEWTON_TOLERANCE) | (size <= ROUND_OFF))
-            last = size
+            judge(iteration, size, last, active, lost)
             if not active.any():
                 break
         return lost | active
@@ -182,6 +178,25 @@ class AlphaStep:
             if not active.any():
                 break
         return state, lost | active
+
+
+@njit(cache=True, error_model="numpy")
+def judge(iteration, size, last, active, lost):
+    """Decide which samples are done after a correction of `size`, with the one before, `last`; each (n_samples,).
+
+    What remains is estimated from the contraction between both. Those whose correction is no number are lost.
+    """
+    for sample in range(size.size):
+        if active[sample]:
+            contraction = FIRST_CONTRACTION
+            if iteration > 0:
+                contraction = min(max(size[sample] / max(last[sample], 1e-300), 0.0), 0.999)
+            remaining = size[sample] * contraction / (1.0 - contraction)
+            if not np.isfinite(size[sample]):
+                lost[sample], active[sample] = True, False
+            elif remaining <= NEWTON_TOLERANCE or size[sample] <= ROUND_OFF:
+                active[sample] = False
+            last[sample] = size[sample]
 
 
 def _ahead(scheme: Scheme, auxiliary: np.ndarray, a: np.ndarray, previous_a: np.ndarray) -> np.ndarray:

@@ -9,13 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import (
-    FIRST_CONTRACTION,
-    MAX_ITERATIONS,
-    NEWTON_TOLERANCE,
-    REFRESH_EVERY,
-    ROUND_OFF,
-)
+from pgmp_petsc.dynamics.alpha_step import MAX_ITERATIONS, REFRESH_EVERY, judge
 from pgmp_petsc.dynamics.full_kernel import correct
 from pgmp_petsc.runtime.compiled import njit
 
@@ -80,25 +74,6 @@ def take_steps(problem, factors, strengths, scheme, step, before, samples, after
             return k + 1
         now = end
     return n_steps
-
-
-@njit(cache=True, error_model="numpy")
-def judge(iteration, size, last, active, lost):
-    """Decide which samples of a block are done after a correction of `size`, with the one before; each (n_lanes,).
-
-    What remains is estimated as in `AlphaStep`. Those whose correction is no number are lost.
-    """
-    for lane in range(size.size):
-        if active[lane]:
-            contraction = FIRST_CONTRACTION
-            if iteration > 0:
-                contraction = min(max(size[lane] / max(last[lane], 1e-300), 0.0), 0.999)
-            remaining = size[lane] * contraction / (1.0 - contraction)
-            if not np.isfinite(size[lane]):
-                lost[lane], active[lane] = True, False
-            elif remaining <= NEWTON_TOLERANCE or size[lane] <= ROUND_OFF:
-                active[lane] = False
-            last[lane] = size[lane]
 
 
 @njit(cache=True, error_model="numpy")
