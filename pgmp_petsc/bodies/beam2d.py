@@ -49,12 +49,8 @@ def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=Tr
         tangent[1, k] = np.sin(psi)
     for k in range(n):
         cos, sin = tangent[0, k], tangent[1, k]
-        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
-        stretch = (cos * dx + sin * dy) * inv
-        gamma = (cos * dy - sin * dx) * inv
         axial, shear, bending = section[0, k], section[1, k], section[2, k]
-        n_force = axial * (stretch - 1.0)
-        q_force = shear * gamma
+        stretch, gamma, n_force, q_force = _stretched(u, k, cos, sin, inv, axial, shear)
         moment = bending * (u[5, k] - u[2, k]) * inv
         # internal force resolved along x and y, and its couple about the element's middle
         fx = n_force * cos - q_force * sin
@@ -68,12 +64,8 @@ def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=Tr
         force[5, k] = couple + moment
     for k in range(n if with_tangent else 0):
         cos, sin = tangent[0, k], tangent[1, k]
-        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
-        stretch = (cos * dx + sin * dy) * inv
-        gamma = (cos * dy - sin * dx) * inv
         axial, shear, bending = section[0, k], section[1, k], section[2, k]
-        n_force = axial * (stretch - 1.0)
-        q_force = shear * gamma
+        stretch, gamma, n_force, q_force = _stretched(u, k, cos, sin, inv, axial, shear)
         # d(fx, fy)/d(dx, dy) and the derivatives with psi (each phi has half of psi)
         kxx = (axial * cos * cos + shear * sin * sin) * inv
         kxy = (axial - shear) * cos * sin * inv
@@ -105,6 +97,15 @@ def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=Tr
         tangent[18, k] = kxp
         tangent[19, k] = kyp
         tangent[20, k] = kpp + kb
+
+
+@njit(inline="always")
+def _stretched(u, k, cos, sin, inv, axial, shear):
+    """Return stretch and shear of element k, and the normal and the transverse force that they give."""
+    dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
+    stretch = (cos * dx + sin * dy) * inv
+    gamma = (cos * dy - sin * dx) * inv
+    return stretch, gamma, axial * (stretch - 1.0), shear * gamma
 
 
 @njit(cache=True, error_model="numpy")
