@@ -215,7 +215,8 @@ def _push(system: object, start: np.ndarray | None) -> None:
     if start is not None:
         state = system.start()
         q, v = (system.unpack(part)[:, 0] for part in (state.q, state.v))
-        system.start = lambda: system.consistent(q, v + start)
+        theta = system._equations.initial[0]  # noqa: SLF001
+        system.start = lambda: system.consistent(q, v + start, theta)
 
 
 def run_of(duration: float, step: float = STEP, spectral_radius: float = 1.0, **initial: float) -> str:

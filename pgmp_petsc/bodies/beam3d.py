@@ -23,47 +23,24 @@ Strains are thus functions of seven quadratic forms ``z = (g, w, tau)`` of the u
 The kinetic energy interpolates p and d_k linearly, ``1/2 int rho A p'.p' + J_22 d_2'.d_2' + J_33 d_3'.d_3'`` in the
 element's axes with ``J_22 = rho I_3``, ``J_33 = rho I_2``: the mass matrix is constant.
 
-Elements are evaluated together, unknowns of shape (n, 24); rotations between the nodes of an element stay below pi.
+Rotations between the nodes of an element stay below pi.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
 
 N_FRAME = 12
 N_ELEMENT = 2 * N_FRAME
 N_FORMS = 7
 PARALLEL = 1e-6  # sine of the angle between an element and the orientation of its section
 SMALL = 0.05  # of s = sin^2(|Theta| / 2), below which f is a power series in it: 14 terms leave 1e-18
-# arcsin(sqrt s) / sqrt(s (1 - s)) = 1 + 2/3 s + 8/15 s^2 + ..., and its derivatives
-SERIES = [np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in range(14))])[::-1]]
-SERIES += [np.polyder(SERIES[0], order) for order in (1, 2)]
-
-
-def _forms() -> tuple[np.ndarray, np.ndarray]:
-    """Return the patterns of the forms over (p, d_1, d_2, d_3) of both nodes, (7, 8, 8): those that are divided by the
-    length, and the others."""
-    over_length, others = np.zeros((N_FORMS, 8, 8)), np.zeros((N_FORMS, 8, 8))
-
-    def add(patterns: np.ndarray, form: int, i: int, j: int, factor: float) -> None:
-        patterns[form, i, j] += factor
-        patterns[form, j, i] += factor
-
-    for i in range(3):
-        for director in (1 + i, 5 + i):
-            add(over_length, i, director, 4, 0.5)
-            add(over_length, i, director, 0, -0.5)
-        j, k = (i + 1) % 3, (i + 2) % 3
-        # axial(Q)_i = (Q_kj - Q_jk) / 2 with Q_kj = d_k of the first node . d_j of the second one
-        add(others, 3 + i, 1 + k, 5 + j, 0.5)
-        add(others, 3 + i, 1 + j, 5 + k, -0.5)
-        add(others, 6, 1 + i, 5 + i, 1.0)
-    return over_length, others
-
-
-OVER_LENGTH, OTHERS = _forms()
+# arcsin(sqrt s) / sqrt(s (1 - s)) = 1 + 2/3 s + 8/15 s^2 + ..., the highest power first
+SERIES = tuple(np.cumprod([1.0, *(2.0 * (n + 1.0) / (2.0 * n + 3.0) for n in range(14))])[::-1].tolist())
 
 
 def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarray:
@@ -92,150 +69,254 @@ def section_axes(edges: np.ndarray, orientation: np.ndarray | None) -> np.ndarra
     return np.stack([first, second, np.cross(first, second)], axis=2)
 
 
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """Elements evaluated in one state, in the directors' axes.
+class BeamWork(NamedTuple):
+    """Work arrays of one element.
 
     Attributes
     ----------
-    forms, gradients
-        z, shape (n, 7), and B_m u, shape (n, 7, 24).
-    coefficients
-        Of `_coefficients`.
+    gradients
+        B_m u, shape (7, 24).
     slope
-        Derivatives of the strains in z, shape (n, 6, 7).
-    strain, stress
-        ``T gamma`` and ``Theta``, and what does work on them: the force times L, the moment; shape (n, 6).
+        Derivatives of the strains ``(T gamma, Theta)`` in the forms z, shape (6, 7).
+    second
+        Second derivatives of the energy in the forms, shape (7, 7).
+    resists
+        What gives the stresses from these strains, shape (2, 3, 3).
+    half
+        ``second`` times ``gradients``, shape (7, 24).
+    forms, strain, stress
+        Shapes (7,), (6,), (6,).
     """
 
-    forms: np.ndarray
     gradients: np.ndarray
-    coefficients: tuple[tuple[np.ndarray, ...], ...]
     slope: np.ndarray
+    second: np.ndarray
+    resists: np.ndarray
+    half: np.ndarray
+    forms: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
 
 
-class Beams3d:
-    """Elements with their sections.
+@njit(cache=True, error_model="numpy")
+def beam_work():
+    """Return work arrays of one element."""
+    return BeamWork(
+        np.zeros((N_FORMS, N_ELEMENT)), np.zeros((6, N_FORMS)), np.zeros((N_FORMS, N_FORMS)), np.empty((2, 3, 3)),
+        np.empty((N_FORMS, N_ELEMENT)), np.empty(N_FORMS), np.empty(6), np.empty(6),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def stretch(u, length, axes, section, work):
+    """Evaluate strains and stresses of an element in the directors' axes; return its strain energy, J.
 
     Parameters
     ----------
-    lengths
-        Shape (n,), m.
-    axes
-        T, shape (n, 3, 3).
+    u
+        Unknowns of both nodes, shape (24,).
+    length, axes
+        m, and T of shape (3, 3).
     section
-        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,) or (n, 6).
+        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,).
+    work
+        From `beam_work`; filled but for what a tangent alone needs.
     """
-
-    def __init__(self, lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> None:
-        self._rest = axes[:, :, 0]
-        self._patterns = OVER_LENGTH / lengths[:, None, None, None] + OTHERS
-        section = np.broadcast_to(section, (len(lengths), 6))
-        # in the directors' axes; of curvatures Theta / L
-        self._resists = np.zeros((len(lengths), 6, 6))
-        self._resists[:, :3, :3] = np.einsum("eis,es,ejs,e->eij", axes, section[:, :3], axes, lengths)
-        self._resists[:, 3:, 3:] = np.einsum("eis,es,ejs,e->eij", axes, section[:, 3:], axes, 1.0 / lengths)
-
-    def at(self, u: np.ndarray) -> Stretch:
-        """Evaluate the strains for unknowns of shape (n, 24)."""
-        vectors = u.reshape(-1, 8, 3)
-        gradients = self._patterns @ vectors[:, None]
-        forms = 0.5 * np.sum(gradients * vectors[:, None], axis=(2, 3))
-        g, w, tau = forms[:, :3], forms[:, 3:6], forms[:, 6]
-        (a, da, _), (b, db, _), (f, df, _) = coefficients = _coefficients(tau)
-        wg = np.sum(w * g, axis=1)
-        eye = np.eye(3)
-        slope = np.zeros((len(forms), 6, N_FORMS))
-        slope[:, :3, :3] = a[:, None, None] * eye - b[:, None, None] * w[:, :, None] * w[:, None]
-        slope[:, :3, 3:6] = -b[:, None, None] * (wg[:, None, None] * eye + w[:, :, None] * g[:, None])
-        slope[:, :3, 6] = da[:, None] * g - (db * wg)[:, None] * w
-        slope[:, 3:, 3:6] = f[:, None, None] * eye
-        slope[:, 3:, 6] = df[:, None] * w
-        strain = np.concatenate([a[:, None] * g - (b * wg)[:, None] * w - self._rest, f[:, None] * w], axis=1)
-        stress = (self._resists @ strain[:, :, None])[:, :, 0]
-        return Stretch(forms, gradients.reshape(-1, N_FORMS, N_ELEMENT), coefficients, slope, strain, stress)
-
-    def forces(self, now: Stretch) -> np.ndarray:
-        """Return the gradient of the strain energy, shape (n, 24)."""
-        return ((now.stress[:, None] @ now.slope) @ now.gradients)[:, 0]
-
-    def tangents(self, now: Stretch) -> np.ndarray:
-        """Return its Hessian, shape (n, 24, 24)."""
-        second = np.swapaxes(now.slope, 1, 2) @ self._resists @ now.slope + _bending_of(now)
-        tangents = np.swapaxes(now.gradients, 1, 2) @ second @ now.gradients
-        # sum_m U_m B_m, the same for every direction in space
-        factors = (now.stress[:, None] @ now.slope)[:, 0, :, None, None]
-        geometric = np.sum(factors * self._patterns, axis=1)
-        by_direction = tangents.reshape(-1, 8, 3, 8, 3)
+    for i in range(3):
+        for j in range(3):
+            force, moment = 0.0, 0.0
+            for s in range(3):
+                force += axes[i, s] * section[s] * axes[j, s] * length
+                moment += axes[i, s] * section[3 + s] * axes[j, s] / length
+            work.resists[0, i, j], work.resists[1, i, j] = force, moment
+    _evaluate_forms(u, length, work)
+    (a, da, _), (b, db, _), (f, df, _) = _coefficients(work.forms[6])
+    g, w, slope = work.forms[:3], work.forms[3:6], work.slope
+    wg = w[0] * g[0] + w[1] * g[1] + w[2] * g[2]
+    energy = 0.0
+    for i in range(3):
+        for j in range(3):
+            same = 1.0 if i == j else 0.0
+            slope[i, j] = a * same - b * w[i] * w[j]
+            slope[i, 3 + j] = -b * (wg * same + w[i] * g[j])
+            slope[3 + i, 3 + j] = f * same
+        slope[i, 6] = da * g[i] - db * wg * w[i]
+        slope[3 + i, 6] = df * w[i]
+        work.strain[i] = a * g[i] - b * wg * w[i] - axes[i, 0]
+        work.strain[3 + i] = f * w[i]
+    for k in range(2):
         for i in range(3):
-            by_direction[:, :, i, :, i] += geometric
-        return tangents
-
-    def strain_energy(self, now: Stretch) -> np.ndarray:
-        """Return the strain energy, shape (n,), J."""
-        return 0.5 * np.sum(now.stress * now.strain, axis=1)
-
-    def viscosity(self, now: Stretch) -> np.ndarray:
-        """Return what gives the forces of unit viscosity (Kelvin and Voigt) from the rates of the unknowns.
-
-        ``E^T C E`` with the gradients E of the strains, shape (n, 24, 24).
-        """
-        gradients = now.slope @ now.gradients
-        return np.swapaxes(gradients, 1, 2) @ self._resists @ gradients
+            stress = 0.0
+            for j in range(3):
+                stress += work.resists[k, i, j] * work.strain[3 * k + j]
+            work.stress[3 * k + i] = stress
+            energy += 0.5 * stress * work.strain[3 * k + i]
+    return energy
 
 
-def _bending_of(now: Stretch) -> np.ndarray:
-    """Return the second derivatives of ``stress . strain`` in the forms with the stress held, (n, 7, 7)."""
-    forms, stress = now.forms, now.stress
-    g, w = forms[:, :3], forms[:, 3:6]
-    (_, da, dda), (b, db, ddb), (_, df, ddf) = now.coefficients
-    force, moment = stress[:, :3], stress[:, 3:]
-    wg, fw, fg = (np.sum(x * y, axis=1) for x, y in ((w, g), (force, w), (force, g)))
-    found = np.zeros((len(forms), N_FORMS, N_FORMS))
-    of_gw = w[:, :, None] * force[:, None] + fw[:, None, None] * np.eye(3)
-    found[:, :3, 3:6] = -b[:, None, None] * of_gw
-    found[:, 3:6, 3:6] = -b[:, None, None] * (force[:, :, None] * g[:, None] + g[:, :, None] * force[:, None])
-    found[:, :3, 6] = da[:, None] * force - (db * fw)[:, None] * w
-    found[:, 3:6, 6] = -db[:, None] * (wg[:, None] * force + fw[:, None] * g) + df[:, None] * moment
-    found[:, 3:6, :3] = np.swapaxes(found[:, :3, 3:6], 1, 2)
-    found[:, 6, :6] = found[:, :6, 6]
-    found[:, 6, 6] = dda * fg - ddb * wg * fw + ddf * np.sum(moment * w, axis=1)
-    return found
+@njit(cache=True, error_model="numpy")
+def add_force(work, stress, force):
+    """Add what does the work of ``stress``, shape (6,), on the strains' changes to a force, shape (24,)."""
+    for m in range(N_FORMS):
+        factor = 0.0
+        for s in range(6):
+            factor += stress[s] * work.slope[s, m]
+        for i in range(N_ELEMENT):
+            force[i] += factor * work.gradients[m, i]
 
 
-def _coefficients(tau: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
+@njit(cache=True, error_model="numpy")
+def viscous_stress(work, v, stress):
+    """Fill the stresses of unit viscosity (Kelvin and Voigt), shape (6,), for rates of the unknowns (24,); return what
+    work they do, W."""
+    power = 0.0
+    rate = np.zeros(6)
+    for m in range(N_FORMS):
+        along = 0.0
+        for i in range(N_ELEMENT):
+            along += work.gradients[m, i] * v[i]
+        for s in range(6):
+            rate[s] += work.slope[s, m] * along
+    for k in range(2):
+        for i in range(3):
+            total = 0.0
+            for j in range(3):
+                total += work.resists[k, i, j] * rate[3 * k + j]
+            stress[3 * k + i] = total
+            power += total * rate[3 * k + i]
+    return power
+
+
+@njit(cache=True, error_model="numpy")
+def fill_tangent(work, length, viscosity, tangent):
+    """Fill the packed lower triangle, shape (300,), of ``U'' + viscosity E^T C E`` with the gradients E of the strains,
+    after `stretch`."""
+    slope, second, gradients, half = work.slope, work.second, work.gradients, work.half
+    for m in range(N_FORMS):
+        for n in range(N_FORMS):
+            total = 0.0
+            for k in range(2):
+                for i in range(3):
+                    along = 0.0
+                    for j in range(3):
+                        along += work.resists[k, i, j] * slope[3 * k + j, n]
+                    total += slope[3 * k + i, m] * along
+            second[m, n] = (1.0 + viscosity) * total
+    _add_bending(work, second)
+    for m in range(N_FORMS):
+        for i in range(N_ELEMENT):
+            half[m, i] = 0.0
+        for n in range(N_FORMS):
+            for i in range(N_ELEMENT):
+                half[m, i] += second[m, n] * gradients[n, i]
+    at = 0
+    for i in range(N_ELEMENT):
+        for j in range(i + 1):
+            total = 0.0
+            for m in range(N_FORMS):
+                total += gradients[m, i] * half[m, j]
+            tangent[at] = total
+            at += 1
+    # sum_m U_m B_m, the same for every direction in space
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        along, turning = 0.0, 0.0
+        for s in range(6):
+            along += 0.5 / length * work.stress[s] * slope[s, i]
+            turning += 0.5 * work.stress[s] * slope[s, 3 + i]
+        closing = 0.0
+        for s in range(6):
+            closing += work.stress[s] * slope[s, 6]
+        for row, column, value in (
+            (4, 1 + i, along), (1 + i, 0, -along), (5 + i, 4, along), (5 + i, 0, -along), (5 + j, 1 + k, turning),
+            (5 + k, 1 + j, -turning), (5 + i, 1 + i, closing),
+        ):  # fmt: skip
+            for c in range(3):
+                tangent[(3 * row + c) * (3 * row + c + 1) // 2 + 3 * column + c] += value
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate_forms(u, length, work):
+    """Fill z and its gradients: g_i, w_i and tau of the nodes' places ``u[0:3], u[12:15]`` and directors."""
+    z, gradients = work.forms, work.gradients
+    z[6] = 0.0
+    for i in range(3):
+        one, other = 3 + 3 * i, 15 + 3 * i  # d_i of both nodes
+        j, k = (i + 1) % 3, (i + 2) % 3
+        z[i], z[3 + i] = 0.0, 0.0
+        for c in range(3):
+            away, mean = (u[12 + c] - u[c]) / length, 0.5 * (u[one + c] + u[other + c])
+            z[i] += mean * away
+            gradients[i, c], gradients[i, 12 + c] = -mean / length, mean / length
+            gradients[i, one + c] = gradients[i, other + c] = 0.5 * away
+            # axial(Q)_i = (Q_kj - Q_jk) / 2 with Q_kj = d_k of the first node . d_j of the second one
+            first_j, first_k, second_j, second_k = 3 + 3 * j + c, 3 + 3 * k + c, 15 + 3 * j + c, 15 + 3 * k + c
+            z[3 + i] += 0.5 * (u[first_k] * u[second_j] - u[first_j] * u[second_k])
+            gradients[3 + i, first_k], gradients[3 + i, second_j] = 0.5 * u[second_j], 0.5 * u[first_k]
+            gradients[3 + i, first_j], gradients[3 + i, second_k] = -0.5 * u[second_k], -0.5 * u[first_j]
+            z[6] += u[one + c] * u[other + c]
+            gradients[6, one + c], gradients[6, other + c] = u[other + c], u[one + c]
+
+
+@njit(cache=True, error_model="numpy")
+def _add_bending(work, second):
+    """Add the second derivatives of ``stress . strain`` in the forms with the stress held."""
+    (_, da, dda), (b, db, ddb), (_, df, ddf) = _coefficients(work.forms[6])
+    g, w, force, moment = work.forms[:3], work.forms[3:6], work.stress[:3], work.stress[3:]
+    wg, fw, fg, mw = 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        wg += w[i] * g[i]
+        fw += force[i] * w[i]
+        fg += force[i] * g[i]
+        mw += moment[i] * w[i]
+    for i in range(3):
+        for j in range(3):
+            mixed = -b * (w[i] * force[j] + (fw if i == j else 0.0))
+            second[i, 3 + j] += mixed
+            second[3 + j, i] += mixed
+            second[3 + i, 3 + j] -= b * (force[i] * g[j] + g[i] * force[j])
+        with_g = da * force[i] - db * fw * w[i]
+        with_w = -db * (wg * force[i] + fw * g[i]) + df * moment[i]
+        second[i, 6] += with_g
+        second[6, i] += with_g
+        second[3 + i, 6] += with_w
+        second[6, 3 + i] += with_w
+    second[6, 6] += dda * fg - ddb * wg * fw + ddf * mw
+
+
+@njit(cache=True, error_model="numpy")
+def _coefficients(tau):
     """Return ``1 / c``, ``1 / (4 c^3 (1 + c))`` and f, each with its first and second derivative in tau."""
     one = 1.0 + tau
-    inverse = (2.0 * one**-0.5, -(one**-1.5), 1.5 * one**-2.5)
-    c = 0.5 * np.sqrt(one)
+    root = np.sqrt(one)
+    inverse = (2.0 / root, -1.0 / (one * root), 1.5 / (one * one * root))
+    c = 0.5 * root
     dc, ddc = 1.0 / (8.0 * c), -1.0 / (64.0 * c**3)
     p, dp, ddp = c**3 + c**4, 3.0 * c**2 + 4.0 * c**3, 6.0 * c + 12.0 * c**2
     first, second = -0.25 * dp / p**2, 0.25 * (2.0 * dp**2 / p**3 - ddp / p**2)
     return inverse, (0.25 / p, first * dc, second * dc**2 + first * ddc), _angle_over_sine(tau)
 
 
-def _angle_over_sine(tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+@njit(cache=True, error_model="numpy")
+def _angle_over_sine(tau):
     """Return f and its derivatives: with ``x = cos`` of the angle, ``(1 - x^2) f_x = x f - 1``.
 
     On the way to orthonormal directors x may be beyond 1, where the same function is ``arcosh x / sqrt(x^2 - 1)``.
     """
     s = 0.25 * (3.0 - tau)  # sin^2 of half the angle
-    near = np.abs(s) < SMALL
-    x = np.where(near, 0.0, 1.0 - 2.0 * s)
+    if abs(s) < SMALL:
+        value, slope, bend = 0.0, 0.0, 0.0
+        for factor in SERIES:  # Horner's scheme
+            bend = bend * s + 2.0 * slope
+            slope = slope * s + value
+            value = value * s + factor
+        return value, -0.25 * slope, 0.0625 * bend
+    x = 1.0 - 2.0 * s
     across = 1.0 - x**2
-    size = np.sqrt(np.abs(across))
-    far = np.where(x > 1.0, np.arcsinh(size), np.arctan2(size, x)) / size
-    slope = (x * far - 1.0) / across
-    bend = (far + 3.0 * x * slope) / across
-    small = np.where(near, s, 0.0)
-    series = [np.polyval(factors, small) for factors in SERIES]
-    return (
-        np.where(near, series[0], far),
-        np.where(near, -0.25 * series[1], 0.5 * slope),
-        np.where(near, 0.0625 * series[2], 0.25 * bend),
-    )
+    size = np.sqrt(abs(across))
+    value = (np.arcsinh(size) if x > 1.0 else np.arctan2(size, x)) / size
+    slope = (x * value - 1.0) / across
+    return value, 0.5 * slope, 0.25 * (value + 3.0 * x * slope) / across
 
 
 def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> np.ndarray:
@@ -244,7 +325,7 @@ def natural_mass(lengths: np.ndarray, axes: np.ndarray, inertia: np.ndarray) -> 
     Parameters
     ----------
     lengths, axes
-        As for `Beams3d`.
+        Shape (n,), m, and T, shape (n, 3, 3).
     inertia
         ``(rho A, rho I_2, rho I_3)``, shape (3,), kg/m and kg m.
     """
@@ -298,7 +379,7 @@ def undeformed_stiffness(lengths: np.ndarray, axes: np.ndarray, section: np.ndar
     Parameters
     ----------
     lengths, axes
-        As for `Beams3d`.
+        Shape (n,), m, and T, shape (n, 3, 3).
     section
         Shape (6,).
     """

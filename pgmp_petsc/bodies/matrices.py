@@ -58,6 +58,11 @@ def assemble(bodies: Sequence[Body], rows: range) -> AffineMatrices:
     )
 
 
+def assemble_mass(bodies: Sequence[Body], rows: range) -> AffineMatrices:
+    """Assemble the given rows of the masses alone."""
+    return AffineMatrices(rows, mass=_assemble_terms(bodies, rows, Body.mass_entries, "mass"), stiffness={})
+
+
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:
     """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs)."""
     return weighted_sum(_assemble_terms(bodies, rows, Body.axial_entries), values)

@@ -44,7 +44,7 @@ class AlphaStep:
     """Steps of any length of a system.
 
     A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call; what fails
-    there is tried here.
+    there is tried here. One with a method ``count_turns`` keeps turns in its states.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class AlphaStep:
     def __init__(self, system: SecondOrderSystem, spectral_radius: float) -> None:
         self._system = system
         self._spectral_radius = spectral_radius
-        self._by_itself = hasattr(system, "take_steps")
+        self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._ahead: deque[StepTaken] = deque()
         self._expected: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
@@ -117,6 +117,8 @@ class AlphaStep:
             if lost.any():
                 self._system.restore(state, coasting, lost)
                 state, lost = self._iterate_carefully(end, state, scheme, lost)
+        if self._counts_turns:
+            self._system.count_turns(state)
         return state, _ahead(scheme, auxiliary, state.a, previous.a), lost
 
     def _take(
@@ -220,7 +222,7 @@ def _predict(scheme: Scheme, step: float, previous: State, auxiliary: np.ndarray
     ahead = _ahead(scheme, auxiliary, a, previous.a)
     q = previous.q + h * previous.v + h**2 * ((0.5 - s.beta) * auxiliary + s.beta * ahead)
     v = previous.v + h * ((1 - s.gamma) * auxiliary + s.gamma * ahead)
-    return State(q, v, a.copy(), previous.multipliers.copy())
+    return State(q, v, a.copy(), previous.multipliers.copy(), previous.turns.copy())
 
 
 def _halfway(one: State, other: State) -> State:
@@ -229,4 +231,5 @@ def _halfway(one: State, other: State) -> State:
         0.5 * (one.v + other.v),
         0.5 * (one.a + other.a),
         0.5 * (one.multipliers + other.multipliers),
+        0.5 * (one.turns + other.turns),
     )

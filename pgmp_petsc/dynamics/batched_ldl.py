@@ -4,9 +4,10 @@ The iteration matrices of a batch of full-order samples differ in their numbers 
 once; the numeric factorisation ``L D L^T`` then runs over the common pattern, with the samples of a block side by side
 in the innermost loop (see `lanes`), where they vectorise. A sample never touches another's numbers.
 
-There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]`` with S positive definite at reasonable
-steps, and the ordering puts every constraint behind all unknowns that it acts on; each leading block is then
-non-singular, because C has full rank.
+There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]``, and the order of elimination makes every
+leading block non-singular. With S positive definite at reasonable steps a constraint comes behind all unknowns that it
+acts on, because C has full rank. Frames of faces have neither mass nor stiffness: first come the nodes of the mesh,
+then the ties of the frames, which give the frames a pivot, then the frames, and then what acts on these.
 """
 
 from __future__ import annotations
@@ -31,15 +32,11 @@ class Symbolic:
         ``order[k]`` is the unknown eliminated k-th, shape (n,).
     starts, rows
         Columns of L below the diagonal in elimination order: column k holds ``rows[starts[k]:starts[k+1]]``.
-    targets
-        Where each product of a column's entries goes, in the order in which `factorise` meets them: an entry of L, or
-        ``-1 - row`` for a diagonal one.
     """
 
     order: np.ndarray
     starts: np.ndarray
     rows: np.ndarray
-    targets: np.ndarray
 
     @property
     def n(self) -> int:
@@ -62,18 +59,18 @@ class Symbolic:
         return np.where(lower == upper, -1 - lower, np.searchsorted(stored, upper * self.n + lower))
 
 
-def analyse(pattern: sp.spmatrix, constraints: np.ndarray) -> Symbolic:
+def analyse(pattern: sp.spmatrix, levels: np.ndarray) -> Symbolic:
     """Find an elimination order and the fill-in.
 
     Parameters
     ----------
     pattern
         Symmetric pattern, shape (n, n).
-    constraints
-        Unknowns that are multipliers: each is eliminated after all unknowns that it is coupled with.
+    levels
+        Of unknowns and multipliers, shape (n,): each is eliminated after all of lower levels that it is coupled with.
     """
     pattern = sp.csr_matrix(pattern)
-    order = _constraints_last(reverse_cuthill_mckee(pattern, symmetric_mode=True), pattern, constraints)
+    order = _by_levels(reverse_cuthill_mckee(pattern, symmetric_mode=True), pattern, levels)
     place = np.empty(order.size, dtype=np.int64)
     place[order] = np.arange(order.size)
     columns: list[set[int]] = [set() for _ in order]
@@ -88,35 +85,27 @@ def analyse(pattern: sp.spmatrix, constraints: np.ndarray) -> Symbolic:
             columns[parent] |= column - {parent}
     starts = np.concatenate([[0], np.cumsum([len(column) for column in columns])]).astype(np.int64)
     rows = np.array([i for column in columns for i in sorted(column)], dtype=np.int64)
-    targets = []
-    for k in range(order.size):
-        below = rows[starts[k] : starts[k + 1]]
-        for a, row in enumerate(below):
-            for column in below[:a]:
-                inside = rows[starts[column] : starts[column + 1]]
-                targets.append(starts[column] + np.searchsorted(inside, row))
-            targets.append(-1 - row)
-    return Symbolic(order, starts, rows, np.array(targets, dtype=np.int64))
+    return Symbolic(order, starts, rows)
 
 
-def _constraints_last(order: np.ndarray, pattern: sp.csr_matrix, constraints: np.ndarray) -> np.ndarray:
-    """Move each multiplier right behind the last unknown that it is coupled with."""
+def _by_levels(order: np.ndarray, pattern: sp.csr_matrix, levels: np.ndarray) -> np.ndarray:
+    """Move what has a level above 0 right behind the last of the lower levels that it is coupled with."""
     place = np.empty(order.size)
     place[order] = np.arange(order.size)
-    for multiplier in constraints:
-        neighbours = pattern.indices[pattern.indptr[multiplier] : pattern.indptr[multiplier + 1]]
-        neighbours = neighbours[~np.isin(neighbours, constraints)]
-        place[multiplier] = max(place[neighbours]) + 0.5
+    for level in range(1, levels.max(initial=0) + 1):
+        for number in np.flatnonzero(levels == level):
+            neighbours = pattern.indices[pattern.indptr[number] : pattern.indptr[number + 1]]
+            place[number] = max(place[neighbours[levels[neighbours] < level]], default=place[number]) + 0.25**level
     return np.argsort(place, kind="stable")
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(starts, targets, diagonal, lower):
+def factorise(starts, rows, diagonal, lower):
     """Factorise in place, all lanes of a block: ``lower`` becomes L, ``diagonal`` becomes the inverse of D.
 
     Parameters
     ----------
-    starts, targets
+    starts, rows
         Of the symbolic factorisation.
     diagonal
         Shape (n, n_lanes), in elimination order.
@@ -124,22 +113,25 @@ def factorise(starts, targets, diagonal, lower):
         Entries below the diagonal, shape (n_entries, n_lanes).
     """
     n_lanes = diagonal.shape[1]
-    at = 0
+    scaled = np.empty(n_lanes)
     for k in range(diagonal.shape[0]):
         for lane in range(n_lanes):
             diagonal[k, lane] = 1.0 / diagonal[k, lane]
-        for a in range(starts[k], starts[k + 1]):
-            for b in range(starts[k], a):
-                target = targets[at]
-                at += 1
-                for lane in range(n_lanes):
-                    lower[target, lane] -= lower[a, lane] * lower[b, lane]
-            row = -1 - targets[at]
-            at += 1
+        end = starts[k + 1]
+        for b in range(starts[k], end):
+            column = rows[b]
             for lane in range(n_lanes):
-                scaled = lower[a, lane] * diagonal[k, lane]
-                diagonal[row, lane] -= lower[a, lane] * scaled
-                lower[a, lane] = scaled
+                scaled[lane] = lower[b, lane] * diagonal[k, lane]
+                diagonal[column, lane] -= lower[b, lane] * scaled[lane]
+            # the rows below are among those of their column: where one lies, the next lies behind it
+            target = starts[column]
+            for a in range(b + 1, end):
+                while rows[target] != rows[a]:
+                    target += 1
+                for lane in range(n_lanes):
+                    lower[target, lane] -= lower[a, lane] * scaled[lane]
+            for lane in range(n_lanes):
+                lower[b, lane] = scaled[lane]
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.effects import Effect
 from pgmp_petsc.effects.modal_damping import ModalDamping, modal_damping
@@ -63,18 +61,3 @@ class BodyDampings:
         """Return beta (s) and alpha (1/s) of a body."""
         damping = self.rayleigh.get(number, BodyDamping())
         return damping.stiffness, damping.mass
-
-    def add_modal_forces(self, q: np.ndarray, v: np.ndarray, total: np.ndarray) -> dict[str, np.ndarray]:
-        """Add the forces of modal damping, for q, v and the total of shape (n_dofs, n).
-
-        Returns
-        -------
-        dict
-            Power by effect, shape (n,), W.
-        """
-        powers: dict[str, np.ndarray] = {}
-        for modal in self.modal:
-            forces, power = modal.forces(q, v)
-            total[modal.dofs] += forces
-            powers[modal.effect] = powers.get(modal.effect, 0.0) + power
-        return powers

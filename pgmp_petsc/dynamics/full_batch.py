@@ -9,21 +9,19 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.alpha_step import StepTaken
-from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
-from pgmp_petsc.dynamics.full_kernel import Factors, correct
-from pgmp_petsc.dynamics.full_problem import Sources, full_problem
+from pgmp_petsc.dynamics.full_forces import act
+from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns, evaluate
+from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
-from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.lanes import aligned_zeros
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.effects import Effect, Motion, actions_of, driven
-from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.unknowns import Unknowns
 
 STEPS_AT_ONCE = 32  # of a single sample: a call from Python costs what a step of a small mechanism does
 
@@ -72,33 +70,25 @@ class FullBatch:
         settled: Settled | None = None,
     ) -> None:
         self.settled = settled
-        mechanism = self._mechanism = kinematics.mechanism
-        blocks = self._blocks = SampleBlocks.of(n_samples)
-        self.n_samples, self.n_dofs = n_samples, mechanism.n_dofs
+        blocks = self._blocks = SampleBlocks.of(n_samples, kinematics.mechanism.n_dofs)
+        equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
+        self.n_samples, self.n_dofs = n_samples, equations.n_dofs
+        self.n_constraints = equations.constraints.n_constraints
         self.steps_at_once = STEPS_AT_ONCE if n_samples == 1 else 1
-        self._kinematics, self._initial = kinematics, initial
-        undeformed = kinematics.undeformed(*initial)[0]
-        constraints = self._constraints = ConstraintSet(Unknowns(mechanism)).independent(undeformed)
-        self.n_constraints = constraints.n_constraints
-        values = {name: np.broadcast_to(value, (n_samples,)) for name, value in values.items()}
-        damping = BodyDampings.of(effects, mechanism)
-        filled = {name: blocks.fill(value) for name, value in values.items()}
-        self._local = LocalForces(actions_of(effects), filled, blocks.n_places, mechanism.node_dofs)
-        self._edges = self._local.edges
-        self._problem, loads = full_problem(
-            kinematics, effects, values, blocks, constraints, damping, self._local
-        )
-        self._sources = Sources(loads, self._local.actions, tuple(motions.values()))
-        self._conservative = np.array([effect.conservative for effect in loads], dtype=bool)
+        self._edges, self._problem = equations.edges, equations.problem
+        self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
+        self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(
-            len(mechanism.bodies), damping, loads, self._local.actions, self._sources.motions
+            len(kinematics.mechanism.bodies), equations.damping, equations.modal, equations.loads, equations.actions, self._sources.motions
         )
         self._nobody = np.zeros(n_samples, dtype=bool)
-        n, n_lower = self.n_dofs + self.n_constraints, self._problem.pattern.rows.size
+        n = self.n_dofs + self.n_constraints
         self._factors = Factors(
-            np.empty((blocks.n_blocks, n, blocks.n_lanes)), np.empty((blocks.n_blocks, n_lower, blocks.n_lanes))
+            aligned_zeros((blocks.n_blocks, n, blocks.n_lanes)),
+            aligned_zeros((blocks.n_blocks, equations.layout.n_lower, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
+        self._typical_mass = self._find_typical_mass()
 
     def __enter__(self) -> FullBatch:
         return self
@@ -111,55 +101,59 @@ class FullBatch:
 
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
+        theta, rates = self._equations.initial
         if self.settled is not None:
-            state = self.consistent(self.settled.unknowns, np.zeros(self.n_dofs))
+            state = self.consistent(self.settled.unknowns, np.zeros(self.n_dofs), self.settled.theta.T)
             return self.settled.at_rest(state, len(self._sources.motions))
-        return self.consistent(*self._kinematics.undeformed(*self._initial))
+        return self.consistent(*self._equations.place(theta, rates), theta)
 
-    def consistent(self, q: np.ndarray, v: np.ndarray) -> State:
-        """Return the state at time 0 with given unknowns and velocities that obey the constraints.
+    def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
+        """Return the state at time 0 with given unknowns and velocities that obey the constraints, and the coordinates.
 
-        They have the shape (n_dofs,) where they are the same of all samples, or else (n_dofs, n_samples).
+        They have the shape (n,) where they are the same of all samples, or else (n, n_samples).
         """
-        shape = (self.n_dofs, self.n_samples)
-        state = State(
-            self.pack(np.broadcast_to(q.reshape(self.n_dofs, -1), shape)),
-            self.pack(np.broadcast_to(v.reshape(self.n_dofs, -1), shape)),
-            self.pack(np.zeros(shape)),
-            self.pack(np.zeros((self.n_constraints, self.n_samples))),
-        )
+        turns = self._equations.turns(theta.reshape(theta.shape[0], -1))
+        accelerations = driven(self._sources.motions, 0.0).acceleration
+        q, v = q.reshape(self.n_dofs, -1), v.reshape(self.n_dofs, -1)
+        drift = self._equations.constraints.drift(*np.broadcast_arrays(q, v), accelerations)
+        nothing = np.zeros((self.n_dofs, 1))
+        parts = q, v, nothing, np.zeros((self.n_constraints, 1)), turns, drift
+        *parts, drift = (self.pack(np.broadcast_to(part, (len(part), self.n_samples))) for part in parts)
+        state = State(*parts)
         # acceleration and multipliers enter linearly: one correction with the mass alone solves
         # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
         trial = state.copy()
-        accelerations = driven(self._sources.motions, 0.0).acceleration
-        q, v = (np.moveaxis(part, 1, 0) for part in (state.q, state.v))
-        drift = np.ascontiguousarray(np.moveaxis(self._constraints.drift(q, v, accelerations), 0, 1))
         self._correct(0.0, trial, (0.0, 1.0, 0.0), drift, np.ones(self.n_samples, dtype=bool), True)
-        return State(state.q, state.v, trial.a, trial.multipliers)
+        return State(state.q, state.v, trial.a, trial.multipliers, state.turns)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         itself = np.empty((self._blocks.n_blocks, 0, self._blocks.n_lanes))
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), itself, active, fresh)
 
+    def count_turns(self, state: State) -> None:
+        """Take note of the angles at an instant that is kept."""
+        for q, turns in zip(state.q, state.turns):
+            count_turns(self._problem, q, turns)
+
     def take_steps(
         self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, step: float, scheme: Scheme, samples: np.ndarray
     ) -> list[StepTaken]:
         """Take equal steps that end at `ends`, up to one in which an iteration fails; see `AlphaStep`."""
         n = ends.size
-        before = (previous.q, previous.v, previous.a, previous.multipliers, auxiliary)
+        before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, auxiliary)
         after = tuple(np.empty((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._problem, self._factors, self._sources.at(ends), coefficients, step, before,
+            self._problem, self._factors, self._sources.at(ends), coefficients, self._typical_mass, step, before,
             self._blocks.mask(samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
         return [
             StepTaken(
-                State(after[0][k], after[1][k], after[2][k], after[3][k]),
-                after[4][k],
+                State(*(part[k] for part in after[:5])),
+                after[5][k],
                 last.copy() if k == n_taken - 1 else np.zeros_like(last),
                 int(n_corrections[k]),
             )
@@ -174,6 +168,7 @@ class FullBatch:
             (state.v, previous.v),
             (state.a, previous.a),
             (state.multipliers, previous.multipliers),
+            (state.turns, previous.turns),
         ):
             np.copyto(now, before, where=chosen[:, None, :])
 
@@ -184,8 +179,12 @@ class FullBatch:
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
-        q, v = (np.moveaxis(part, 0, 1).reshape(self.n_dofs, -1) for part in (state.q, state.v))
-        return self._local.evaluate(time, q, v, 0.0, False).depths[self._edges, : self.n_samples]
+        amplitudes, found = self._sources.at(np.array([time])).actions[0], []
+        for block in range(self._blocks.n_blocks):
+            turns = state.turns[block, len(state.turns[block]) - len(amplitudes) :]
+            now = act(self._problem.actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
+            found.append(now.depths[self._edges])
+        return self._blocks.unpack(np.array(found))
 
     def outside(self, state: State) -> np.ndarray:
         """Return no sample: the full-order model is valid everywhere."""
@@ -205,25 +204,27 @@ class FullBatch:
         return self._blocks.pack(rows)
 
     def frames(self, state: State) -> np.ndarray:
-        """Return the frames of all nodes, shape (n_nodes, 3, n_samples)."""
-        return self._mechanism.by_node(self.unpack(state.q))
+        """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples)."""
+        return self._equations.frames(self.unpack(state.q), self.unpack(state.turns))
 
     def frames_over(self, states: Sequence[State]) -> np.ndarray:
-        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, 3, n)."""
-        return self._mechanism.by_node(np.array([state.q[0, :, 0] for state in states]).T)
+        """Return the frames of all nodes of the only sample in several states, shape (n_nodes, n_frame, n)."""
+        return self._equations.frames(
+            np.array([state.q[0, :, 0] for state in states]).T, np.array([state.turns[0, :, 0] for state in states]).T
+        )
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, each of shape (n_samples,)."""
         n = self._blocks.n_blocks
         strengths = self._sources.at(np.full(n, time))
         table = energies_of(
-            self._problem, self._conservative, strengths, np.arange(n), state.q, state.v, state.multipliers
+            self._problem, self._conservative, strengths, np.arange(n), state.q, state.v, state.multipliers, state.turns
         )
         return self._names.energies(self.unpack(table))
 
     def energies_over(self, times: Sequence[float], states: Sequence[State]) -> Energies:
         """Return energies and powers of the only sample at several instants, each of shape (n,)."""
-        parts = zip(*((state.q[0], state.v[0], state.multipliers[0]) for state in states))
+        parts = zip(*((state.q[0], state.v[0], state.multipliers[0], state.turns[0]) for state in states))
         strengths = self._sources.at(np.array(times))
         first = np.zeros(len(states), dtype=np.int64)
         table = energies_of(
@@ -240,11 +241,26 @@ class FullBatch:
         active: np.ndarray,
         fresh: bool,
     ) -> np.ndarray:
-        parts = (state.q, state.v, state.a, state.multipliers)
+        parts = (state.q, state.v, state.a, state.multipliers, state.turns)
         now = self._sources.at(np.array([time]))
         chosen = self._blocks.mask(active)
         correct(
             self._problem, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
-            residual, parts, gains, chosen, fresh, self._size,
+            residual, parts, gains, self._typical_mass, chosen, fresh, self._size,
         )  # fmt: skip
         return self._size.ravel()[: self.n_samples].copy()
+
+    def _find_typical_mass(self) -> np.ndarray:
+        """Return the mean of the mass matrix's diagonal over all unknowns, shape (n_blocks, n_lanes)."""
+        blocks = self._blocks
+        q = self.pack(np.repeat(self._equations.start()[0][:, None], self.n_samples, axis=1))
+        shapes = (self.n_dofs, self.n_dofs, self.n_constraints, self._equations.n_turns)
+        rest = tuple(np.zeros((n, blocks.n_lanes)) for n in shapes)
+        now, x = self._sources.at(np.zeros(1)), np.empty((self.n_dofs + self.n_constraints, blocks.n_lanes))
+        for block in range(blocks.n_blocks):
+            evaluate(
+                self._problem, block, (now.loads[0], now.actions[0]), now.angles[0], 0.0, np.empty((0, blocks.n_lanes)),
+                (q[block], *rest), (0.0, 1.0, 0.0), np.zeros(blocks.n_lanes), True, x, self._factors.diagonal[block],
+                self._factors.lower[block],
+            )  # fmt: skip
+        return self._factors.diagonal.sum(axis=1) / self.n_dofs

@@ -6,12 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, strain_energy
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.full_forces import act, add_modal_damping
+from pgmp_petsc.dynamics.full_beams import add_energies_of_beams, add_energies_of_masses
+from pgmp_petsc.dynamics.full_forces import act
+from pgmp_petsc.dynamics.full_modal import add_modal_damping
+from pgmp_petsc.dynamics.full_solids import add_energies
 from pgmp_petsc.effects import Action, Effect, Held, Motion
+from pgmp_petsc.effects.modal_damping import ModalDamping
 from pgmp_petsc.runtime.compiled import njit
 
 KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
@@ -35,16 +40,17 @@ class EnergyNames:
         cls,
         n_bodies: int,
         damping: BodyDampings,
+        modal: Sequence[ModalDamping],
         loads: Sequence[Effect],
         actions: Sequence[Action],
         motions: Sequence[Motion | Held],
     ) -> EnergyNames:
         """Name the rows of a model."""
         braked = [(False, damping.effects[k]) if k in damping.effects else None for k in range(n_bodies)]
-        modal = [(False, one.effect) for one in damping.modal]
+        of_modes = [(False, one.effect) for one in modal]
         weights = [(effect.conservative, effect.name) for effect in loads]
         acting = [(stored, action.effect) for stored in (False, True) for action in actions]
-        return cls((*braked, *modal, *weights, *acting, *((False, motion.name) for motion in motions)))
+        return cls((*braked, *of_modes, *weights, *acting, *((False, motion.name) for motion in motions)))
 
     def energies(self, table: np.ndarray) -> Energies:
         """Return what a table of shape (2 + n_rows, ...) holds."""
@@ -56,10 +62,20 @@ class EnergyNames:
                 add(effect, values)
         return found
 
+    def summed(self, table: np.ndarray, comm: MPI.Comm) -> Energies:
+        """Return the sum of the tables of all ranks, whose rows may be of other effects. Collective on `comm`."""
+        own = self.energies(table)
+        found = Energies(*comm.allreduce(np.array([own.kinetic, own.strain])))
+        for kind in ("potential", "powers"):
+            parts = comm.allgather(getattr(own, kind))
+            for effect in dict.fromkeys(effect for part in parts for effect in part):
+                getattr(found, kind)[effect] = sum(part[effect] for part in parts if effect in part)
+        return found
+
 
 @njit(cache=True, error_model="numpy")
-def energies_of(problem, conservative, strengths, blocks, q, v, multipliers):
-    """Return energies and powers of states, shape (n, n_rows, n_lanes), J and W.
+def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, turns):
+    """Return energies and powers of states, shape (n, n_rows, n_lanes), J and W; of what is counted on this rank.
 
     Rows are the kinetic and the strain energy, the power of the structural damping of every body, of modal damping, of
     loads (their potential energy where they are conservative), of actions, the potential energy of actions, and the
@@ -75,11 +91,12 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers):
         What acts in each state, one a row.
     blocks
         Which block of samples each state is of, shape (n,).
-    q, v, multipliers
-        States, shapes (n, n_dofs, n_lanes) and (n, n_constraints, n_lanes).
+    q, v, multipliers, turns
+        States, shapes (n, n_dofs, n_constraints or n_turns, n_lanes).
     """
     n_lanes, n_bodies = q.shape[2], problem.section.shape[1]
-    n_modal, n_loads = problem.modal.starts.size - 1, conservative.size
+    n_modal, n_loads = problem.modal.kinds.size, conservative.size
+    n_angles = problem.angles.dofs.shape[0]
     n_actions, n_motions = problem.actions.laws.size, strengths.speeds.shape[1]
     modal = OF_EFFECTS + n_bodies
     loads = modal + n_modal
@@ -89,10 +106,22 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers):
     unwanted, nowhere = np.zeros(q.shape[1:]), np.arange(q.shape[1])
     for k in range(q.shape[0]):
         block, result = blocks[k], table[k]
+        powers = result[OF_EFFECTS:modal]
         _add_elements(problem.elements, problem.section[block], q[k], v[k], result)
         _add_lumps(problem.lumps, problem.lumps.mass[block], problem.section[block], v[k], result)
+        if problem.solids.region.size:
+            add_energies(problem.solids, block, q[k], v[k], result[KINETIC], result[STRAIN], powers)
+        if problem.beams.length.size:
+            add_energies_of_beams(
+                problem.beams, problem.rayleigh, block, q[k], v[k], result[KINETIC], result[STRAIN], powers
+            )
+        if problem.masses.body.size:
+            add_energies_of_masses(problem.masses, problem.rayleigh, block, v[k], result[KINETIC], powers)
         if n_modal:
-            add_modal_damping(problem.modal, q[k], v[k], unwanted, nowhere, result[modal:loads])
+            add_modal_damping(problem.modal, problem.dimension, q[k], v[k], unwanted, nowhere, result[modal:loads])
+            for body in range(n_modal):
+                if not problem.modal.counted[body]:
+                    result[modal + body] = 0.0
         for entry in range(problem.loads.dofs.size):
             number, dof = problem.loads.numbers[entry], problem.loads.dofs[entry]
             for lane in range(n_lanes):
@@ -100,13 +129,18 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers):
                 strength = strengths.loads[k, number] * problem.loads.weights[block, number, lane]
                 result[loads + number, lane] += problem.loads.values[entry] * strength * moved
         if n_actions:
-            now = act(problem.actions, block, strengths.actions[k], q[k], v[k], 0.0, False)
-            result[actions : actions + n_actions] = now.powers
-            result[actions + n_actions : motions] = now.stored
-        for motion in range(n_motions):
-            row = multipliers.shape[1] - n_motions + motion
-            for lane in range(n_lanes):
-                result[motions + motion, lane] = -multipliers[k, row, lane] * strengths.speeds[k, motion]
+            now = act(
+                problem.actions, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0, False
+            )
+            for action in range(n_actions):
+                if problem.actions.counted[action]:
+                    result[actions + action] = now.powers[action]
+                    result[actions + n_actions + action] = now.stored[action]
+        for row in range(problem.constraints.places.size):
+            motion, number = problem.constraints.motions[row], problem.constraints.places[row]
+            if motion >= 0 and problem.constraints.counted[row]:
+                for lane in range(n_lanes):
+                    result[motions + motion, lane] = -multipliers[k, number, lane] * strengths.speeds[k, motion]
     return table
 
 
@@ -118,7 +152,7 @@ def _add_elements(elements, section, q, v, result):
     force, unused, power = np.zeros((6, 1)), np.zeros((N_PACKED, 1)), np.zeros(1)
     for e in range(elements.length.size):
         length, body = elements.length[e], elements.body[e]
-        for lane in range(n_lanes):
+        for lane in range(n_lanes if elements.counted[e] else 0):
             for i in range(6):
                 u[i, 0], rate[i, 0] = q[elements.dofs[e, i], lane], v[elements.dofs[e, i], lane]
             for i in range(3):
@@ -142,7 +176,7 @@ def _add_lumps(lumps, mass, section, v, result):
     """Add the energies of the nodes' own masses, and the power of what brakes them."""
     for k in range(lumps.dofs.size):
         dof, body = lumps.dofs[k], lumps.body[k]
-        for lane in range(v.shape[1]):
+        for lane in range(v.shape[1] if lumps.counted[k] else 0):
             moving = mass[k, lane] * v[dof, lane] * v[dof, lane]
             result[KINETIC, lane] += 0.5 * moving
             result[OF_EFFECTS + body, lane] -= section[body, 6, lane] * moving

@@ -1,4 +1,4 @@
-"""Newton correction of the full-order equations of motion for a batch of samples, compiled.
+"""Full-order equations of motion of samples on one rank, and Newton's correction of a batch, compiled.
 
     r   = M q'' + g_int(q) + C(q)^T lambda - g_ext(t),     c(q) = 0
 
@@ -8,7 +8,8 @@
     [ s C                               0    ] [ dlambda/s ] = - [ s c ]
 
 with constraints scaled by s to the size of the inertia terms (Bottasso, Bauchau and Cardona 2007). Samples lie side by
-side in the last axis (lanes); see `batched_ldl`.
+side in the last axis (lanes); see `batched_ldl`. The equations of a sample that ranks share are the same, each rank
+having the rows and the elements that it needs (`layout`).
 """
 
 from __future__ import annotations
@@ -19,32 +20,33 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, force_and_tangent
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
-from pgmp_petsc.dynamics.full_forces import (
-    BlockActions,
-    Loads,
-    ModalFactors,
-    add_actions,
-    add_entry,
-    add_loads,
-    add_modal_damping,
-)
+from pgmp_petsc.dynamics.full_beams import Beams, Masses, add_beams, add_masses
+from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
+from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
+from pgmp_petsc.dynamics.full_solids import Solids, add_solids
 from pgmp_petsc.dynamics.node_constraints import NodeConstraints, add_constraints
+from pgmp_petsc.mechanism.node_statements import scratch_of
+from pgmp_petsc.mechanism.node_statements import state as statement
+from pgmp_petsc.mechanism.statement_rows import Rows
 from pgmp_petsc.runtime.compiled import njit
 
 
 class Elements(NamedTuple):
-    """Beam elements: unknowns (n_e, 6), length, direction, body, where their 21 entries lie, and whether any damps."""
+    """Beam elements in the plane: unknowns (n_e, 6), length, direction, body, where their 21 entries lie, whether each is
+    counted here, in sums over all ranks, and whether any damps."""
 
     dofs: np.ndarray
     length: np.ndarray
     direction: np.ndarray
     body: np.ndarray
     positions: np.ndarray
+    counted: np.ndarray
     damped: bool
 
 
 class Lumps(NamedTuple):
-    """Masses of nodes: unknown, body and where the diagonal entry is stored (n_lumped,); and the masses, by lane.
+    """Masses of nodes in the plane: unknown, body, where the diagonal entry is stored and whether it is counted here
+    (n_lumped,); and the masses, by lane.
 
     `mass` has shape (n_blocks, n_lumped, n_lanes).
     """
@@ -52,6 +54,7 @@ class Lumps(NamedTuple):
     dofs: np.ndarray
     body: np.ndarray
     positions: np.ndarray
+    counted: np.ndarray
     mass: np.ndarray
 
 
@@ -61,7 +64,6 @@ class Pattern(NamedTuple):
     place: np.ndarray
     starts: np.ndarray
     rows: np.ndarray
-    targets: np.ndarray
 
 
 class FullProblem(NamedTuple):
@@ -69,28 +71,38 @@ class FullProblem(NamedTuple):
 
     Attributes
     ----------
-    elements, lumps, loads, actions, modal, constraints
-        What there is.
+    dimension
+        2 or 3.
+    elements, lumps, solids, beams, masses, loads, actions, modal, constraints
+        What there is: beams and masses of nodes in the plane, continuum elements, beams and masses in space, and what
+        acts on them.
+    angles
+        Statements of the angles of the coordinates in space, where nothing else counts turns.
     pattern
         Of the iteration matrix.
     section
         ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, n_lanes); the last
-        two are those of structural damping.
-    node_mass
-        Mass of a node in the mean, shape (n_blocks, n_lanes), kg; each sample's own, so that none is felt by another.
+        two are those of structural damping, and all the others of beams in the plane.
+    rayleigh
+        beta (s) and alpha (1/s) of every body, shape (n_bodies, 2).
     units
-        1/size for translations, 1 for rotations, shape (n_dofs,).
+        1/size for translations, 1 for rotations and directors, shape (n_dofs,).
     """
 
+    dimension: int
     elements: Elements
     lumps: Lumps
+    solids: Solids
+    beams: Beams
+    masses: Masses
     loads: Loads
     actions: BlockActions
     modal: ModalFactors
     constraints: NodeConstraints
+    angles: Rows
     pattern: Pattern
     section: np.ndarray
-    node_mass: np.ndarray
+    rayleigh: np.ndarray
     units: np.ndarray
 
 
@@ -183,7 +195,87 @@ def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lowe
 
 
 @njit(cache=True, error_model="numpy")
-def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, active, fresh, size):
+def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
+    """Evaluate the residual of a block, and the matrix.
+
+    Parameters
+    ----------
+    problem, block
+        The equations, and the number of the block.
+    amplitudes, angles
+        Those of loads and of actions, shapes (n_loads,) and (n_actions,); and of the motions, (n_motions,), rad.
+    share
+        What part of loads and actions acts.
+    residual
+        What stands for c, shape (n_constraints, n_lanes), or (0, n_lanes) for c itself.
+    state
+        ``(q, v, a, multipliers, turns)`` of the block. The angles `turns` are those of coordinates and of actions in
+        space at the instant before, rad, shape (n_turns, n_lanes); those here are the nearest.
+    gains, scale
+        ``(gain_v, gain_a, gain_k)``, and that of the constraints, shape (n_lanes,).
+    fresh
+        Whether the matrix is wanted.
+    x, diagonal, lower
+        Results.
+    """
+    gain_k = gains[2]
+    q, v, a, multipliers, turns = state
+    section, place = problem.section[block], problem.pattern.place
+    x[:] = 0.0
+    if fresh:
+        diagonal[:] = 0.0
+        lower[:] = 0.0
+    if problem.elements.length.size:
+        add_elements(problem.elements, section, q, v, a, gains, fresh, x, place, diagonal, lower)
+    if problem.lumps.dofs.size:
+        add_lumps(problem.lumps, problem.lumps.mass[block], section, v, a, gains, fresh, x, place, diagonal, lower)
+    if problem.solids.region.size:
+        add_solids(problem.solids, block, q, v, a, gains, fresh, x, place, diagonal, lower)
+    if problem.beams.length.size:
+        add_beams(problem.beams, problem.rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower)
+    if problem.masses.body.size:
+        add_masses(problem.masses, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
+    if problem.actions.laws.size:
+        of_actions = turns[problem.angles.dofs.shape[0] :]
+        add_actions(
+            problem.actions, block, amplitudes[1], share, q, v, of_actions, gains, fresh, x, place, diagonal,
+            lower,
+        )  # fmt: skip
+    if problem.modal.kinds.size:
+        powers = np.empty((problem.modal.kinds.size, x.shape[1]))
+        add_modal_damping(problem.modal, problem.dimension, q, v, x, place, powers)
+    add_loads(problem.loads, block, amplitudes[0], share, x, place)
+    add_constraints(
+        problem.constraints, problem.dimension, angles, residual, q, multipliers, scale, gain_k, fresh, x, place,
+        diagonal, lower,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def count_turns(problem, q, turns):
+    """Put the angles of coordinates and actions in space, (n_turns, n_lanes), to those at q nearest to them."""
+    n_angles = problem.angles.dofs.shape[0]
+    if turns.shape[0]:
+        _count(problem.angles.statements, problem.angles.dofs, q, turns[:n_angles])
+        _count(problem.actions.statements, problem.actions.dofs, q, turns[n_angles:])
+
+
+@njit(cache=True, error_model="numpy")
+def _count(statements, dofs, q, turns):
+    """Put statements near `turns`, (n, n_lanes), there."""
+    n, m = dofs.shape
+    scratch, y, g, h = scratch_of(statements, m // 2), np.zeros(m), np.zeros(m), np.zeros((1, 1))
+    for k in range(n):
+        for lane in range(q.shape[1]):
+            for i in range(m):
+                y[i] = q[dofs[k, i], lane] if dofs[k, i] >= 0 else 0.0
+            angle = statement(statements, k, y, turns[k, lane], False, scratch, g, h)
+            if np.isfinite(angle):
+                turns[k, lane] = angle
+
+
+@njit(cache=True, error_model="numpy")
+def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
     """Do one Newton correction of every active sample of some blocks in place.
 
     Parameters
@@ -192,14 +284,15 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
         The equations, and the matrices that are kept.
     blocks
         The first block, and the one behind the last.
-    amplitudes, angles
-        Those of loads and of actions, shapes (n_loads,) and (n_actions,); and of the motions, (n_motions,), rad.
+    amplitudes, angles, gains
+        As for `evaluate`.
     residual
         What stands for c, shape (n_blocks, n_constraints, n_lanes), or (n_blocks, 0, n_lanes) for c itself.
     state
-        ``(q, v, a, multipliers)``, shapes (n_blocks, n_dofs or n_constraints, n_lanes).
-    gains
-        ``(gain_v, gain_a, gain_k)``.
+        ``(q, v, a, multipliers, turns)``, shapes (n_blocks, n_dofs, n_constraints or n_turns, n_lanes).
+    typical_mass
+        Whose inertia the constraints are scaled to, shape (n_blocks, n_lanes), kg; each sample's own, so that none is
+        felt by another.
     active
         Shape (n_blocks, n_lanes).
     fresh
@@ -207,49 +300,32 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
     size
         Result, shape (n_blocks, n_lanes).
     """
-    gain_v, gain_a, gain_k = gains
+    gain_v, gain_a, _ = gains
     n_dofs, n_lanes = state[0].shape[1:]
     n_constraints = state[3].shape[1]
-    place = problem.pattern.place
+    pattern = problem.pattern
     x, scale = np.empty((n_dofs + n_constraints, n_lanes)), np.empty(n_lanes)
     for block in range(blocks[0], blocks[1]):
         size[block] = 0.0
         if not active[block].any():
             continue
-        q, v, a, multipliers = state[0][block], state[1][block], state[2][block], state[3][block]
-        section, diagonal, lower = problem.section[block], factors.diagonal[block], factors.lower[block]
-        x[:] = 0.0
-        if fresh:
-            diagonal[:] = 0.0
-            lower[:] = 0.0
+        own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
+        diagonal, lower = factors.diagonal[block], factors.lower[block]
         for lane in range(n_lanes):
-            scale[lane] = gain_a * problem.node_mass[block, lane]
-        add_elements(problem.elements, section, q, v, a, gains, fresh, x, place, diagonal, lower)
-        if problem.lumps.dofs.size:
-            add_lumps(
-                problem.lumps, problem.lumps.mass[block], section, v, a, gains, fresh, x, place, diagonal, lower
-            )
-        if problem.actions.laws.size:
-            add_actions(problem.actions, block, amplitudes[1], q, v, gains, fresh, x, place, diagonal, lower)
-        if problem.modal.dofs.size:
-            add_modal_damping(problem.modal, q, v, x, place, np.empty((problem.modal.starts.size - 1, n_lanes)))
-        add_loads(problem.loads, block, amplitudes[0], x, place)
-        add_constraints(
-            problem.constraints, angles, residual[block], q, multipliers, scale, gain_k, fresh, x,
-            place, diagonal, lower,
-        )  # fmt: skip
-        if fresh:
-            factorise(problem.pattern.starts, problem.pattern.targets, diagonal, lower)
-        substitute(problem.pattern.starts, problem.pattern.rows, diagonal, lower, x)
-        take_correction(
-            problem.units, place, x, scale, gain_v, gain_a, active[block], (q, v, a, multipliers), size[block]
+            scale[lane] = gain_a * typical_mass[block, lane]
+        evaluate(
+            problem, block, amplitudes, angles, 1.0, residual[block], own, gains, scale, fresh, x, diagonal, lower
         )
+        if fresh:
+            factorise(pattern.starts, pattern.rows, diagonal, lower)
+        substitute(pattern.starts, pattern.rows, diagonal, lower, x)
+        take_correction(problem.units, pattern.place, x, scale, gain_v, gain_a, active[block], own, size[block])
 
 
 @njit(cache=True, error_model="numpy")
 def take_correction(units, place, x, scale, gain_v, gain_a, active, state, size):
     """Correct the active samples of a block by the solution x in elimination order, and find its size (n_lanes,)."""
-    q, v, a, multipliers = state
+    q, v, a, multipliers, _ = state
     n_lanes = x.shape[1]
     for dof in range(q.shape[0]):
         at, unit = place[dof], units[dof]

@@ -1,27 +1,43 @@
-"""The equations of a batch of full-order samples as compiled functions take them, made from mechanism and effects."""
+"""The equations of full-order samples on one rank as compiled functions take them, made from mechanism and effects.
+
+A rank has the elements, joints and effects that touch its unknowns: all of them where samples are not shared.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.bodies.matrices import assemble, element_dofs
+from pgmp_petsc.bodies.matrices import assemble_mass
 from pgmp_petsc.dynamics.batched_ldl import analyse
 from pgmp_petsc.dynamics.body_damping import BodyDampings
-from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, ModalFactors
-from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps, Pattern, Strengths
-from pgmp_petsc.dynamics.local_forces import LocalForces
-from pgmp_petsc.dynamics.lumped_masses import lumped_masses
-from pgmp_petsc.dynamics.node_constraints import NodeConstraints
+from pgmp_petsc.dynamics.full_forces import BlockActions, Loads
+from pgmp_petsc.dynamics.full_kernel import FullProblem, Pattern, Strengths
+from pgmp_petsc.dynamics.full_modal import ModalFactors
+from pgmp_petsc.dynamics.full_parts import (
+    Share,
+    placed,
+    planar_beams,
+    planar_masses,
+    sections,
+    solids,
+    spatial_beams,
+    spatial_masses,
+)
+from pgmp_petsc.dynamics.layout import Layout, RankLayout, WholeLayout
+from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.effects import Action, Effect, Motion, loads_of
+from pgmp_petsc.effects import Action, Effect, Motion, actions_of, loads_of
+from pgmp_petsc.effects.action import compile_actions
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.statement_rows import StatementRows
+from pgmp_petsc.mechanism.unknowns import Unknowns
+
+MESH, TIES, FRAMES, JOINTS = range(4)  # levels of elimination, see `batched_ldl`
 
 
 class Sources:
@@ -54,16 +70,8 @@ class Sources:
         return Strengths(np.ascontiguousarray(loads.T), actions, angles, speeds)
 
 
-def full_problem(
-    kinematics: RigidKinematics,
-    effects: Sequence[Effect],
-    values: Mapping[str, np.ndarray],
-    blocks: SampleBlocks,
-    constraints: ConstraintSet,
-    damping: BodyDampings,
-    local: LocalForces,
-) -> tuple[FullProblem, list[Effect]]:
-    """Return the equations of samples with parameter values of shape (n_samples,), and the effect of every load.
+class FullEquations:
+    """The equations of a mechanism for some samples, on one rank.
 
     Parameters
     ----------
@@ -71,85 +79,204 @@ def full_problem(
         Rigid kinematics.
     effects
         Effects of the scene.
-    values, blocks
-        Parameter values, and how samples lie in arrays.
-    constraints, damping, local
-        What was made of the mechanism and its effects.
+    values
+        Parameter values of the samples, each of shape (n_samples,).
+    blocks
+        How samples lie in arrays.
+    initial
+        Positions (rad) and velocities (rad/s) of the coordinates at the start, each of shape (n_theta,).
+    owned
+        The unknowns that this rank owns where ranks share one sample.
+
+    Attributes
+    ----------
+    initial
+        As given.
+    unknowns
+        The numbering.
+    constraints
+        All constraints, without those that follow from others.
+    chosen, owned_constraints
+        Numbers of the constraints here, and which of them have their multiplier on this rank.
+    layout
+        Where unknowns and entries lie in arrays.
+    problem
+        The equations.
+    actions, loads
+        Actions here, and the effect of every load.
+    damping, modal
+        Structural damping of all bodies, and modal damping of those here.
     """
-    mechanism = kinematics.mechanism
-    loads, load_effects = _loads(kinematics, effects, values, blocks)
-    section = _sections(kinematics, damping, values, blocks)
-    lumped = lumped_masses(mechanism.bodies, values, blocks.n_samples)
-    lengths = np.array([body.mesh.lengths.sum() for body in mechanism.bodies])
-    total = np.einsum("kbl,b->kl", section[:, :, 3], lengths)
-    total += blocks.pack(lumped.mass[::DOFS_PER_NODE].sum(axis=0))
-    dofs = np.concatenate([element_dofs(body.elements) for body in mechanism.bodies])
-    n = mechanism.n_dofs + constraints.n_constraints
+
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        effects: Sequence[Effect],
+        values: Mapping[str, np.ndarray],
+        blocks: SampleBlocks,
+        initial: tuple[np.ndarray, np.ndarray],
+        owned: range | None = None,
+    ) -> None:
+        mechanism = kinematics.mechanism
+        unknowns = self.unknowns = Unknowns(mechanism)
+        self._kinematics, self.initial = kinematics, initial
+        self.constraints = ConstraintSet(unknowns).independent(self.start()[0])
+        self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
+        rows = self.rows = range(self.n_dofs) if owned is None else owned
+        self.damping = BodyDampings.of(effects, mechanism, unknowns.bodies)
+        values = {name: np.broadcast_to(value, (blocks.n_samples,)) for name, value in values.items()}
+        share = Share(unknowns.bodies, rows, values, blocks, self.damping)
+        d = unknowns.dimension
+        self.owners = _first_unknowns(self.constraints)
+        self.chosen = _touching(self.constraints, rows)
+        self.owned_constraints = share.owns(self.owners[self.chosen])
+        parts = planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share), spatial_masses(share, unknowns)
+        bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
+        acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, rows)]
+        self.actions = tuple(acting)
+        dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
+        coordinates = [c.connection for c in mechanism.coordinates] if d == 3 else []
+        angles = StatementRows([c.angle for c in coordinates], [c.sides for c in coordinates], unknowns.frame, d)
+        modal = self.modal = [one for one in self.damping.modal if share.owns(one.dofs).any()]
+        patterns = [pattern for _, pattern in parts] + [bound.pattern, of_actions]
+        needed = [np.arange(rows.start, rows.stop), angles.dofs[angles.dofs >= 0], *(one.dofs for one in modal)]
+        pattern = tuple(np.concatenate([*(part[k].ravel() for part in patterns), *needed]) for k in range(2))
+        self.layout = self._whole(pattern, n_all) if owned is None else RankLayout(self.n_dofs, n_all, pattern)
+        elements, lumps, cells, beams, masses = (placed(part, pattern, self.layout) for part, pattern in parts)
+        filled = {name: blocks.fill(value) for name, value in values.items()}
+        compiled = compile_actions(acting, filled, blocks.n_places, d)
+        parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, compiled.parameters.shape[-1])
+        actions = BlockActions(
+            compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
+            self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),
+        )  # fmt: skip
+        loads, self.loads = self._loads(effects, values, blocks)
+        counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
+        units = np.full(self.n_dofs, 1.0 / kinematics.size)
+        unknowns.frames(units)[:, d:] = 1.0
+        here = self.layout.needed[: self.layout.n_unknowns]
+        self.problem = FullProblem(
+            d, elements, lumps, cells, beams, masses, loads, actions,
+            ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
+            counting, self._pattern(), sections(share),
+            np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
+        )  # fmt: skip
+        self._coordinates = angles
+        self.n_turns = angles.n + len(acting) if d == 3 else 0
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism at the start."""
+        return self.place(*self.initial)
+
+    def place(self, theta: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return unknowns and velocities (n_dofs,) of the undeformed mechanism for coordinates and rates (n_theta,)."""
+        if self.unknowns.dimension == 2:
+            return self._kinematics.undeformed(theta, rates)
+        poses = self._kinematics.poses(theta)
+        turning = self._kinematics.rates(poses)[..., 0] @ rates
+        return self.unknowns.place(poses[..., 0]), self.unknowns.place(turning)
+
+    def turns(self, theta: np.ndarray) -> np.ndarray:
+        """Return the angles that turns are counted from, those of coordinates (n_theta, n) and zero for others, rad,
+        shape (n_turns, n)."""
+        if not self.n_turns:
+            return np.zeros((0, theta.shape[1]))
+        still = np.zeros(theta.shape[1])
+        of_actions = [theta[action.coordinate] if action.coordinate >= 0 else still for action in self.actions]
+        return np.array([*theta, *of_actions])
+
+    @property
+    def edges(self) -> list[int]:
+        """Numbers of the actions whose law has an edge."""
+        return [k for k, action in enumerate(self.actions) if action.has_events]
+
+    def frames(self, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes as outputs take them, in space with the coordinates behind.
+
+        Unknowns and turns have the shapes (n_dofs, n) and (n_turns, n), the frames (n_nodes, n_frame, n).
+        """
+        frames = self.unknowns.frames(q)
+        if self.unknowns.dimension == 2:
+            return frames
+        angles = self._coordinates.values(q, turns[: self._coordinates.n])
+        return np.concatenate([frames, np.broadcast_to(angles, (len(frames), *angles.shape))], axis=1)
+
+    def _whole(self, pattern: tuple[np.ndarray, np.ndarray], n: int) -> WholeLayout:
+        rows, columns = pattern
+        half = sp.coo_matrix((np.ones(rows.size), (rows, columns)), shape=(n, n))
+        levels = np.full(n, MESH)
+        frames = self.unknowns.frames(levels)
+        for body in self.unknowns.bodies:
+            if body.meshed is not None:
+                frames[body.nodes] = FRAMES
+        levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
+        return WholeLayout(analyse(half + half.T, levels), self.n_dofs)
+
+    def _pattern(self) -> Pattern:
+        if isinstance(self.layout, WholeLayout):
+            symbolic = self.layout.symbolic
+            return Pattern(symbolic.place, symbolic.starts, symbolic.rows)
+        return Pattern(self.layout.place, *np.zeros((2, 0), dtype=np.int64))
+
+    def _loads(
+        self, effects: Sequence[Effect], values: Mapping[str, np.ndarray], blocks: SampleBlocks
+    ) -> tuple[Loads, list[Effect]]:
+        """Return the loads, and the effect of each; a couple that is constant in body frames is none in space."""
+        own = self.unknowns.in_mechanism(self.rows)
+        matrices = assemble_mass(self._kinematics.mechanism.bodies, own)
+        loads = [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
+        by_name = {effect.name: effect for effect in effects}
+        weights = evaluate_weights((load.weight for load in loads), values)
+        weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], (len(loads), blocks.n_samples))
+        vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), len(own)))
+        dofs = self.layout.unknowns(self.unknowns.of_mechanism(own.start + vectors.col.astype(int)))
+        entries = Loads(vectors.row.astype(int), dofs, vectors.data, blocks.pack(weights))
+        return entries, [by_name[load.effect] for load in loads]
+
+
+def _first_unknowns(constraints: ConstraintSet) -> np.ndarray:
+    """Return the lowest unknown of every constraint, with which its multiplier goes, shape (n_constraints,)."""
     rows, columns = constraints.jacobian_pattern
-    lower = [
-        (dofs[:, PACKED_ROWS].ravel(), dofs[:, PACKED_COLUMNS].ravel()),
-        (mechanism.n_dofs + rows, columns),
-        constraints.curvature_pattern,
-        local.pattern,
-        (lumped.dofs, lumped.dofs),
-    ]
-    i, j = (np.concatenate(parts) for parts in zip(*lower))
-    pattern = sp.coo_matrix((np.ones(i.size), (i, j)), shape=(n, n))
-    symbolic = analyse(pattern + pattern.T, np.arange(mechanism.n_dofs, n))
-    elements = Elements(
-        dofs,
-        np.concatenate([body.mesh.lengths for body in mechanism.bodies]),
-        np.concatenate([body.directions for body in mechanism.bodies]),
-        np.concatenate([np.full(len(b.mesh.cells), k) for k, b in enumerate(mechanism.bodies)]),
-        symbolic.position(dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]),
-        damping.any_rayleigh,
-    )
-    own = local.compiled
-    in_blocks = (local.n_actions, blocks.n_blocks, blocks.n_lanes, own.parameters.shape[-1])
-    parameters = own.parameters.reshape(in_blocks)
-    actions = BlockActions(
-        own.statements, own.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)), local.dofs, local.entries,
-        symbolic.position(*local.pattern),
-    )  # fmt: skip
-    problem = FullProblem(
-        elements,
-        Lumps(lumped.dofs, lumped.body, symbolic.position(lumped.dofs, lumped.dofs), blocks.pack(lumped.mass)),
-        loads,
-        actions,
-        ModalFactors.of(damping.modal),
-        NodeConstraints.of(constraints, mechanism.n_dofs, symbolic),
-        Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.targets),
-        section,
-        total / mechanism.n_nodes,
-        np.tile([1 / kinematics.size, 1 / kinematics.size, 1.0], mechanism.n_nodes),
-    )
-    return problem, load_effects
+    first = np.full(constraints.n_constraints, constraints.n_dofs)
+    np.minimum.at(first, rows, columns)
+    return first
 
 
-def _sections(
-    kinematics: RigidKinematics, damping: BodyDampings, values: Mapping[str, np.ndarray], blocks: SampleBlocks
-) -> np.ndarray:
-    """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body (n_blocks, n_bodies, 7, n_lanes)."""
-    bodies, ones = kinematics.mechanism.bodies, np.ones(blocks.n_samples)
-    table = np.zeros((len(bodies), 7, blocks.n_samples))
-    for number, (body, row) in enumerate(zip(bodies, table)):
-        if body.flexible:
-            s = body.section
-            quantities = (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)
-            row[:5] = [q.coefficient * (q.monomial.evaluate(values) * ones) for q in quantities]
-            row[5:] = np.array(damping.rayleigh_of(number))[:, None]
-    return blocks.pack(table)
+def _touching(constraints: ConstraintSet, rows: range) -> np.ndarray:
+    """Return the numbers of the constraints with one of some unknowns, increasing."""
+    of_entries, columns = constraints.jacobian_pattern
+    return np.unique(of_entries[(columns >= rows.start) & (columns < rows.stop)])
 
 
-def _loads(
-    kinematics: RigidKinematics, effects: Sequence[Effect], values: Mapping[str, np.ndarray], blocks: SampleBlocks
-) -> tuple[Loads, list[Effect]]:
-    """Return the loads, and the effect of each."""
-    mechanism = kinematics.mechanism
-    loads = loads_of(effects, assemble(mechanism.bodies, range(mechanism.n_dofs)))
-    by_name = {effect.name: effect for effect in effects}
-    weights = evaluate_weights((load.weight for load in loads), values)
-    weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], (len(loads), blocks.n_samples))
-    vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), mechanism.n_dofs))
-    entries = Loads(vectors.row.astype(int), vectors.col.astype(int), vectors.data, blocks.pack(weights))
-    return entries, [by_name[load.effect] for load in loads]
+def _acts_here(action: Action, unknowns: Unknowns, rows: range) -> bool:
+    """Return whether an action is on one of some unknowns."""
+    dofs = np.concatenate([unknowns.frame(side.node) for side in action.sides if not side.on_ground] or [[]])
+    return bool(((dofs >= rows.start) & (dofs < rows.stop)).any())
+
+
+def pairs_of(
+    actions: Sequence[Action], frame: Callable[[int], np.ndarray]
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the unknowns of both nodes of every action, -1 on the ground, shape (n_actions, 2 m), which entries of
+    their tangents there are (`evaluate_actions`), and the unknowns that these pair.
+
+    `frame` gives the unknowns (m,) of a node.
+    """
+    m = frame(0).size
+    dofs = np.full((len(actions), 2, m), -1)
+    for action, both in zip(actions, dofs):
+        for side, own in zip(action.sides, both):
+            if not side.on_ground:
+                own[:] = frame(side.node)
+    dofs = dofs.reshape(len(actions), 2 * m)
+    moving = [np.flatnonzero(own >= 0) for own in dofs]
+    lower = [[own[part] for part in np.tril_indices(own.size)] for own in moving]
+    starts = np.cumsum([0, *(i.size for i, _ in lower)])
+    rows, columns = (np.concatenate([np.zeros(0, dtype=int), *(pair[k] for pair in lower)]) for k in (0, 1))
+    owner = np.repeat(np.arange(len(actions)), np.diff(starts))
+    return dofs, (starts, rows, columns), (dofs[owner, rows], dofs[owner, columns])
+
+
+def _first_of(dofs: np.ndarray) -> np.ndarray:
+    """Return the lowest unknown of every row, none being -1, shape (n,)."""
+    return np.where(dofs < 0, np.iinfo(dofs.dtype).max, dofs).min(axis=1, initial=np.iinfo(dofs.dtype).max)

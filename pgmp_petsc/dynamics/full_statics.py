@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
-from pgmp_petsc.dynamics.full_equations import FullEquations
+from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE
 from pgmp_petsc.effects import Held
@@ -58,14 +58,13 @@ class FullStatics:
         for held, angle in zip(self._held.values(), theta[0]):
             held.angle = float(angle)
         for n_parts in SHARES:
-            state = self._system.at_rest(self._equations.place(theta[0], np.zeros_like(theta[0]))[0])
+            state = self._system.at_rest(self._equations.place(theta[0], np.zeros_like(theta[0]))[0], theta[0])
             if all(self._converge(state, part / n_parts) for part in range(1, n_parts + 1)):
                 break
         else:
             return torques, np.ones(1, dtype=bool)
         self._q = self._system.unpack(state.q)
-        multipliers = self._system.unpack(state.multipliers)[:, 0]
-        torques[0] = multipliers[multipliers.size - theta.shape[1] :]
+        torques[0] = self._system.driving_torques(state)
         return torques, lost
 
     def unknowns(self) -> np.ndarray:

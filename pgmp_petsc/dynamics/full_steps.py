@@ -10,12 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import MAX_ITERATIONS, REFRESH_EVERY, judge
-from pgmp_petsc.dynamics.full_kernel import correct
+from pgmp_petsc.dynamics.full_kernel import correct, count_turns
 from pgmp_petsc.runtime.compiled import njit
 
 
 @njit(cache=True, error_model="numpy")
-def take_steps(problem, factors, strengths, scheme, step, before, samples, after, lost, n_corrections):
+def take_steps(
+    problem, factors, strengths, scheme, typical_mass, step, before, samples, after, lost, n_corrections
+):  # fmt: skip
     """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
 
     Parameters
@@ -26,10 +28,13 @@ def take_steps(problem, factors, strengths, scheme, step, before, samples, after
         What acts at the ends of the steps, one a row.
     scheme
         ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
+    typical_mass
+        As for `correct`.
     step
         s.
     before
-        ``(q, v, a, multipliers, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs or n_constraints, n_lanes).
+        ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or n_turns,
+        n_lanes).
     samples
         Which to advance, shape (n_blocks, n_lanes); others stay as they are.
     after
@@ -47,16 +52,16 @@ def take_steps(problem, factors, strengths, scheme, step, before, samples, after
     lost[:] = False
     now = before
     for k in range(n_steps):
-        end = after[0][k], after[1][k], after[2][k], after[3][k], after[4][k]
-        state = end[0], end[1], end[2], end[3]
+        end = after[0][k], after[1][k], after[2][k], after[3][k], after[4][k], after[5][k]
+        state = end[0], end[1], end[2], end[3], end[4]
         amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
         n_corrections[k] = 0
         for block in range(n_blocks):
             predict_block(
-                scheme, step, now[0][block], now[1][block], now[2][block], now[4][block], samples[block],
+                scheme, step, now[0][block], now[1][block], now[2][block], now[5][block], samples[block],
                 end[0][block], end[1][block],
             )  # fmt: skip
-            end[2][block], end[3][block] = now[2][block], now[3][block]
+            end[2][block], end[3][block], end[4][block] = now[2][block], now[3][block], now[4][block]
             active[block] = samples[block]
             for iteration in range(MAX_ITERATIONS):
                 if not active[block].any():
@@ -64,12 +69,14 @@ def take_steps(problem, factors, strengths, scheme, step, before, samples, after
                 n_corrections[k] += active[block].sum()
                 fresh = iteration % REFRESH_EVERY == 0
                 correct(
-                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, active, fresh, size
-                )
+                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, typical_mass, active,
+                    fresh, size,
+                )  # fmt: skip
                 judge(iteration, size[block], last, active[block], lost[block])
             for lane in range(n_lanes):
                 lost[block, lane] = lost[block, lane] or active[block, lane]
-            follow_block(scheme, now[2][block], now[4][block], end[2][block], samples[block], end[4][block])
+            count_turns(problem, end[0][block], end[4][block])
+            follow_block(scheme, now[2][block], now[5][block], end[2][block], samples[block], end[5][block])
         if lost.any():
             return k + 1
         now = end

@@ -1,9 +1,14 @@
-"""Constraints between nodes in a batch of samples, compiled: what joints demand and what drives prescribe.
+"""Constraints on the nodes of full-order samples on one rank, compiled: joints, rigid directors, drives and ties.
 
     c = s(y_a, y_b) - wanted - driven(t) = 0
 
-with a statement s in the unknowns y of two nodes (`mechanism.statement_rows`). Statements that are linear in them, all
-at nodes but the lines that turn, are a row of numbers; the others are evaluated for every sample.
+with a statement s in the unknowns y of two nodes (`mechanism.statement_rows`), or the tie of a frame to faces
+(`mechanism.frame_ties`). Statements that are linear in the unknowns, all at nodes in the plane but the lines that turn,
+are a row of numbers; the others are evaluated for every sample.
+
+Directors that no mass belongs to make the matrix singular before their constraints are in it, and nothing is pivoted.
+For the constraints g that make directors a rotation it therefore holds ``w G^T G`` too, and the residual ``w G^T g``:
+the solution is the same for any weight w (the augmented Lagrangian of Glowinski and Le Tallec 1989).
 """
 
 from __future__ import annotations
@@ -12,63 +17,170 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.batched_ldl import Symbolic
+from pgmp_petsc.dynamics.full_forces import add_entry
+from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
+from pgmp_petsc.mechanism.frame_ties import Products, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.mechanism.statement_rows import Rows
 from pgmp_petsc.runtime.compiled import njit
 
 
+class Ties(NamedTuple):
+    """Ties of frames to faces.
+
+    Attributes
+    ----------
+    linear, products
+        As in `FrameTies`, rows being places among the constraints here, and unknowns those here.
+    turning
+        The unknown of its frame that each product depends on, shape (n_products,).
+    positions
+        Where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
+        second ones, and in the plane the second ones in the angle, as in `FrameTies`.
+    """
+
+    linear: tuple[np.ndarray, np.ndarray, np.ndarray]
+    products: Products
+    turning: np.ndarray
+    positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
 class NodeConstraints(NamedTuple):
-    """Constraints on pairs of nodes, as compiled functions take them.
+    """Constraints, as compiled functions take them.
 
     Attributes
     ----------
     rows
         The statements, n of them.
+    places
+        Their places among all constraints here, shape (n,).
     wanted
         What is taken off, shape (n,), m, 1 or rad.
     motions
         Number of the prescribed motion that is taken off too, -1 where there is none, shape (n,).
     linear
         Whether a statement is linear in the unknowns, shape (n,).
+    weights
+        w over the scale of the constraints, shape (n,), m2.
     positions, curved_positions
         Where the matrix stores the first derivatives, and the second ones of those that are not.
+    pairs
+        First entry of each row (n + 1,) among the products of two first derivatives that a weight adds, the two entries
+        of each, and where the matrix stores it.
+    ties
+        Those of frames to faces.
+    counted
+        Whether the multiplier of a statement belongs to this rank, shape (n,).
     """
 
     rows: Rows
+    places: np.ndarray
     wanted: np.ndarray
     motions: np.ndarray
     linear: np.ndarray
+    weights: np.ndarray
     positions: np.ndarray
     curved_positions: np.ndarray
+    pairs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    ties: Ties
+    counted: np.ndarray
 
-    @classmethod
-    def of(cls, constraints: ConstraintSet, n_dofs: int, symbolic: Symbolic) -> NodeConstraints:
-        """Make them of the constraints of beams; multiplier k is the unknown ``n_dofs + k`` of the matrix."""
-        system, wanted = constraints.as_rows()
-        n_driven = constraints.n_driven
-        linear = np.zeros(system.n, dtype=bool)
-        linear[system.compiled.linear] = True
-        rows, columns = constraints.jacobian_pattern
-        return cls(
-            system.compiled,
-            np.concatenate([wanted, np.zeros(n_driven)]),
-            np.maximum(np.arange(system.n) - wanted.size, -1),
-            linear,
-            symbolic.position(n_dofs + rows, columns),
-            symbolic.position(*system.curvature_pattern),
+
+class ConstraintParts:
+    """Constraints of a rank before their place in the matrix is known.
+
+    Parameters
+    ----------
+    constraints
+        All constraints of a mechanism.
+    chosen
+        Numbers of those that are here, increasing.
+    size
+        Of the mechanism, m.
+
+    Attributes
+    ----------
+    pattern
+        Rows and columns, unknowns or multipliers, of all entries of the matrix.
+    """
+
+    def __init__(self, constraints: ConstraintSet, chosen: np.ndarray, size: float) -> None:
+        self._n_dofs, self._chosen = constraints.n_dofs, chosen
+        self._own = constraints.rows_among(chosen)
+        self._tie_places, self._ties = constraints.ties_among(chosen)
+        self._weights = np.where(self._own.of_directors, size**2, 0.0)
+        system = self._own.rows
+        starts, _, unknowns = system.compiled.entries
+        firsts, ones, others = [0], [], []
+        for row, weight in enumerate(self._weights):
+            one, other = np.tril_indices(starts[row + 1] - starts[row] if weight else 0)
+            ones.append(starts[row] + one)
+            others.append(starts[row] + other)
+            firsts.append(firsts[-1] + one.size)
+        empty = np.zeros(0, dtype=np.int64)
+        self._pairs = np.array(firsts), np.concatenate([empty, *ones]), np.concatenate([empty, *others])
+        rows, columns = system.jacobian_pattern
+        multipliers = self._n_dofs + chosen[self._own.places]
+        self._jacobian = multipliers[rows], columns
+        self._products = unknowns[self._pairs[1]], unknowns[self._pairs[2]]
+        self._tie_entries = self._entries_of_ties()
+        parts = (self._jacobian, system.curvature_pattern, self._products, *self._tie_entries)
+        self.pattern = tuple(np.concatenate([part[k] for part in parts]) for k in range(2))
+
+    def _entries_of_ties(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the rows and columns of all entries of the ties that are here, in the order of `Ties.positions`."""
+        row, unknown, _ = self._ties.linear
+        products, turning = self._ties.products, self._ties.turning
+        here, there = self._tie_places[row] >= 0, self._tie_places[products.rows] >= 0
+        self._linear_here, self._products_here = here, there
+        multipliers = self._n_dofs + np.append(self._chosen, 0)[self._tie_places]  # of a tie elsewhere, not looked at
+        of_products, turning, positions = multipliers[products.rows[there]], turning[there], products.positions[there]
+        return [
+            (multipliers[row[here]], unknown[here]),
+            (of_products, positions),
+            (of_products, turning),
+            (turning, positions),
+            (turning, turning),
+        ]
+
+    def placed(self, layout: Layout, owned: np.ndarray) -> NodeConstraints:
+        """Return the constraints in the numbering of a layout; `owned` are those whose multipliers belong to this rank,
+        shape (n,)."""
+        own, compiled = self._own, self._own.rows.compiled
+        linear = np.zeros(own.rows.n, dtype=bool)
+        linear[compiled.linear] = True
+        starts, columns, unknowns = compiled.entries
+        rows = compiled._replace(dofs=layout.unknowns(compiled.dofs), entries=(starts, columns, layout.unknowns(unknowns)))
+        row, unknown, factors = (part[self._linear_here] for part in self._ties.linear)
+        products = Products(*(part[self._products_here] for part in self._ties.products))
+        placed = products._replace(
+            rows=self._tie_places[products.rows],
+            frames=layout.unknowns(products.frames),
+            positions=layout.unknowns(products.positions),
         )
+        ties = Ties(
+            (self._tie_places[row], layout.unknowns(unknown), factors),
+            placed,
+            layout.unknowns(self._ties.turning[self._products_here]),
+            tuple(layout.positions(*entries) for entries in self._tie_entries),
+        )
+        return NodeConstraints(
+            rows, own.places, own.wanted, own.motions, linear, self._weights, layout.positions(*self._jacobian),
+            layout.positions(*own.rows.curvature_pattern), (*self._pairs, layout.positions(*self._products)), ties, owned[own.places],
+        )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
 def add_constraints(
-    constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+    constraints, d, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` and ``gain_k lambda d2c/dq2`` to the matrix.
 
     Parameters
     ----------
+    d
+        Dimension.
     driven
         Angles of the motions now, shape (n_motions,), rad.
     residual
@@ -83,16 +195,18 @@ def add_constraints(
         Right-hand side in elimination order, the turn of each unknown, and the matrix.
     """
     rows = constraints.rows
-    n, m = rows.dofs.shape
+    m = rows.dofs.shape[1]
     n_dofs, n_lanes = q.shape
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved
-    scratch = scratch_of(rows.statements, m // 2)
+    scratch, itself = scratch_of(rows.statements, m // 2), residual.shape[0] == 0
     y, g, h, missed = np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(n_lanes)
-    for k in range(n):
-        goal = constraints.wanted[k]
+    for k in range(constraints.places.size):
+        number = constraints.places[k]
+        goal, near = constraints.wanted[k], 0.0
         if constraints.motions[k] >= 0:
-            goal += driven[constraints.motions[k]]
+            near = driven[constraints.motions[k]]
+            goal += near
         entry_range = range(starts[k], starts[k + 1])
         if constraints.linear[k]:
             for lane in range(n_lanes):
@@ -102,7 +216,7 @@ def add_constraints(
                 at, position = place[dof], constraints.positions[entry]
                 for lane in range(n_lanes):
                     missed[lane] += slope * q[dof, lane]
-                    x[at, lane] += slope * multipliers[k, lane]
+                    x[at, lane] += slope * multipliers[number, lane]
                 if fresh:
                     for lane in range(n_lanes):
                         lower[position, lane] += slope * scale[lane]
@@ -111,19 +225,72 @@ def add_constraints(
                 for i in range(m):
                     dof = rows.dofs[k, i]
                     y[i] = q[dof, lane] if dof >= 0 else 0.0
-                missed[lane] = state(rows.statements, k, y, 0.0, fresh, scratch, g, h) - goal
+                missed[lane] = state(rows.statements, k, y, near, fresh, scratch, g, h) - goal
+                against = missed[lane] if itself else residual[number, lane]
+                force = multipliers[number, lane] + constraints.weights[k] * scale[lane] * against
                 for entry in entry_range:
                     i = columns[entry]
-                    x[place[unknowns[entry]], lane] += g[i] * multipliers[k, lane]
+                    x[place[unknowns[entry]], lane] += g[i] * force
                     if fresh:
                         lower[constraints.positions[entry], lane] += g[i] * scale[lane]
                 for entry in range(curved_starts[k], curved_starts[k + 1] if fresh else 0):
-                    bent = gain_k * multipliers[k, lane] * h[one[entry], other[entry]]
-                    position = constraints.curved_positions[entry]
-                    if position < 0:
-                        diagonal[-1 - position, lane] += bent
-                    else:
-                        lower[position, lane] += bent
-        row = place[n_dofs + k]
+                    bent = gain_k * multipliers[number, lane] * h[one[entry], other[entry]]
+                    _add(constraints.curved_positions[entry], lane, bent, diagonal, lower)
+                if fresh:
+                    pair_starts, first, second, positions = constraints.pairs
+                    for pair in range(pair_starts[k], pair_starts[k + 1]):
+                        product = g[columns[first[pair]]] * g[columns[second[pair]]]
+                        _add(positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower)
+        row = place[n_dofs + number]
+        for lane in range(n_lanes if itself else 0):
+            x[row, lane] += scale[lane] * missed[lane]
+    for number in range(residual.shape[0]):
+        row = place[n_dofs + number]
         for lane in range(n_lanes):
-            x[row, lane] += scale[lane] * (missed[lane] if residual.shape[0] == 0 else residual[k, lane])
+            x[row, lane] += scale[lane] * residual[number, lane]
+    if constraints.ties.products.rows.size:
+        _add_ties(constraints.ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+
+
+@njit(inline="always")
+def _add(position, lane, value, diagonal, lower):
+    if position < 0:
+        diagonal[-1 - position, lane] += value
+    else:
+        lower[position, lane] += value
+
+
+@njit(cache=True, error_model="numpy")
+def _add_ties(ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+    """Add what ties of frames to faces give; see `add_constraints` and `FrameTies`."""
+    n_dofs, n_lanes = q.shape
+    rows, unknowns, factors = ties.linear
+    products = ties.products
+    of_linear, of_position, of_turn, mixed, twice = ties.positions
+    for e in range(rows.size):
+        dof, number, factor = unknowns[e], rows[e], factors[e]
+        at, row = place[dof], place[n_dofs + number]
+        for lane in range(n_lanes):
+            x[at, lane] += factor * multipliers[number, lane]
+            if itself:
+                x[row, lane] += scale[lane] * factor * q[dof, lane]
+        if fresh:
+            add_entry(of_linear[e], factor, scale, diagonal, lower)
+    for e in range(products.rows.size):
+        number, position, turning, factor = products.rows[e], products.positions[e], ties.turning[e], products.factors[e]
+        row, at, at_turn = place[n_dofs + number], place[position], place[turning]
+        for lane in range(n_lanes):
+            along, slope = director(d, products, e, q, lane)
+            if d == 3:
+                slope = 1.0
+            far, force = q[position, lane], multipliers[number, lane]
+            x[at, lane] += factor * along * force
+            x[at_turn, lane] += factor * slope * far * force
+            if itself:
+                x[row, lane] += scale[lane] * factor * along * far
+            if fresh:
+                lower[of_position[e], lane] += scale[lane] * factor * along
+                lower[of_turn[e], lane] += scale[lane] * factor * slope * far
+                _add(mixed[e], lane, gain_k * factor * slope * force, diagonal, lower)
+                if d == 2:  # d2 d_k / d phi2 = -d_k
+                    _add(twice[e], lane, -gain_k * factor * along * far * force, diagonal, lower)

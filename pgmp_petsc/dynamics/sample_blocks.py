@@ -8,6 +8,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.lanes import LANES
 
+LARGE = 2000  # unknowns, beyond which the matrices of so many samples are too much for the caches
 FEW = 8  # lanes are a multiple of it but for one sample: what fits the vectors of any machine
 
 
@@ -30,9 +31,10 @@ class SampleBlocks:
     n_blocks: int
 
     @classmethod
-    def of(cls, n_samples: int) -> SampleBlocks:
-        """Choose the blocks for a number of samples."""
-        n_lanes = 1 if n_samples == 1 else min(LANES, FEW * -(-n_samples // FEW))
+    def of(cls, n_samples: int, n_dofs: int) -> SampleBlocks:
+        """Choose the blocks for a number of samples of a system with n_dofs unknowns."""
+        most = LANES if n_dofs <= LARGE else 2 * FEW
+        n_lanes = 1 if n_samples == 1 else min(most, FEW * -(-n_samples // FEW))
         return cls(n_samples, n_lanes, -(-n_samples // n_lanes))
 
     @property

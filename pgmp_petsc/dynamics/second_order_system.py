@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -23,16 +23,20 @@ class State:
         Coordinates, velocities, accelerations.
     multipliers
         Lagrange multipliers; of size zero for a system without constraints.
+    turns
+        Angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one before;
+        of size zero where there are none.
     """
 
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
     multipliers: np.ndarray
+    turns: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def copy(self) -> State:
         """Return a deep copy."""
-        return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy())
+        return State(self.q.copy(), self.v.copy(), self.a.copy(), self.multipliers.copy(), self.turns.copy())
 
 
 @dataclass(frozen=True)

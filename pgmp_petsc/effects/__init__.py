@@ -65,9 +65,11 @@ def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load,
     return tuple(load for effect in effects for load in effect.loads(matrices))
 
 
-def actions_of(effects: Sequence[Effect]) -> tuple[Action, ...]:
-    """Return the local effects of all effects, effect after effect."""
-    return tuple(action for effect in effects for action in effect.actions())
+def actions_of(effects: Sequence[Effect], dimension: int = 2) -> tuple[Action, ...]:
+    """Return the local effects of all effects, effect after effect; in three dimensions those on natural coordinates."""
+    return tuple(
+        action for effect in effects for action in (effect.actions() if dimension == 2 else effect.natural_actions())
+    )
 
 
 def patterns_of(effects: Sequence[Effect], matrices: AffineMatrices) -> Patterns:

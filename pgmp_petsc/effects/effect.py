@@ -13,9 +13,6 @@ bodies (`structural_damping`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
@@ -23,11 +20,6 @@ from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.patterns import unit_force
 from pgmp_petsc.mechanism.mechanism import Mechanism
-
-if TYPE_CHECKING:
-    import scipy.sparse as sp
-
-    from pgmp_petsc.mechanism.unknowns import Unknowns
 
 
 class Effect:
@@ -52,24 +44,6 @@ class Effect:
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the common factor of the load terms at a time (s), or at each of several."""
         return np.ones_like(time)
-
-    def natural_load(
-        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
-    ) -> np.ndarray | None:
-        """Return the constant vector of its loads in natural coordinates, shape (n_rows,), or None.
-
-        Parameters
-        ----------
-        unknowns
-            The numbering.
-        mass
-            The given rows of the mass matrix.
-        rows
-            Unknowns that a rank owns.
-        values
-            Parameter values.
-        """
-        return None
 
     def actions(self) -> list[Action]:
         """Return the local effects."""

@@ -7,10 +7,7 @@ the point along the direction, or on its distance from the other one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
-import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
@@ -22,7 +19,6 @@ from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statements import along, distance, following
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.scene import effects as schema
 
 GROUND_ORIGIN = "ground:origin"
@@ -73,16 +69,6 @@ class FixedForce(Effect):
         """Return one term: a unit force at the node."""
         vector = self._vector(matrices, self._scale.coefficient * self._direction)
         return [Load(self.name, self._scale.monomial, vector)]
-
-    def natural_load(
-        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
-    ) -> np.ndarray:
-        """Return the force on the position of the node's frame."""
-        vector = np.zeros(len(rows))
-        for dof, component in zip(unknowns.frame(self._point.node), self._scale.at(values) * self._direction):
-            if dof in rows:
-                vector[dof - rows.start] = component
-        return vector
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return unit forces along all axes of the body in whose frame the direction turns; none of a guided point."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
-import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
-from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.scene import effects as schema
 
 
@@ -25,7 +22,6 @@ class Gravity(Effect):
     def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
         super().__init__(name)
         direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
-        self._direction = direction
         self._acceleration = Quantity.of(entry.acceleration)
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
@@ -44,12 +40,6 @@ class Gravity(Effect):
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]
-
-    def natural_load(
-        self, unknowns: Unknowns, mass: sp.csr_matrix, rows: range, values: Mapping[str, float]
-    ) -> np.ndarray:
-        """Return ``M a``."""
-        return mass @ unknowns.uniform(self._direction * self._acceleration.at(values))
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the weight of every body along the two axes of its own frame: gravity turns in it."""

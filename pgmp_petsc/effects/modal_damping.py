@@ -5,7 +5,11 @@
 with the elastic modes of the free body at the nominal parameters. Rigid motions are M-orthogonal to them and not
 damped. The rotation R of a beam is the mass-weighted mean of those of its nodes, in space the rotation closest to the
 mean of their directors. That of a body on a mesh is the one that brings the places of its points closest to where they
-are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass).
+are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass). The forces are
+those of `dynamics.full_modal`.
+
+In space a node has a position and three directors. Its angular velocity is ``1/2 sum_k d_k x d_k'``, so that a couple m
+acts on its director d_k with the force ``1/2 m x d_k``.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ class ModalDamping:
     dofs
         Its unknowns that are damped, node after node, shape (n_own,).
     factor
-        P in the body's frame, shape (n_own, n_modes).
+        P in the body's frame, velocities and spins node after node, shape (n_rows, n_modes).
     levers
         What R is measured by: where nodes have rotations of their own their shares in the body's mass, shape (n_nodes,
         1), and on a mesh ``M X'``, shape (n_nodes, d), kg m.
@@ -46,61 +50,6 @@ class ModalDamping:
     dofs: np.ndarray
     factor: np.ndarray
     levers: np.ndarray
-
-    def forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the forces on `dofs`, shape (n_own, n), and their power, shape (n,), W, at q and v (n_dofs, n)."""
-        nodes = self._by_node(q[self.dofs])
-        turn = self._rotation(nodes)
-        d = turn.shape[0]
-        rates = self._by_node(v[self.dofs]).copy()
-        rates[:, :d] = np.einsum("jin,ajn->ain", turn, rates[:, :d])
-        along = self.factor.T @ rates.reshape(self.dofs.size, -1)
-        forces = -self._by_node(self.factor @ along)
-        forces[:, :d] = np.einsum("ijn,ajn->ain", turn, forces[:, :d])
-        return forces.reshape(self.dofs.size, -1), -np.sum(along**2, axis=0)
-
-    def _by_node(self, vectors: np.ndarray) -> np.ndarray:
-        return vectors.reshape(len(self.levers), -1, vectors.shape[-1])
-
-    def _rotation(self, nodes: np.ndarray) -> np.ndarray:
-        """Return R, shape (d, d, n), from the unknowns of the nodes, shape (n_nodes, n_per_node, n)."""
-        if self.levers.shape[1] == 1:
-            angle = self.levers[:, 0] @ nodes[:, 2]
-            cos, sin = np.cos(angle), np.sin(angle)
-            return np.array([[cos, -sin], [sin, cos]])
-        return _closest_rotation(np.einsum("ain,aj->nij", nodes, self.levers))
-
-
-class ModalDampingInSpace(ModalDamping):
-    """Modal damping of a beam in space, whose nodes have a position and three directors each.
-
-    The angular velocity of a node is ``1/2 sum_k d_k x d_k'``, so that a couple m acts on its director d_k with the
-    force ``1/2 m x d_k``.
-    """
-
-    def forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the forces on `dofs` and their power; see `ModalDamping.forces`."""
-        nodes, rates = self._by_node(q[self.dofs]), self._by_node(v[self.dofs])
-        n_nodes, _, n = nodes.shape
-        # component c of director k: [node, k, c, sample]
-        directors, turning = (part[:, 3:].reshape(n_nodes, 3, 3, n) for part in (nodes, rates))
-        turn = _closest_rotation(np.einsum("a,akcn->nck", self.levers[:, 0], directors))
-        spins = 0.5 * np.cross(directors, turning, axis=2).sum(axis=1)
-        moving = np.stack([rates[:, :3], spins], axis=1)  # velocity and spin: [node, which, c, sample]
-        local = np.einsum("cin,aucn->auin", turn, moving)
-        along = self.factor.T @ local.reshape(-1, n)
-        acting = -(self.factor @ along).reshape(n_nodes, 2, 3, n)
-        force, couple = np.moveaxis(np.einsum("cin,auin->aucn", turn, acting), 1, 0)
-        on_directors = 0.5 * np.cross(couple[:, None], directors, axis=2)
-        found = np.concatenate([force, on_directors.reshape(n_nodes, 9, n)], axis=1)
-        return found.reshape(-1, n), -np.sum(along**2, axis=0)
-
-
-def _closest_rotation(matrices: np.ndarray) -> np.ndarray:
-    """Return the rotations closest to matrices (n, d, d), shape (d, d, n)."""
-    left, _, right = np.linalg.svd(matrices)
-    left[..., -1] *= np.linalg.det(left @ right)[:, None]
-    return np.moveaxis(left @ right, 0, 2)
 
 
 def modal_damping(
@@ -135,7 +84,7 @@ def _of_body(
         return ModalDamping(effect, number, own_unknowns(body), factor, along @ (places - centre))
     of_nodes = mass.diagonal()[: body.node_dofs * body.n_nodes : body.node_dofs, None]
     shares = of_nodes / of_nodes.sum()
+    own = own_unknowns(body)
     if body.node_dofs == SPATIAL.n_dofs:
-        first, last = (SPATIAL.n_pose * node for node in (body.nodes.start, body.nodes.stop))
-        return ModalDampingInSpace(effect, number, np.arange(first, last), factor, shares)
-    return ModalDamping(effect, number, own_unknowns(body), factor, shares)
+        own = np.arange(*(SPATIAL.n_pose * node for node in (body.nodes.start, body.nodes.stop)))
+    return ModalDamping(effect, number, own, factor, shares)

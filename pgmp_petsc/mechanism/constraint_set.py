@@ -6,6 +6,8 @@ and the angles that prescribed coordinates hold. Trailing axes of q (samples) ar
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -14,6 +16,31 @@ from pgmp_petsc.mechanism.frame_ties import FrameTies
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
 from pgmp_petsc.mechanism.unknowns import Unknowns
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenRows:
+    """Some constraints that are statements.
+
+    Attributes
+    ----------
+    rows
+        The statements, n of them.
+    places
+        Their places among the chosen constraints, shape (n,).
+    wanted
+        Their values, shape (n,), m or 1.
+    motions
+        Number of the prescribed motion that gives the value instead, or -1, shape (n,).
+    of_directors
+        Which of them make directors a rotation, shape (n,).
+    """
+
+    rows: StatementRows
+    places: np.ndarray
+    wanted: np.ndarray
+    motions: np.ndarray
+    of_directors: np.ndarray
 
 
 class ConstraintSet:
@@ -29,6 +56,8 @@ class ConstraintSet:
 
     Attributes
     ----------
+    n_dofs
+        Number of unknowns.
     n_constraints
         Number of constraints taken, the driven angles at the end.
     n_driven
@@ -43,7 +72,7 @@ class ConstraintSet:
 
     def __init__(self, unknowns: Unknowns, kept: np.ndarray | None = None) -> None:
         mechanism, d = unknowns.mechanism, unknowns.dimension
-        self._unknowns = unknowns
+        self._unknowns, self.n_dofs = unknowns, unknowns.n_dofs
         frames = [Attachment(0, node, np.zeros(d), np.zeros(d)) for node in range(mechanism.n_nodes)]
         parts, self._wanted = mechanism.holding(frames)
         driven = [(c.connection.angle, c.connection.sides) for c in mechanism.coordinates if c.prescribed]
@@ -52,6 +81,7 @@ class ConstraintSet:
             for rows in (parts, driven)
         )
         self._statements = [*parts, *driven]
+        self._n_directors = len(parts) - sum(len(c.joint.statements) for c in mechanism.connections)
         self._ties = FrameTies(unknowns)
         self._parts = (self._joints, self._ties, self._drives)
         self._first = np.cumsum([0, *(part.n for part in self._parts)])
@@ -100,13 +130,37 @@ class ConstraintSet:
             parts[-1] = parts[-1] - _against(driven, q)
         return np.concatenate(parts)[self._kept]
 
-    def as_rows(self) -> tuple[StatementRows, np.ndarray]:
-        """Return all constraints of a mechanism without meshes as one system of statements, the driven angles last, and
-        the values of the others, shape (n_constraints - n_driven,)."""
-        own = self._kept[: self.n_constraints - self.n_driven]
-        parts = [self._statements[k] for k in self._kept]
-        rows = StatementRows(*zip(*parts), self._unknowns.frame, self._unknowns.dimension)
-        return rows, self._wanted[own]
+    def rows_among(self, chosen: np.ndarray) -> ChosenRows:
+        """Return the joints' and the driven statements among constraints with given numbers, increasing, shape (n,)."""
+        original = self._kept[chosen]
+        n_joints, first_driven = self._joints.n, int(self._first[2])
+        own = np.flatnonzero((original < n_joints) | (original >= first_driven))
+        wanted, motions = np.zeros(own.size), np.full(own.size, -1)
+        parts = []
+        for row, number in enumerate(original[own]):
+            if number < n_joints:
+                wanted[row] = self._wanted[number]
+            else:
+                motions[row] = number - first_driven
+            parts.append(self._statements[number if number < n_joints else n_joints + number - first_driven])
+        rows = StatementRows(*(list(zip(*parts)) or ([], [])), self._unknowns.frame, self._unknowns.dimension)
+        return ChosenRows(rows, own, wanted, motions, self.of_directors[chosen][own])
+
+    def ties_among(self, chosen: np.ndarray) -> tuple[np.ndarray, FrameTies]:
+        """Return the place of every tie among chosen constraints, -1 where it is not, shape (n_ties,), and the ties."""
+        place = np.full(self._first[-1], -1)
+        place[self._kept[chosen]] = np.arange(chosen.size)
+        return place[self._first[1] : self._first[2]], self._ties
+
+    @property
+    def of_directors(self) -> np.ndarray:
+        """Which constraints make directors a rotation, shape (n_constraints,)."""
+        return (self._kept >= self._joints.n - self._n_directors) & (self._kept < self._joints.n)
+
+    @property
+    def of_ties(self) -> np.ndarray:
+        """Which constraints tie frames to faces, shape (n_constraints,)."""
+        return (self._kept >= self._first[1]) & (self._kept < self._first[2])
 
     def independent(self, q: np.ndarray) -> ConstraintSet:
         """Return the constraints without those that follow from the others, as found at unknowns (n_dofs,)."""

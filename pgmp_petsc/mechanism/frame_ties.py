@@ -26,7 +26,7 @@ PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}  # of rotations, in their o
 PHI = 2  # a frame's rotation in the plane
 
 
-class _Products(NamedTuple):
+class Products(NamedTuple):
     """Products ``f d x``.
 
     Attributes
@@ -64,8 +64,23 @@ class FrameTies:
             products.append(_rotations(n_each * number + self._d, frame[0], positions, faces))
         empty = np.zeros(0, dtype=np.int64)
         self._linear = _joined([(empty, empty, np.zeros(0)), *linear])
-        self._products = _Products(*_joined([(empty,) * 4 + (np.zeros(0),), *products]))
+        self._products = Products(*_joined([(empty,) * 4 + (np.zeros(0),), *products]))
         self._find_patterns(unknowns.n_dofs)
+
+    @property
+    def linear(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows, unknowns and factors of the entries that are linear, each (n_linear,)."""
+        return self._linear
+
+    @property
+    def turning(self) -> np.ndarray:
+        """The unknown of its frame that every product depends on, shape (n_products,)."""
+        return self._products.frames + (PHI if self._d == 2 else self._d + self._products.directors)
+
+    @property
+    def products(self) -> Products:
+        """The products."""
+        return self._products
 
     def values(self, q: np.ndarray) -> np.ndarray:
         """Return what is to be zero, shape (n, ...), m and rad, for unknowns (n_dofs, ...)."""
@@ -93,7 +108,7 @@ class FrameTies:
 
     def _find_patterns(self, n_dofs: int) -> None:
         (row, column, _), p = self._linear, self._products
-        turning = p.frames + (PHI if self._d == 2 else self._d + p.directors)
+        turning = self.turning
         keys = np.concatenate([row * n_dofs + column, p.rows * n_dofs + p.positions, p.rows * n_dofs + turning])
         unique, at = np.unique(keys, return_inverse=True)
         self.jacobian_pattern = unique // n_dofs, unique % n_dofs
@@ -127,7 +142,7 @@ def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: Face
 
 
 def _rotations(first_row: int, frame: int, positions: np.ndarray, faces: FaceFrame) -> tuple[np.ndarray, ...]:
-    """Return the products of ``1/h sum_k (sum_i a_ik x_i) x d_k``, as in `_Products`."""
+    """Return the products of ``1/h sum_k (sum_i a_ik x_i) x d_k``, as in `Products`."""
     n, d = positions.shape
     second = faces.inertia[0, 0] if d == 2 else 0.5 * np.trace(faces.inertia)
     arms = faces.arms / second
@@ -146,7 +161,7 @@ def _joined(parts: list[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
 
 
 @njit(inline="always")
-def _director(d, products, e, q, sample):
+def director(d, products, e, q, sample):
     """Return the component of the director in a product, and its derivative with phi in the plane."""
     frame, number = products.frames[e], products.directors[e]
     if d == 3:
@@ -169,8 +184,8 @@ def _values(d, linear, products, places, q, result):
         for e in range(rows.size):
             result[rows[e], sample] += factors[e] * q[columns[e], sample]
         for e in range(products.rows.size):
-            director, _ = _director(d, products, e, q, sample)
-            result[products.rows[e], sample] += products.factors[e] * director * q[products.positions[e], sample]
+            component, _ = director(d, products, e, q, sample)
+            result[products.rows[e], sample] += products.factors[e] * component * q[products.positions[e], sample]
 
 
 @njit(cache=True, error_model="numpy")
@@ -180,9 +195,9 @@ def _jacobian(d, linear, products, places, q, result):
         for e in range(of_linear.size):
             result[of_linear[e], sample] += linear[2][e]
         for e in range(products.rows.size):
-            director, slope = _director(d, products, e, q, sample)
+            component, slope = director(d, products, e, q, sample)
             along = products.factors[e] * q[products.positions[e], sample]
-            result[of_position[e], sample] += products.factors[e] * director
+            result[of_position[e], sample] += products.factors[e] * component
             result[of_director[e], sample] += along * (slope if d == 2 else 1.0)
 
 
@@ -191,22 +206,22 @@ def _curvature(d, linear, products, places, q, multipliers, result):
     _, _, _, mixed, twice = places
     for sample in range(q.shape[1]):
         for e in range(products.rows.size):
-            director, slope = _director(d, products, e, q, sample)
+            component, slope = director(d, products, e, q, sample)
             factor = products.factors[e] * multipliers[products.rows[e], sample]
             result[mixed[e], sample] += factor * (slope if d == 2 else 1.0)
             if d == 2:  # d2 d_k / d phi2 = -d_k
-                result[twice[e], sample] -= factor * director * q[products.positions[e], sample]
+                result[twice[e], sample] -= factor * component * q[products.positions[e], sample]
 
 
 @njit(cache=True, error_model="numpy")
 def _drift(d, linear, products, places, q, v, result):
     for sample in range(q.shape[1]):
         for e in range(products.rows.size):
-            director, slope = _director(d, products, e, q, sample)
+            component, slope = director(d, products, e, q, sample)
             frame, position = products.frames[e], products.positions[e]
             if d == 2:
                 spin = v[frame + PHI, sample]
-                change = 2.0 * slope * spin * v[position, sample] - director * spin * spin * q[position, sample]
+                change = 2.0 * slope * spin * v[position, sample] - component * spin * spin * q[position, sample]
             else:
                 change = 2.0 * v[frame + 3 + products.directors[e], sample] * v[position, sample]
             result[products.rows[e], sample] += products.factors[e] * change

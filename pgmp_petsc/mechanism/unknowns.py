@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh, placed
+from pgmp_petsc.mechanism.mechanism import Mechanism, placed
 from pgmp_petsc.mechanism.space import SPATIAL
 
 N_POSE = SPATIAL.n_pose
@@ -38,7 +38,8 @@ class Unknowns:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism, self._space = mechanism, mechanism.space
         self.dimension = self._space.dimension
-        more = (self._space.n_pose - self._space.n_dofs) * mechanism.n_nodes
+        self._more = self._space.n_pose - self._space.n_dofs  # unknowns of a frame than it has in the mechanism
+        more = self._more * mechanism.n_nodes
         self.bodies: tuple[Body, ...] = tuple(
             body.numbered(body.first_node, body.first_internal + more) for body in mechanism.bodies
         )
@@ -60,11 +61,21 @@ class Unknowns:
         """
         return placed(self._space, self.bodies, self.n_dofs, poses)
 
-    def uniform(self, direction: np.ndarray) -> np.ndarray:
-        """Return the same displacement, shape (d,), of all points, shape (n_dofs,)."""
-        q = np.zeros(self.n_dofs)
-        self.frames(q)[:, : self.dimension] = direction
-        for body in self.bodies:
-            if body.meshed is not None:
-                on_mesh(body, q)[:] = direction
-        return q
+    def share(self, rank: int, size: int) -> range:
+        """Return a rank's contiguous share of the unknowns, whole frames and whole nodes of meshes at a time."""
+        first, last = (self._boundary(self.n_dofs * part // size) for part in (rank, rank + 1))
+        return range(first, last)
+
+    def in_mechanism(self, rows: range) -> range:
+        """Return the numbers that a share of the unknowns has in the mechanism."""
+        return range(*(bound - self._more * min(bound // self._space.n_pose, self.mechanism.n_nodes) for bound in (rows.start, rows.stop)))
+
+    def of_mechanism(self, dofs: np.ndarray) -> np.ndarray:
+        """Return the unknowns of positions that have given numbers in the mechanism, shape (n,)."""
+        return dofs + self._more * np.minimum(dofs // self._space.n_dofs, self.mechanism.n_nodes)
+
+    def _boundary(self, number: int) -> int:
+        of_frames = self._space.n_pose * self.mechanism.n_nodes
+        if number <= of_frames:
+            return number // self._space.n_pose * self._space.n_pose
+        return of_frames + (number - of_frames) // self.dimension * self.dimension

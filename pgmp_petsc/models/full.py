@@ -10,20 +10,27 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
-from pgmp_petsc.dynamics.full_distributed import PREFIX, FullDistributed
-from pgmp_petsc.dynamics.full_equations import full_equations
+from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_statics import FullStatics
+from pgmp_petsc.dynamics.rank_solver import PREFIX
+from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import Settled, settle
 from pgmp_petsc.effects import effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.scene import Scene
+
+
+MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
 
 
 class FullModel:
@@ -58,8 +65,10 @@ class FullModel:
 
     @property
     def largest_batch(self) -> int:
-        """Most samples that a batch may have: all but mechanisms of beams in the plane are integrated one by one."""
-        return self.scene.ensemble.batch if self._in_lanes else 1
+        """Most samples that a batch may have; those of large meshes, or whose meshes differ, are integrated one by one."""
+        drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
+        own_meshes = drawn & {body.section_scale for body in self.scene.bodies.values()}
+        return self.scene.ensemble.batch if self._in_lanes and not own_meshes else 1
 
     @property
     def identity(self) -> str:
@@ -70,19 +79,23 @@ class FullModel:
         """Return a batch of samples on this rank, at most `largest_batch`."""
         if not self._in_lanes:
             return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
-        settled = self.settled(values, n_samples) if self.scene.initial.equilibrium else None
-        return FullBatch(self.kinematics, self._effects, values, self._start, n_samples, self._motions, settled)
+        sized = self._sized({name: float(value[0]) for name, value in values.items()})
+        settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
+        return FullBatch(sized.kinematics, sized._effects, values, sized._start, n_samples, sized._motions, settled)
 
     @property
     def _in_lanes(self) -> bool:
-        return all(body.element == "beam2d" for body in self.scene.bodies.values())
+        return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES
 
     def single(self, values: Mapping[str, float], comm: MPI.Comm) -> FullBatch | FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.
 
-        On one rank beams in the plane are a batch of one, unless options of PETSc's linear solver are given.
+        On one rank small mechanisms are a batch of one, but for meshes in space and unless options of PETSc's linear solver are given.
         """
-        if comm.size > 1 or not self._in_lanes or has_options(PREFIX):
+        mechanism = self.kinematics.mechanism
+        # alone, PETSc's solvers are better with the fill-in of a mesh in space
+        filled = mechanism.space is SPATIAL and any(body.meshed is not None for body in mechanism.bodies)
+        if comm.size > 1 or not self._in_lanes or filled or has_options(PREFIX):
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
@@ -91,14 +104,26 @@ class FullModel:
         sized = self._sized(values)
         settled = sized._settled(values, comm) if self.scene.initial.equilibrium else None
         start = sized._start if settled is None else (settled.theta[0], np.zeros_like(sized._start[1]))
-        equations = full_equations(sized.kinematics, sized._effects, values, start, comm)
+        equations = sized._equations(sized.kinematics, values, start, comm)
         return FullDistributed(equations, comm, sized._motions, settled)
+
+    def _equations(
+        self,
+        kinematics: RigidKinematics,
+        values: Mapping[str, float],
+        start: tuple[np.ndarray, np.ndarray],
+        comm: MPI.Comm,
+    ) -> FullEquations:
+        """Return this rank's share of the equations of one sample."""
+        owned = Unknowns(kinematics.mechanism).share(comm.rank, comm.size)
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        return FullEquations(kinematics, self._effects, of_sample, SampleBlocks(1, 1, 1), start, owned)
 
     def _settled(self, values: Mapping[str, float], comm: MPI.Comm) -> Settled:
         """Return the static equilibrium of one sample. Collective on `comm`."""
         theta = self._start[0]
         held = self.kinematics.held()
-        equations = full_equations(held, self._effects, values, (theta, np.zeros_like(theta)), comm)
+        equations = self._equations(held, values, (theta, np.zeros_like(theta)), comm)
         with FullStatics(equations, theta.size, comm) as statics:
             return settle(statics, theta[None], search_of(self.scene, self.kinematics.mechanism))
 

@@ -48,7 +48,7 @@ def stored(symbolic: Symbolic, matrices: np.ndarray) -> tuple[np.ndarray, np.nda
 def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve in all lanes; right and result have shape (LANES, n)."""
     diagonal, lower = stored(symbolic, matrices)
-    factorise(symbolic.starts, symbolic.targets, diagonal, lower)
+    factorise(symbolic.starts, symbolic.rows, diagonal, lower)
     x = np.ascontiguousarray(right[:, symbolic.order].T)
     substitute(symbolic.starts, symbolic.rows, diagonal, lower, x)
     result = np.empty_like(right)
@@ -57,7 +57,9 @@ def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray) -> np.nda
 
 
 def analysed(matrices: np.ndarray, multipliers: np.ndarray) -> Symbolic:
-    return analyse(sp.csr_matrix(np.any(matrices != 0.0, axis=0).astype(float)), multipliers)
+    levels = np.zeros(matrices.shape[1], dtype=int)
+    levels[multipliers] = 1
+    return analyse(sp.csr_matrix(np.any(matrices != 0.0, axis=0).astype(float)), levels)
 
 
 @pytest.mark.parametrize("seed", range(6))

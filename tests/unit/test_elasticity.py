@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import compiled_elements
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -125,7 +126,7 @@ def test_the_energy_of_a_uniform_deformation(kind: str) -> None:
     geometry = Geometry.of(places, rule)
     stretch = np.eye(d) + np.random.default_rng(6).normal(0.0, 0.3, (d, d))
     strain = np.broadcast_to(0.5 * (stretch.T @ stretch - np.eye(d)), (*geometry.volumes.shape, d, d))
-    found = elasticity.strain_energy(places @ stretch.T - 1.0, geometry, lame)
+    found = compiled_elements.strain_energy(places @ stretch.T - 1.0, geometry, lame)
     # round-off: a few dozen sums of terms of order 1
     np.testing.assert_allclose(found, energy_of(strain, geometry.volumes, lame), rtol=1e-13)
     np.testing.assert_allclose(geometry.volumes, elasticity.volumes_of(places, rule), rtol=1e-15)
@@ -135,11 +136,11 @@ def test_the_energy_of_a_uniform_deformation(kind: str) -> None:
 def test_the_force_is_the_gradient_of_the_energy(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), strained(places)
-    force = elasticity.forces(now, geometry, lame)
-    expected = difference(lambda x: elasticity.strain_energy(x, geometry, lame), now)
+    force = compiled_elements.forces(now, geometry, lame)
+    expected = difference(lambda x: compiled_elements.strain_energy(x, geometry, lame), now)
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12 * np.abs(force).max())
     np.testing.assert_allclose(
-        elasticity.strain_energy(now, geometry, lame), energy_of(strains(now, geometry), geometry.volumes, lame),
+        compiled_elements.strain_energy(now, geometry, lame), energy_of(strains(now, geometry), geometry.volumes, lame),
         rtol=1e-13,
     )
 
@@ -148,8 +149,8 @@ def test_the_force_is_the_gradient_of_the_energy(kind: str) -> None:
 def test_the_tangent_is_the_derivative_of_the_force(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), strained(places)
-    tangent = elasticity.tangents(now, geometry, lame)
-    expected = difference(lambda x: elasticity.forces(x, geometry, lame), now)
+    tangent = compiled_elements.tangents(now, geometry, lame)
+    expected = difference(lambda x: compiled_elements.forces(x, geometry, lame), now)
     np.testing.assert_allclose(tangent, expected, rtol=0, atol=1e-12 * np.abs(tangent).max())
 
 
@@ -159,7 +160,7 @@ def test_the_stiffness_is_the_tangent_at_rest_and_only_rigid_motions_escape_it(k
     geometry = Geometry.of(places, reference_element(kind).stiffness)
     stiffness = elasticity.stiffness(geometry, lame)
     size = np.abs(stiffness).max()
-    np.testing.assert_allclose(stiffness, elasticity.tangents(places, geometry, lame), rtol=0, atol=1e-14 * size)
+    np.testing.assert_allclose(stiffness, compiled_elements.tangents(places, geometry, lame), rtol=0, atol=1e-14 * size)
     matrices = square(stiffness)
     rigid = rigid_rates(places).reshape(-1, *matrices.shape[:2])
     np.testing.assert_allclose(np.einsum("eij,rej->rei", matrices, rigid), 0.0, rtol=0, atol=1e-13 * size)
@@ -178,16 +179,16 @@ def test_large_rigid_motion_gives_no_force_and_turns_what_there_is(kind: str, an
     stiff = np.abs(elasticity.stiffness(geometry, lame)).max()
     still = turned(places, angle)
     # the places are of the order of 5: round-off of 1e-15 times the stiffness
-    np.testing.assert_allclose(elasticity.forces(still, geometry, lame), 0.0, rtol=0, atol=1e-13 * stiff)
-    np.testing.assert_allclose(elasticity.strain_energy(still, geometry, lame), 0.0, rtol=0, atol=1e-25)
+    np.testing.assert_allclose(compiled_elements.forces(still, geometry, lame), 0.0, rtol=0, atol=1e-13 * stiff)
+    np.testing.assert_allclose(compiled_elements.strain_energy(still, geometry, lame), 0.0, rtol=0, atol=1e-25)
     now = strained(places)
-    after, force = turned(now, angle), elasticity.forces(now, geometry, lame)
+    after, force = turned(now, angle), compiled_elements.forces(now, geometry, lame)
     expected = turned(force, angle) - turned(np.zeros_like(force), angle)
     np.testing.assert_allclose(
-        elasticity.forces(after, geometry, lame), expected, rtol=0, atol=1e-12 * np.abs(force).max()
+        compiled_elements.forces(after, geometry, lame), expected, rtol=0, atol=1e-12 * np.abs(force).max()
     )
     np.testing.assert_allclose(
-        elasticity.strain_energy(after, geometry, lame), elasticity.strain_energy(now, geometry, lame), rtol=1e-12
+        compiled_elements.strain_energy(after, geometry, lame), compiled_elements.strain_energy(now, geometry, lame), rtol=1e-12
     )
 
 
@@ -195,7 +196,7 @@ def test_large_rigid_motion_gives_no_force_and_turns_what_there_is(kind: str, an
 def test_forces_are_in_equilibrium(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), strained(places)
-    force = elasticity.forces(now, geometry, lame)
+    force = compiled_elements.forces(now, geometry, lame)
     work = np.einsum("eai,reai->re", force, rigid_rates(now))
     np.testing.assert_allclose(work, 0.0, rtol=0, atol=1e-13 * np.abs(force).sum())
 
@@ -205,8 +206,8 @@ def test_viscous_forces_are_linear_in_the_rates_and_dissipate(kind: str) -> None
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), strained(places)
     rates = rates_of(places)
-    force = elasticity.viscous_forces(now, rates, geometry, lame)
-    derivative = elasticity.viscous_tangents(now, geometry, lame)
+    force = compiled_elements.viscous_forces(now, rates, geometry, lame)
+    derivative = compiled_elements.viscous_tangents(now, geometry, lame)
     # linear in the rates, so that the derivative gives the whole force; round-off of one product
     np.testing.assert_allclose(
         force, np.einsum("eaibj,ebj->eai", derivative, rates), rtol=0, atol=1e-13 * np.abs(force).max()
@@ -214,7 +215,7 @@ def test_viscous_forces_are_linear_in_the_rates_and_dissipate(kind: str) -> None
     for a, i in ((0, 0), (1, 1), (places.shape[1] - 1, places.shape[2] - 1)):
         unit = np.zeros_like(rates)
         unit[:, a, i] = 1.0
-        more = elasticity.viscous_forces(now, rates + unit, geometry, lame)
+        more = compiled_elements.viscous_forces(now, rates + unit, geometry, lame)
         np.testing.assert_allclose(more - force, derivative[:, :, :, a, i], rtol=0, atol=1e-12 * np.abs(force).max())
     # E is quadratic in the places: the central difference is its rate along the motion but for round-off
     rate = 0.5 * (strains(now + rates, geometry) - strains(now - rates, geometry))
@@ -231,10 +232,10 @@ def test_rigid_motion_feels_no_viscous_force(kind: str) -> None:
     lame, places = lame_of(kind), distorted(kind)
     geometry, now = Geometry.of(places, reference_element(kind).stiffness), turned(strained(places), 2.0)
     for rates in rigid_rates(now):
-        force = elasticity.viscous_forces(now, rates, geometry, lame)
-        derivative = elasticity.viscous_tangents(now, geometry, lame)
+        force = compiled_elements.viscous_forces(now, rates, geometry, lame)
+        derivative = compiled_elements.viscous_tangents(now, geometry, lame)
         np.testing.assert_allclose(force, 0.0, rtol=0, atol=1e-12 * np.abs(derivative).max())
-    derivative = elasticity.viscous_tangents(places, geometry, lame)
+    derivative = compiled_elements.viscous_tangents(places, geometry, lame)
     stiffness = elasticity.stiffness(geometry, lame)
     np.testing.assert_allclose(derivative, stiffness, rtol=0, atol=1e-14 * np.abs(stiffness).max())
 

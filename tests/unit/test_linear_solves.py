@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
+from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.models import FullModel
@@ -19,7 +20,7 @@ DRAWN = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=1e-4}'
 
 
 class OneByOne(FullModel):
-    """Samples one by one in the distributed model, as those of continuum bodies are."""
+    """Samples one by one in the distributed model, as those of large meshes are."""
 
     largest_batch = 1
 
@@ -57,14 +58,14 @@ def test_a_solver_that_fails_is_a_status(model: FullModel, weak_solver: None, ra
 
 
 def test_a_sample_whose_solver_failed_is_tried_again(model: FullModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    solved, calls = FullDistributed._solved, []
+    solved, calls = RankSolver._solved, []
 
-    def fails_at_first(self: FullDistributed) -> bool:
+    def fails_at_first(self: RankSolver) -> bool:
         calls.append(0)
         # the first is for the start; then one for each of the three ways to take a step
         return solved(self) and not 1 < len(calls) <= 4
 
-    monkeypatch.setattr(FullDistributed, "_solved", fails_at_first)
+    monkeypatch.setattr(RankSolver, "_solved", fails_at_first)
     batch = run_batch(model, 0, 0, 1)
     assert batch.status[0] == Status.FINE and batch.numerics["steps_divided"][0] == 2
     assert all(np.isfinite(values).all() for values in batch.outputs.values())

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.dynamics.local_forces import LocalForces, LocalState
-from pgmp_petsc.effects.action import Action
+from pgmp_petsc.dynamics.full_forces import Acted, BlockActions, act
+from pgmp_petsc.dynamics.full_problem import pairs_of
+from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER
 from pgmp_petsc.mechanism import statements
 from pgmp_petsc.mechanism.attachment import Attachment
@@ -29,15 +30,37 @@ def statement(kind: str, d: int) -> statements.Statement:
     }[kind]()
 
 
+class LocalForces:
+    """One action on two nodes, and its angle at the instant before."""
+
+    def __init__(self, action: Action, d: int) -> None:
+        n = 3 if d == 2 else 12
+        dofs, entries, self.pattern = pairs_of([action], lambda node: n * node + np.arange(n))
+        compiled = compile_actions([action], {}, 1, d)
+        self._dofs, self.turns = dofs[0], np.zeros((1, 1))
+        self._actions = BlockActions(
+            compiled.statements, compiled.laws, compiled.parameters[None], dofs, entries, self.pattern[0],
+            np.ones(1, dtype=bool),
+        )  # fmt: skip
+
+    def evaluate(self, q: np.ndarray, v: np.ndarray, gain_v: float) -> Acted:
+        """Evaluate it."""
+        return act(self._actions, 0, np.array([1.5]), q, v, self.turns, gain_v, True)
+
+    def add_forces(self, now: Acted, total: np.ndarray) -> None:
+        """Add the forces to those on all unknowns."""
+        moving = self._dofs >= 0
+        total[self._dofs[moving]] += now.forces[0, moving]
+
+
 def forces_of(kind: str, law: str, sides: str, d: int) -> LocalForces:
-    n = 3 if d == 2 else 12
     arms = RANDOM.normal(size=(2, d)) * (0.0 if sides == "nodes" else 0.4)
     place = RANDOM.normal(size=d)
     a = Attachment.on_ground_at(place) if sides == "from the ground" else Attachment(0, 0, np.zeros(d), arms[0])
     which, numbers = LAWS[law]
     action = Action("effect", statement(kind, d), a, Attachment(1, 1, np.zeros(d), arms[1]), which,
                     tuple(map(Quantity, numbers)), lambda time: 1.5)  # fmt: skip
-    return LocalForces([action], {}, 1, lambda node: n * node + np.arange(n), d)
+    return LocalForces(action, d)
 
 
 def state(d: int) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +79,7 @@ def test_the_tangent_is_minus_the_derivative_of_the_force(kind: str, sides: str,
 
         def total(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             found = np.zeros_like(q)
-            local.add_forces(local.evaluate(0.0, q, v, gain_v), found)
+            local.add_forces(local.evaluate(q, v, gain_v), found)
             return found[:, 0]
 
         # at rest the change of the gradient does not change the rate, which the tangent leaves out
@@ -67,7 +90,7 @@ def test_the_tangent_is_minus_the_derivative_of_the_force(kind: str, sides: str,
             expected[:, j] = -(ahead - behind) / (2 * STEP)
         rows, columns = local.pattern
         mean = 0.5 * (expected + expected.T)
-        found = local.evaluate(0.0, q, rest, gain_v).tangents[:, 0]
+        found = local.evaluate(q, rest, gain_v).tangents[:, 0]
         np.testing.assert_allclose(found, mean[rows, columns], rtol=1e-6, atol=10 * ATOL)
         outside = np.ones_like(mean, dtype=bool)
         outside[rows, columns] = outside[columns, rows] = False
@@ -81,8 +104,8 @@ def test_the_force_is_the_gradient_of_the_energy_and_does_the_power(kind: str, s
     local = forces_of(kind, "spring", sides, d)
     q, v = state(d)
 
-    def at(dt: float) -> LocalState:
-        return local.evaluate(0.0, q + dt * v, v, 0.0)
+    def at(dt: float) -> Acted:
+        return local.evaluate(q + dt * v, v, 0.0)
 
     now, force = at(0.0), np.zeros_like(q)
     local.add_forces(now, force)
@@ -93,17 +116,16 @@ def test_the_force_is_the_gradient_of_the_energy_and_does_the_power(kind: str, s
 
 def test_turns_in_space_are_counted_from_where_they_begin() -> None:
     local = forces_of("angle", "spring", "from the ground", 3)
-    local.count_from(np.array([0.0]))
 
     def turned(angle: float) -> np.ndarray:
         cos, sin = np.cos(angle), np.sin(angle)
         own = np.array([0, 0, 0, 1, 0, 0, 0, cos, sin, 0, -sin, cos], dtype=float)
         return np.concatenate([np.zeros(12), own])[:, None]
 
-    for step, angle in enumerate(np.linspace(0.0, 17.0, 20)):
-        # a wild trial at an instant that is taken back does no harm
-        local.evaluate(step - 0.5, turned(angle + 2.5), np.zeros((24, 1)), 0.0)
-        local.forget(np.ones(1, dtype=bool))
-        found = local.evaluate(float(step), turned(angle), np.zeros((24, 1)), 0.0)
+    for angle in np.linspace(0.0, 17.0, 20):
+        # a wild trial of an iteration does no harm
+        for trial in (angle + 2.5, angle):
+            found = local.evaluate(turned(trial), np.zeros((24, 1)), 0.0)
+        local.turns[:] = angle
         # 1/2 k (s - rest)^2
         assert found.stored[0, 0] == pytest.approx(1.5 * (angle - 0.2) ** 2)

@@ -11,10 +11,9 @@ from counting import count_calls
 from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics import rank_elements
-from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.event_location import EventLocation
-from pgmp_petsc.dynamics.local_forces import LocalForces
+from pgmp_petsc.dynamics.full_batch import FullBatch
+from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.effects import Effect, Motion, effects_of
 from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.gravity import Gravity
@@ -32,7 +31,7 @@ MOTOR = '[effects.motor]\ntype = "torque"\njoint = "hub"\nharmonic = { amplitude
 def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """Count the evaluations of everything that effects are made of."""
     watched = [
-        (LocalForces, "evaluate"), (BodyDampings, "add_modal_forces"), (Motion, "at"), (EventLocation, "repeat_steps"),
+        (FullBatch, "depths"), (FullDistributed, "depths"), (Motion, "at"), (EventLocation, "repeat_steps"),
         (Effect, "amplitude"), (Torque, "amplitude"), (Gravity, "loads"),
     ]  # fmt: skip
     return count_calls(monkeypatch, watched)
@@ -70,20 +69,9 @@ def test_only_what_is_there_is_built() -> None:
         assert problem.actions.laws.size == 0 and problem.actions.positions.size == 0
         assert problem.loads.dofs.size == 0 and problem.lumps.dofs.size == 0
         with model.distributed({}, MPI.COMM_SELF) as single:
-            assert single._needs_rates == any_damping  # noqa: SLF001
-
-
-def test_elements_without_damping_do_not_look_at_rates(monkeypatch: pytest.MonkeyPatch) -> None:
-    flags: list[bool] = []
-    original = rank_elements._evaluate  # noqa: SLF001
-
-    def watch(*arguments: object) -> None:
-        flags.append(bool(arguments[7]))
-        original(*arguments)
-
-    monkeypatch.setattr(rank_elements, "_evaluate", watch)
-    run_distributed(scene_of(BEAM, SHORT + WEIGHT))
-    assert flags and not any(flags)
+            shared = single._problem  # noqa: SLF001
+        assert shared.elements.damped == any_damping and shared.modal.kinds.size == 0
+        assert shared.actions.laws.size == shared.loads.dofs.size == shared.solids.region.size == 0
 
 
 def test_the_cost_of_effects_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

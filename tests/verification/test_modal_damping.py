@@ -12,8 +12,9 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.free_modes import free_modes
+from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.effects.modal_damping import modal_damping
+from pgmp_petsc.effects.modal_damping import ModalDamping, modal_damping
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mechanism.space import cross_matrix
@@ -31,6 +32,14 @@ def scene_of(kind: str, *more: str) -> Scene:
     return scene_from_toml(KINDS[kind], ".", (*TINY, damping, *more))
 
 
+def damped(damping: ModalDamping, d: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the forces on the unknowns that are damped, and their power, for unknowns and rates (n_dofs, 1)."""
+    modal = ModalFactors.of((damping,), d, lambda dofs: dofs, range(len(q)))
+    taken, powers = np.zeros_like(q), np.empty((1, 1))
+    add_modal_damping(modal, d, q, v, taken, np.arange(len(q)), powers)
+    return -taken[damping.dofs], powers[0]
+
+
 @pytest.mark.parametrize("kind", ["cells in the plane", "solids in space"])
 def test_modes_are_damped_and_rigid_motions_are_not(kind: str) -> None:
     scene = scene_of(kind)
@@ -46,13 +55,13 @@ def test_modes_are_damped_and_rigid_motions_are_not(kind: str) -> None:
     spin = np.zeros((d, d))
     spin[0, 1], spin[1, 0] = -3.0, 3.0
     moving[damping.dofs, 0] = ((places @ turn.T + 0.7) @ spin.T + 0.2).ravel()
-    forces, power = damping.forces(q, moving)
+    forces, power = damped(damping, scene.dimension, q, moving)
     # modes are orthogonal to rigid motions to the round-off of the eigensolver, some 1e-9; these move at 4 m/s
     np.testing.assert_allclose(forces, 0.0, atol=1e-8 * np.abs(damping.factor).max() ** 2)
     for ratio, frequency, mode in zip(RATIOS, omega, phi.T):
         turned = (mode.reshape(-1, d) @ turn.T).ravel()
         moving[damping.dofs, 0] = turned
-        forces, power = damping.forces(q, moving)
+        forces, power = damped(damping, scene.dimension, q, moving)
         assert power[0] == pytest.approx(-2.0 * ratio * frequency, rel=1e-6)
         inertia = ((mass @ mode).reshape(-1, d) @ turn.T).ravel()
         np.testing.assert_allclose(forces[:, 0], -2.0 * ratio * frequency * inertia, atol=1e-6 * np.abs(forces).max())
@@ -69,7 +78,7 @@ def test_modes_of_beams_in_space_are_damped_and_rigid_motions_are_not() -> None:
     poses = np.tile(np.concatenate([[0.7, 0.1, -0.2], turn.T.ravel()]), (len(mechanism.bodies), 1))
     q, spin = unknowns.place(poses)[:, None], cross_matrix(np.array([0.4, -3.0, 1.0]))
     moving = np.concatenate([[0.2, 0.0, 1.0], (spin @ turn).T.ravel()])
-    forces, _ = damping.forces(q, unknowns.place(np.tile(moving, (len(poses), 1)))[:, None])
+    forces, _ = damped(damping, scene.dimension, q, unknowns.place(np.tile(moving, (len(poses), 1)))[:, None])
     np.testing.assert_allclose(forces, 0.0, atol=1e-8 * np.abs(damping.factor).max() ** 2)
     for ratio, frequency, mode in zip(RATIOS, omega, phi.T):
         moved, turned = mode.reshape(-1, 2, 3).transpose(1, 0, 2)
@@ -79,7 +88,7 @@ def test_modes_of_beams_in_space_are_damped_and_rigid_motions_are_not() -> None:
         rates[:, 3:] = np.array([(turn @ cross_matrix(phi_i)).T.ravel() for phi_i in turned])
         v = np.zeros_like(q)
         v[damping.dofs, 0] = rates.ravel()
-        forces, power = damping.forces(q, v)
+        forces, power = damped(damping, scene.dimension, q, v)
         assert power[0] == pytest.approx(-2.0 * ratio * frequency, rel=1e-6)
         assert forces[:, 0] @ v[damping.dofs, 0] == pytest.approx(power[0], rel=1e-9)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiled_elements import Beams3d
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.linalg import eig, eigh
@@ -20,7 +21,7 @@ from spatial_beams import (
     slider_crank_of_beams,
 )
 
-from pgmp_petsc.bodies.beam3d import Beams3d, at_rest
+from pgmp_petsc.bodies.beam3d import at_rest
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -129,7 +130,7 @@ def roll(moment: float, n: int, about: np.ndarray) -> np.ndarray:
     for share in np.linspace(0.0, 1.0, 21)[1:]:
         for _ in range(30):
             frames = np.concatenate([places, np.swapaxes(turns, 1, 2).reshape(-1, 9)], axis=1)
-            now = beams.at(frames[elements].reshape(n, 24))
+            now = frames[elements].reshape(n, 24)
             forces, tangents = beams.forces(now), beams.tangents(now)
             # displacements, and rotations in the axes of the nodes: d(d_k) = R (phi x e_k)
             gradient = np.zeros((n + 1, 12, 6))

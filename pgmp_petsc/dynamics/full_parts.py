@@ -1,0 +1,217 @@
+"""What full-order equations are made of on one rank: elements and masses that touch its unknowns.
+
+Every function returns a part as compiled functions take it, numbered as all unknowns are, and the rows and columns of
+the entries of the matrix that its ``positions`` stand for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.bodies import elasticity
+from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.elasticity import Geometry, Lame
+from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
+from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
+from pgmp_petsc.dynamics.full_kernel import Elements, Lumps
+from pgmp_petsc.dynamics.full_solids import Solids
+from pgmp_petsc.dynamics.layout import Layout
+from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
+from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
+from pgmp_petsc.mesh.reference_element import reference_element
+
+N_PLANAR = 6  # unknowns of a beam element in the plane
+Pattern = tuple[np.ndarray, np.ndarray]
+
+
+class Share(NamedTuple):
+    """What a rank makes of a mechanism.
+
+    Attributes
+    ----------
+    bodies
+        With unknowns numbered as all are.
+    rows
+        The unknowns that the rank owns.
+    values, blocks
+        Parameter values of the samples, each of shape (n_samples,), and how samples lie in arrays.
+    damping
+        Structural damping.
+    """
+
+    bodies: Sequence[Body]
+    rows: range
+    values: Mapping[str, np.ndarray]
+    blocks: SampleBlocks
+    damping: BodyDampings
+
+    def touches(self, dofs: np.ndarray) -> np.ndarray:
+        """Return which elements with unknowns (n_e, m) have one that is owned."""
+        return ((dofs >= self.rows.start) & (dofs < self.rows.stop)).any(axis=1)
+
+    def owns(self, dofs: np.ndarray) -> np.ndarray:
+        """Return which unknowns are owned."""
+        return (dofs >= self.rows.start) & (dofs < self.rows.stop)
+
+    def evaluate(self, terms: Mapping[Monomial, Sequence[float] | np.ndarray]) -> np.ndarray:
+        """Return sums of weighted coefficients of any shape for all samples, shape (..., n_samples)."""
+        ones = np.ones(self.blocks.n_samples)
+        return sum(np.multiply.outer(np.array(part), weight.evaluate(self.values) * ones) for weight, part in terms.items())
+
+    def quantity(self, quantity: Quantity) -> np.ndarray:
+        """Return a quantity of all samples, shape (n_samples,)."""
+        return self.evaluate({quantity.monomial: quantity.coefficient})
+
+
+def placed(part, pattern: Pattern, layout: Layout):
+    """Return a part in the numbering of a layout."""
+    return part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
+
+
+def sections(share: Share) -> np.ndarray:
+    """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, (n_blocks, n_bodies, 7, n_lanes)."""
+    table = np.zeros((len(share.bodies), 7, share.blocks.n_samples))
+    for number, (body, row) in enumerate(zip(share.bodies, table)):
+        if body.is_planar_beam:
+            s = body.section
+            row[:5] = [share.quantity(q) for q in (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)]
+        row[5:] = np.array(share.damping.rayleigh_of(number))[:, None]
+    return share.blocks.pack(table)
+
+
+def planar_beams(share: Share) -> tuple[Elements, Pattern]:
+    """Return the beam elements in the plane."""
+    parts = [(np.zeros((0, N_PLANAR), dtype=int), np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))]
+    for number, body in enumerate(share.bodies):
+        if body.is_planar_beam:
+            dofs = element_dofs(body.elements)
+            here = share.touches(dofs)
+            parts.append((dofs[here], body.mesh.lengths[here], body.directions[here], np.full(here.sum(), number)))
+    dofs, lengths, directions, owners = map(np.concatenate, zip(*parts))
+    pattern = dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]
+    damped, nowhere = share.damping.any_rayleigh, np.zeros(0, dtype=int)
+    return Elements(dofs, lengths, directions, owners, nowhere, share.owns(dofs[:, 0]), damped), pattern
+
+
+def planar_masses(share: Share) -> tuple[Lumps, Pattern]:
+    """Return the masses of nodes in the plane."""
+    parts = [(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, share.blocks.n_samples)))]
+    for number, body in enumerate(share.bodies):
+        if body.lumps and body.mesh.nodes.shape[1] == 2:
+            dofs, entries = lumped_entries(body)
+            here = share.owns(dofs)
+            parts.append((dofs[here], np.full(here.sum(), number), share.evaluate(entries)[here]))
+    dofs, owners, masses = map(np.concatenate, zip(*parts))
+    return Lumps(dofs, owners, dofs[:0], share.owns(dofs), share.blocks.pack(masses)), (dofs, dofs)
+
+
+def spatial_beams(share: Share) -> tuple[Beams, Pattern]:
+    """Return the beam elements in space."""
+    n = 2 * N_POSE
+    parts = [(np.zeros((0, n), dtype=int), np.zeros(0), np.zeros((0, 3, 3)), np.zeros(0, dtype=int))]
+    table = np.zeros((len(share.bodies), N_SECTION + 3, share.blocks.n_samples))
+    for number, body in enumerate(share.bodies):
+        if body.is_beam and not body.is_planar_beam:
+            dofs = element_dofs(body.elements, N_POSE)
+            here = share.touches(dofs)
+            parts.append((dofs[here], body.mesh.lengths[here], body.axes[here], np.full(here.sum(), number)))
+            table[number, :N_SECTION] = share.evaluate(body.section.stiffness_terms())
+            table[number, N_SECTION:] = share.evaluate(body.section.mass_terms())
+    dofs, lengths, axes, owners = map(np.concatenate, zip(*parts))
+    low = np.tril_indices(n)
+    section = share.blocks.pack(table)
+    beams = Beams(dofs, lengths, axes, owners, section, np.zeros(0, dtype=int), share.owns(dofs[:, 0]))
+    return beams, (dofs[:, low[0]], dofs[:, low[1]])
+
+
+def spatial_masses(share: Share, unknowns: Unknowns) -> tuple[Masses, Pattern]:
+    """Return the masses of frames in space: rigid bodies, and point masses on flexible ones."""
+    dofs, owners = [np.zeros((0, N_POSE), dtype=int)], []
+    densities = [np.zeros((0, N_VECTORS, N_VECTORS, share.blocks.n_samples))]
+    for number, body in enumerate(share.bodies):
+        for node, terms in _masses_of(body) if unknowns.dimension == 3 else ():
+            own = unknowns.frame(body.first_node + node)[None]
+            if share.touches(own)[0]:
+                dofs.append(own)
+                owners.append(number)
+                densities.append(share.evaluate(terms)[None])
+    dofs, density = np.concatenate(dofs), np.concatenate(densities)
+    vectors = dofs.reshape(-1, N_VECTORS, 3)
+    shape = (len(dofs), N_VECTORS, N_VECTORS, 3)
+    pattern = np.broadcast_to(vectors[:, :, None], shape), np.broadcast_to(vectors[:, None], shape)
+    owners = np.array(owners, dtype=int)
+    return Masses(dofs, owners, share.blocks.pack(density), owners[:0], share.owns(dofs[:, 0])), pattern
+
+
+def _masses_of(body: Body) -> list[tuple[int, dict[Monomial, np.ndarray]]]:
+    """Return nodes of a body with masses of their own, and these, (4, 4) by weight."""
+    found = [
+        (node, {weight: _density(lump.mass, lump.inertia * np.eye(3)) for weight, lump in lumps.items()})
+        for node, lumps in body.lumps.items()
+    ]
+    if body.component is not None and body.component.rigid:
+        masses = body.component.mass.items()
+        found.append((0, {w: _density(float(np.trace(m[:3, :3])) / 3.0, m[3:, 3:]) for w, m in masses}))
+    return found
+
+
+def _density(mass: float, inertia: np.ndarray) -> np.ndarray:
+    """Return m and J of a mass (kg) with a tensor of inertia (3, 3), kg m2, about its position."""
+    density = np.zeros((N_VECTORS, N_VECTORS))
+    density[0, 0] = mass
+    density[1:, 1:] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    return density
+
+
+def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
+    """Return the continuum elements, material by material."""
+    found, moduli, constants, rayleigh = [], [], [], []
+    for number, body in enumerate(share.bodies):
+        for region in body.meshed.solid.regions if body.meshed is not None else ():
+            mesh = body.meshed.solid.mesh
+            cells, rule = mesh.cells[region.cells], reference_element(mesh.kind)
+            dofs = body.first_internal + dimension * cells[:, :, None] + np.arange(dimension)
+            here = share.touches(dofs.reshape(len(dofs), -1))
+            places = mesh.nodes[cells[here]]
+            geometry = Geometry.of(places, rule.stiffness)
+            mass = elasticity.mass(elasticity.volumes_of(places, rule.mass), rule.mass)
+            owner = np.full((2, here.sum()), [[len(moduli)], [number]])
+            found.append((dofs[here], geometry.gradients.swapaxes(2, 3), geometry.volumes, mass, *owner))
+            lame = Lame.of(region.nu, dimension == 2)
+            constants.append((lame.first, lame.shear))
+            rayleigh.append(share.damping.rayleigh_of(number))
+            moduli.append([share.quantity(region.modulus), share.quantity(region.density)])
+    n_nodes = max((part[0].shape[1] for part in found), default=1)
+    n_points = max((part[2].shape[1] for part in found), default=1)
+    empty, d = np.zeros(0, dtype=int), dimension
+    shapes = (n_nodes, d), (n_points, n_nodes, d), (n_points,), (n_nodes, n_nodes), (), ()
+    columns = list(zip(*found)) or [()] * len(shapes)
+    dofs, gradients, volumes, mass, region, owners = (
+        np.concatenate([np.zeros((0, *shape)), *(_filled(part, shape, -1.0 if k == 0 else 0.0) for part in column)])
+        for k, (shape, column) in enumerate(zip(shapes, columns))
+    )
+    dofs = dofs.astype(int)
+    flat, low = dofs.reshape(len(dofs), n_nodes * d), np.tril_indices(n_nodes * d)
+    n = len(moduli)
+    table = share.blocks.pack(np.array(moduli).reshape(n, 2, share.blocks.n_samples))
+    part = Solids(
+        dofs, gradients, volumes, mass, region.astype(int), owners.astype(int), np.array(constants).reshape(n, 2),
+        np.array(rayleigh).reshape(n, 2), table, empty, share.owns(flat[:, 0]),
+    )  # fmt: skip
+    here = np.maximum(flat, 0)  # of a node that an element has not, some entry on the diagonal that nothing is added to
+    rows, columns = here[:, low[0]], here[:, low[1]]
+    absent = flat[:, low[0]] < 0
+    return part, (np.where(absent, flat[:, :1], rows), np.where(absent, flat[:, :1], columns))
+
+
+def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:
+    """Fill an array (n_e, ...) up to a shape (n_e, *shape)."""
+    result = np.full((len(part), *shape), value)
+    result[tuple(slice(n) for n in part.shape)] = part
+    return result

@@ -1,0 +1,109 @@
+"""The compiled elements, called with many elements at once as the formulas of tests are written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
+from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, strain_energies
+from pgmp_petsc.bodies.elasticity import Geometry, Lame
+
+
+def forces(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the internal forces of cells with E = 1, shape (n_e, n_a, d)."""
+    return _evaluated(places, np.zeros_like(places), geometry, lame, 0.0)[0]
+
+
+def tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return their derivatives, shape (n_e, n_a, d, n_a, d)."""
+    return _evaluated(places, np.zeros_like(places), geometry, lame, 0.0)[1]
+
+
+def viscous_forces(places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the damping forces for beta = 1."""
+    return _evaluated(places, rates, geometry, lame, 1.0)[0] - forces(places, geometry, lame)
+
+
+def viscous_tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return their derivatives in the rates."""
+    return _evaluated(places, np.zeros_like(places), geometry, lame, 1.0)[1] - tangents(places, geometry, lame)
+
+
+def strain_energy(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
+    """Return the strain energies, shape (n_e,)."""
+    n, n_nodes, d = places.shape
+    energies = np.empty(n)
+    work = cell_work(n_nodes, d, n)
+    strain_energies(_cells(geometry), (lame.first, lame.shear), np.ones(n), _last(places), work, energies)
+    return energies
+
+
+def _evaluated(
+    places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame, beta: float
+) -> tuple[np.ndarray, np.ndarray]:
+    n, n_nodes, d = places.shape
+    m = n_nodes * d
+    found, packed, powers = np.empty((n_nodes, d, n)), np.empty((m * (m + 1) // 2, n)), np.empty(n)
+    evaluate_cells(
+        _cells(geometry), (lame.first, lame.shear), np.ones(n), beta, 1.0, _last(places), _last(rates), beta != 0.0,
+        True, cell_work(n_nodes, d, n), found, packed, powers,
+    )  # fmt: skip
+    return np.moveaxis(found, 2, 0), _unpacked(packed.T, m).reshape(n, n_nodes, d, n_nodes, d)
+
+
+def _cells(geometry: Geometry) -> Cells:
+    gradients = np.moveaxis(geometry.gradients, 0, -1).swapaxes(1, 2)
+    return Cells(np.ascontiguousarray(gradients), np.ascontiguousarray(geometry.volumes.T))
+
+
+def _last(by_element: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.moveaxis(by_element, 0, -1))
+
+
+def _unpacked(packed: np.ndarray, m: int) -> np.ndarray:
+    """Return symmetric matrices (n, m, m) from their lower triangles (n, m (m + 1) / 2)."""
+    matrices = np.empty((len(packed), m, m))
+    rows, columns = np.tril_indices(m)
+    matrices[:, rows, columns] = matrices[:, columns, rows] = packed
+    return matrices
+
+
+class Beams3d:
+    """Beam elements in space with lengths (n,), axes (n, 3, 3) and a section (6,)."""
+
+    def __init__(self, lengths: np.ndarray, axes: np.ndarray, section: np.ndarray) -> None:
+        self._elements, self._section = list(zip(lengths, axes)), section
+
+    def forces(self, u: np.ndarray) -> np.ndarray:
+        """Return the internal forces for unknowns of shape (n, 24)."""
+        found, work = np.zeros(u.shape), beam_work()
+        for own, (length, axes), force in zip(u, self._elements, found):
+            stretch(own, length, axes, self._section, work)
+            add_force(work, work.stress, force)
+        return found
+
+    def tangents(self, u: np.ndarray, viscosity: float = 0.0) -> np.ndarray:
+        """Return their derivatives, and those of damping forces in the rates, shape (n, 24, 24)."""
+        packed, work = np.empty((len(u), N_ELEMENT * (N_ELEMENT + 1) // 2)), beam_work()
+        for own, (length, axes), result in zip(u, self._elements, packed):
+            stretch(own, length, axes, self._section, work)
+            fill_tangent(work, length, viscosity, result)
+        return _unpacked(packed, N_ELEMENT)
+
+    def strain_energy(self, u: np.ndarray) -> np.ndarray:
+        """Return the strain energies, shape (n,)."""
+        work = beam_work()
+        return np.array([stretch(own, *element, self._section, work) for own, element in zip(u, self._elements)])
+
+    def viscosity(self, u: np.ndarray) -> np.ndarray:
+        """Return what gives the forces of unit viscosity from the rates, shape (n, 24, 24)."""
+        return self.tangents(u, 1.0) - self.tangents(u)
+
+    def viscous_forces(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the forces of unit viscosity, shape (n, 24), and the work that they take, shape (n,)."""
+        found, powers, work, stress = np.zeros(u.shape), np.zeros(len(u)), beam_work(), np.empty(6)
+        for k, (length, axes) in enumerate(self._elements):
+            stretch(u[k], length, axes, self._section, work)
+            powers[k] = viscous_stress(work, v[k], stress)
+            add_force(work, stress, found[k])
+        return found, powers
