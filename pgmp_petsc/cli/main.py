@@ -23,7 +23,7 @@ from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.compiled import cache_problem
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
-from pgmp_petsc.runtime.petsc import unused_options, unused_remark
+from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
 from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
@@ -65,10 +65,8 @@ def pgmp(context: click.Context) -> None:
 
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
-    from mpi4py import MPI
-
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
-    comm = MPI.COMM_WORLD
+    comm = start_mpi()
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
     session = Session(comm, petsc_options)
