@@ -7,6 +7,7 @@ a bare ``--`` go to PETSc.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
@@ -21,7 +22,6 @@ from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.compiled import cache_problem
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
 from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
@@ -76,6 +76,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
     closing.Free()
     _warn(session, status)
     release_petsc(comm)
+    gc.freeze()  # what is still alive goes with the process; Python would look through it twice more
     sys.exit(status)
 
 
@@ -152,7 +153,9 @@ def _warn(session: Session, status: int) -> None:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:
             print(f"pgmp: warning: {unused_remark(names)}", file=sys.stderr, flush=True)
-    problem = cache_problem()
+    # a command that computes nothing never loaded numba
+    compiled = sys.modules.get("pgmp_petsc.runtime.compiled")
+    problem = None if compiled is None else compiled.cache_problem()
     if problem is not None and session.comm.rank == 0:
         print(f"pgmp: warning: {problem}", file=sys.stderr, flush=True)
 
