@@ -6,6 +6,7 @@ before any module imports it; both need to know the command before its module is
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -38,7 +39,9 @@ class LazyCommand:
     def load(self) -> click.Command:
         """Import the module and return the command."""
         module, _, function = self.target.partition(":")
-        return getattr(import_module(module), function)
+        command = getattr(import_module(module), function)
+        gc.freeze()  # modules live to the end: later collections need not look through them
+        return command
 
 
 class LazyGroup(click.Group):

@@ -7,6 +7,7 @@ a bare ``--`` go to PETSc.
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
@@ -21,9 +22,8 @@ from pgmp_petsc import __version__
 from pgmp_petsc.cli.lazy import LazyCommand, LazyGroup
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.ending import release_petsc
-from pgmp_petsc.runtime.compiled import cache_problem
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name, plain_reason
-from pgmp_petsc.runtime.petsc import unused_options, unused_remark
+from pgmp_petsc.runtime.petsc import start_mpi, unused_options, unused_remark
 from pgmp_petsc.runtime.printing import LastingOutput, descriptor_of
 from pgmp_petsc.runtime.signals import ending_on_signals, what_is_kept
 
@@ -65,10 +65,8 @@ def pgmp(context: click.Context) -> None:
 
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
-    from mpi4py import MPI
-
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
-    comm = MPI.COMM_WORLD
+    comm = start_mpi()
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
     session = Session(comm, petsc_options)
@@ -78,6 +76,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
     closing.Free()
     _warn(session, status)
     release_petsc(comm)
+    gc.freeze()  # what is still alive goes with the process; Python would look through it twice more
     sys.exit(status)
 
 
@@ -154,7 +153,9 @@ def _warn(session: Session, status: int) -> None:
         names = unused_options(session.petsc_options, session.comm)
         if names and session.comm.rank == 0:
             print(f"pgmp: warning: {unused_remark(names)}", file=sys.stderr, flush=True)
-    problem = cache_problem()
+    # a command that computes nothing never loaded numba
+    compiled = sys.modules.get("pgmp_petsc.runtime.compiled")
+    problem = None if compiled is None else compiled.cache_problem()
     if problem is not None and session.comm.rank == 0:
         print(f"pgmp: warning: {problem}", file=sys.stderr, flush=True)
 

@@ -18,7 +18,6 @@ from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.inputs import read_rom, read_scene
-from pgmp_petsc.studies.settled_step import settle_step
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 
@@ -44,18 +43,17 @@ def simulate(
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full:
         loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
-        say_remarks(context, loaded)
-        with agreed(comm, "preparing the full-order model"):
-            model = FullModel(loaded, meshes)
-        model, remark = settle_step(model, comm)
-        trajectory = simulate_full(model, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
-        say_remarks(context, loaded)
-        with agreed(comm, "preparing the reduced model"):
-            reduced = ReducedModel(loaded, rom)
-        reduced, remark = settle_step(reduced, comm)
-        trajectory = simulate_reduced(reduced, comm)
+    say_remarks(context, loaded)
+    with agreed(comm, f"preparing the {'full-order' if full else 'reduced'} model"):
+        model = FullModel(loaded, meshes) if full else ReducedModel(loaded, rom)
+    remark = ""
+    if loaded.simulation.tolerance is not None:
+        from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+
+        model, remark = settle_step(model, comm)
+    trajectory = (simulate_full if full else simulate_reduced)(model, comm)
     save(context, trajectory, output)
     if trajectory is not None:
         say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))

@@ -115,9 +115,14 @@ class LoopClosure:
         InputError
             Where it does not converge.
         """
-        closed, gap = self._newton(poses, theta)
+        closed, gap = self.newton(poses, theta)
+        self.require_closed(poses, theta, gap)
+        return closed
+
+    def require_closed(self, poses: np.ndarray, theta: np.ndarray, gap: np.ndarray) -> None:
+        """Refuse theta (n, n_theta) where a gap (n,) remained, from poses (n_bodies, n_pose, n)."""
         if np.all(gap < CLOSURE_TOLERANCE):
-            return closed
+            return
         worst = int(np.nanargmax(gap)) if np.any(np.isfinite(gap)) else 0
         gaps, blame = self._gaps(self._nearest(poses[..., [worst]], theta[[worst]]))
         ranges = " or ".join(f"coordinates.{c.name}.range" for c in self.mechanism.coordinates)
@@ -155,23 +160,24 @@ class LoopClosure:
 
     def closed_freely(self, poses: np.ndarray) -> np.ndarray:
         """Close the loops near poses (n_bodies, n_pose, n) wherever the coordinates then are; best effort."""
-        return self._newton(poses, None)[0]
+        return self.newton(poses, None)[0]
 
     def newton_step(self, poses: np.ndarray, residual: np.ndarray) -> np.ndarray:
         """Return what to take off the poses; of the closure alone, if the residual has no driving rows."""
         jacobian = self.jacobian(poses)[:, : len(residual)]
         return np.moveaxis(_solved(jacobian, residual.T[..., None])[..., 0], 0, -1).reshape(poses.shape)
 
-    def _newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return poses and the largest scaled residual of each; undriven where no theta is given."""
+    def newton(self, poses: np.ndarray, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses as from `close` and the largest scaled residual (n,) of each, below `CLOSURE_TOLERANCE` where it
+        converged; undriven where no theta is given."""
         poses, n_rows = poses.copy(), self.n_constraints if theta is None else self._rows.n
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
             gap = np.max(np.abs(residual) / self._scale[:n_rows, None], axis=0, initial=0.0)
             # each theta stops by itself, so that the others in the call have no part in its last digits
-            open_ones = ~(gap < CLOSURE_TOLERANCE)
-            if not open_ones.any() or not np.all(np.isfinite(gap)):
+            open_ones = (gap >= CLOSURE_TOLERANCE) & np.isfinite(gap)
+            if not open_ones.any():
                 break
             moving = poses[..., open_ones]
             step = self.newton_step(moving, residual[:, open_ones])

@@ -2,7 +2,8 @@
 
 The range is covered by a tensor grid of configurations. From the assembled one the branch is continued along the first
 coordinate, from each of these configurations along the second, and so on, always from neighbour to neighbour with a
-linear prediction. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
+linear prediction. Several steps are taken at once: they are guessed from one configuration to second order, and count
+as far as Newton's method comes to each of them from its neighbour too. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
 their branch or coordinates lose control of the mechanism, and the range is refused. A change of orientation tells a
 curve of singular configurations between two neighbours: ``det(J_1^T J_2)`` of their two J is negative. Without
 redundant constraints that is a change of sign of det J. With them it is one too, seen in the space of the columns of J,
@@ -19,12 +20,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from pgmp_petsc.mechanism.closure import LoopClosure
+from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE, LoopClosure
 from pgmp_petsc.runtime.errors import InputError
 
 SINGULAR_TOLERANCE = 1e-5  # smallest singular value of J over the largest, lengths scaled by the mechanism's size
 NEARLY_SINGULAR = 1e-2  # the same, where a bisection ended that may not come closer
 SAME_BRANCH = 1e-6  # difference of poses that neighbours agree to
+MOST_AT_ONCE = 32  # steps that are guessed from one configuration
 
 
 class Continuation:
@@ -95,13 +97,15 @@ class Continuation:
 
     def _along(self, axis: int, place: int, front: _Front) -> _Front:
         """Continue a front in both directions along an axis; return all configurations reached."""
-        values = self._axes[axis]
-        reached = {place: front}
-        for numbers in (range(place, values.size), range(place, -1, -1)):
-            for before, now in pairwise(numbers):
-                theta = reached[before].theta.copy()
-                theta[:, axis] = values[now]
-                reached[now] = reached[before].continued(theta, axis, self._steps[axis] * (now - before))
+        values, reached = self._axes[axis], {place: front}
+        for numbers, way in ((range(place + 1, values.size), 1), (range(place - 1, -1, -1), -1)):
+            ahead = 1
+            while numbers:
+                before = reached[numbers[0] - way]
+                fronts = before.continued(values[numbers[:ahead]], axis, self._steps[axis] * way)
+                reached.update(zip(numbers, fronts))
+                # as many as went well, and as many again
+                numbers, ahead = numbers[len(fronts) :], min(2 * len(fronts), MOST_AT_ONCE)
         return _Front.stacked([reached[k] for k in range(values.size)])
 
     def _check_neighbours(self) -> None:
@@ -142,9 +146,11 @@ class _Front:
 
     @classmethod
     def begun(cls, closure: LoopClosure, theta: np.ndarray, poses: np.ndarray) -> _Front:
-        """Return a front at the assembled configurations."""
+        """Return a front at the assembled configuration."""
         jacobian = closure.jacobian(poses)
-        _check_control(closure, theta, jacobian)
+        values = _singular_values(closure, jacobian)
+        if values[0, -1] < SINGULAR_TOLERANCE * values[0, 0]:
+            _refuse_control(closure, theta[0], values[0])
         return cls(closure, theta, poses, jacobian)
 
     @classmethod
@@ -157,16 +163,46 @@ class _Front:
         jacobian = jacobian.reshape(-1, *jacobian.shape[2:])
         return cls(fronts[0].closure, theta, poses.reshape(*poses.shape[:2], -1), jacobian)
 
-    def continued(self, theta: np.ndarray, axis: int, step: float) -> _Front:
-        """Return the front one step along an axis, at theta (n, n_theta)."""
-        closure = self.closure
-        guess = self.poses + closure.rates(self.poses, self.jacobian)[:, :, axis] * step
-        poses = closure.close(guess, theta)
-        jacobian = closure.jacobian(poses)
-        _check_control(closure, theta, jacobian)
-        for k in np.flatnonzero(~_keeps_orientation(closure, jacobian, self.jacobian)):
-            self._check_change(k, theta[k])
-        return _Front(closure, theta, poses, jacobian)
+    def continued(self, values: np.ndarray, axis: int, step: float) -> list[_Front]:
+        """Return the fronts at the first of the next values (m,) along an axis, `step` apart; one of them at least."""
+        closure, n = self.closure, len(self.theta)
+        theta = np.tile(self.theta, (1 + len(values), 1))
+        theta[n:, axis] = np.repeat(values, n)
+        poses, jacobian = self.poses, self.jacobian
+        if len(values) > 1:
+            guessed, gap = closure.newton(self._guess(step * np.arange(1, len(values)), axis), theta[n:-n])
+            poses = np.concatenate([poses, guessed[..., : n * _leading(gap, n)]], axis=-1)
+            jacobian = closure.jacobian(poses)
+        guess = poses + closure.rates(poses, jacobian)[:, :, axis] * step
+        theta = theta[: n + len(jacobian)]
+        following, gap = closure.newton(guess, theta[n:])
+        closure.require_closed(guess[..., :n], theta[n : 2 * n], gap[:n])
+        # what follows from a configuration off the branch does not count
+        apart = np.abs(following[..., :-n] - poses[..., n:]) / closure.mechanism.space.units(closure.size)[:, None]
+        off_branch = np.concatenate([np.zeros(n), np.max(apart, axis=(0, 1)) > SAME_BRANCH])
+        kept = n * _leading(np.where(off_branch, np.inf, gap), n)
+        following, theta = following[..., :kept], theta[: n + kept]
+        jacobian = np.concatenate([self.jacobian, closure.jacobian(following)])
+        poses = np.concatenate([self.poses, following], axis=-1)
+        _Front(closure, theta, poses, jacobian)._check(n)
+        parts = [slice(k, k + n) for k in range(n, n + kept, n)]
+        return [_Front(closure, theta[part], poses[..., part], jacobian[part]) for part in parts]
+
+    def _guess(self, away: np.ndarray, axis: int) -> np.ndarray:
+        """Return poses (n_bodies, n_pose, m n) at distances (m,) along an axis, to second order."""
+        rates = self.closure.rates(self.poses, self.jacobian)
+        curvatures = self.closure.curvatures(self.poses, rates)[:, :, axis, axis]
+        return np.concatenate([self.poses + rates[:, :, axis] * x + curvatures * (0.5 * x * x) for x in away], axis=-1)
+
+    def _check(self, n: int) -> None:
+        """Refuse singular configurations among all but the first n, and between each and the one n before it."""
+        closure, values = self.closure, _singular_values(self.closure, self.jacobian[n:])
+        lost = values[:, -1] < SINGULAR_TOLERANCE * values[:, 0]
+        turned = ~_keeps_orientation(closure, self.jacobian[n:], self.jacobian[:-n])
+        for k in np.flatnonzero(lost | turned):
+            if lost[k]:
+                _refuse_control(closure, self.theta[n + k], values[k])
+            self._check_change(k, self.theta[n + k])
 
     def _check_change(self, k: int, after: np.ndarray) -> None:
         """Bisect for the place on the way to a neighbour where the orientation of J changes.
@@ -205,12 +241,10 @@ def _refuse_control(closure: LoopClosure, theta: np.ndarray, values: np.ndarray)
     )
 
 
-def _check_control(closure: LoopClosure, theta: np.ndarray, jacobian: np.ndarray) -> None:
-    """Refuse configurations (n, n_theta) where J is singular."""
-    values = _singular_values(closure, jacobian)
-    lost = np.flatnonzero(values[:, -1] < SINGULAR_TOLERANCE * values[:, 0])
-    if lost.size:
-        _refuse_control(closure, theta[lost[0]], values[lost[0]])
+def _leading(gap: np.ndarray, n: int) -> int:
+    """Return how many steps of n configurations each are closed, up to the first that is not; gap has shape (m n,)."""
+    closed = np.all(gap.reshape(-1, n) < CLOSURE_TOLERANCE, axis=1)
+    return int(np.logical_and.accumulate(closed).sum())
 
 
 def _singular_values(closure: LoopClosure, jacobian: np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ class StatementRows:
 
         In space angles are nearest to `known`, which broadcasts against the result, rad.
         """
-        known = np.broadcast_to(known, (self.n, *q.shape[1:]))
+        known = np.array(np.broadcast_to(known, (self.n, *q.shape[1:])))
         return self._evaluated(VALUES, self.n, q, known)
 
     def gradients(self, q: np.ndarray) -> np.ndarray:
@@ -138,13 +138,13 @@ class StatementRows:
         curved = (np.abs(hessians).max(axis=-1, initial=0.0) > ROUND_OFF) & moving[:, :, None] & moving[:, None, :]
         bent = curved.any(axis=(1, 2))
         first = (np.abs(gradients).max(axis=-1, initial=0.0) > ROUND_OFF) & moving
-        rows, columns = np.nonzero(first)
+        rows, columns = np.array(np.nonzero(first))  # contiguous, as everywhere: one compiled function for all
         entries = _starts(rows, self.n), columns, self.dofs[rows, columns]
         self.jacobian_pattern = rows, entries[2]
-        rows, i, j = np.nonzero(curved & lower)
+        rows, i, j = np.array(np.nonzero(curved & lower))
         self.curvature_pattern = self.dofs[rows, i], self.dofs[rows, j]
         # linear rows are their value at zero and their slopes there
-        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all())[:, 0]
+        constants = self._evaluated(VALUES, self.n, at_zero, np.zeros((self.n, 1)), rows=self._all()).ravel()
         self.compiled = Rows(
             self.statements, self.dofs, np.flatnonzero(~bent), np.flatnonzero(bent), constants, entries,
             self.gradients(at_zero)[..., 0][first], (_starts(rows, self.n), i, j),

@@ -199,7 +199,8 @@ class ModalProblem:
             If the refinement does not converge.
         """
         m_kept = self.times_mass(kept)
-        balanced = loads - m_kept @ np.linalg.solve(self.inner(kept, m_kept), self.inner(kept, loads))
+        gram = self.inner(kept, m_kept)
+        balanced = loads - m_kept @ np.linalg.solve(gram, self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
         undeflated = self.norms(self._shifted_answers(loads))
         answers = np.zeros_like(loads)
@@ -210,9 +211,9 @@ class ModalProblem:
         for _ in range(MAX_REFINEMENTS):
             residual = balanced[:, active] - times(self.stiffness, answers[:, active])
             step = self._shifted_answers(residual)
-            step -= self.onto(kept, step)
+            step -= kept @ np.linalg.solve(gram, self.inner(m_kept, step))
             answers[:, active] += step
-            size, whole = self.norms(step), self.norms(answers[:, active])
+            size, whole = np.split(self.norms(np.hstack([step, answers[:, active]])), 2)
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
@@ -232,10 +233,8 @@ class ModalProblem:
 
     def _feels(self, loads: np.ndarray) -> np.ndarray:
         """Return which loads the constraints do not take up altogether, shape (k,)."""
-        from mpi4py import MPI
-
         sizes = [np.sum(part**2, axis=0) for part in (transposed_times(self._null, loads), loads)]
-        felt, whole = np.sqrt(self.comm.allreduce(np.array(sizes), op=MPI.SUM))
+        felt, whole = np.sqrt(self._summed(np.array(sizes)))
         return felt > TAKEN_UP * whole
 
     def onto(self, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -245,10 +244,7 @@ class ModalProblem:
 
     def norms(self, vectors: np.ndarray) -> np.ndarray:
         """Return the M-norms of local columns (n_local, k), shape (k,)."""
-        from mpi4py import MPI
-
-        squares = np.einsum("dk,dk->k", vectors, self.times_mass(vectors))
-        return np.sqrt(self.comm.allreduce(squares, op=MPI.SUM))
+        return np.sqrt(self._summed(np.einsum("dk,dk->k", vectors, self.times_mass(vectors))))
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times local columns (n_local, k)."""
@@ -256,9 +252,15 @@ class ModalProblem:
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return ``left^T right`` over all rows (those of all ranks)."""
+        return self._summed(left.T @ right)
+
+    def _summed(self, part: np.ndarray) -> np.ndarray:
+        """Return a new array's sum over the ranks."""
         from mpi4py import MPI
 
-        return self.comm.allreduce(left.T @ right, op=MPI.SUM)
+        part = np.ascontiguousarray(part)
+        self.comm.Allreduce(MPI.IN_PLACE, part, op=MPI.SUM)
+        return part
 
     def all_rows(self, columns: np.ndarray) -> np.ndarray:
         """Gather local columns (n_local, k) of all ranks, shape (n_dofs, k)."""

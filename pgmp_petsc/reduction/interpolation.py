@@ -22,7 +22,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -254,6 +253,8 @@ def _fine_count(samples: Samples, fine: int) -> int:
 
 
 def _spline_on_fine_grid(samples: Samples, table: np.ndarray, count: int) -> np.ndarray:
+    from scipy.interpolate import CubicSpline  # takes a noticeable time, and uniform samples have no use for it
+
     fine = Samples.uniform(samples.lower, samples.upper, _fine_count(samples, count), samples.periodic)
     if not samples.periodic:
         return CubicSpline(samples.theta, table)(fine.theta)

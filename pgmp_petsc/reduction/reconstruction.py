@@ -12,8 +12,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scipy.spatial.transform import Rotation
-
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
@@ -83,6 +81,8 @@ class Reconstruction:
 
     def _in_space(self, theta: np.ndarray, poses: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Return frames from displacements and rotations (n, 6 n_nodes) in body frames at poses (n_bodies, 12, n)."""
+        from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
+
         n, n_theta = theta.shape
         moved = local.reshape(n, self._nodes.size, SPATIAL.n_dofs)
         frames = np.empty((self._nodes.size, SPATIAL.n_pose + n_theta, n))

@@ -1,4 +1,4 @@
-"""The start of PETSc and SLEPc, the options that reach them, and what they say when they refuse one.
+"""The start of MPI, PETSc and SLEPc, the options that reach them, and what they say when they refuse one.
 
 PETSc and SLEPc start together, on all ranks: starting SLEPc registers one more collective clean-up for the end of
 Python, so a rank that never solves an eigenproblem would leave the others waiting there.
@@ -34,7 +34,27 @@ OF_PETSC = (
     "citations", "get_total_flops", "info", "log", "malloc", "memory", "mpidump", "objects", "on_error", "options",
     "petsc_sleep", "saws", "version", "help",
 )  # fmt: skip
+# given to processes that belong to a run of several ranks, or may do so
+OF_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
+# Open MPI's settings for a process that is alone: no daemon, no networks
+ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}
 ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of an option's value
+
+
+def start_mpi() -> MPI.Comm:
+    """Start MPI and return COMM_WORLD.
+
+    Open MPI starts a daemon and looks for networks, a third of a second, also for a process that nobody started
+    together with others; it needs neither. Processes that it starts later are not told so.
+    """
+    alone = not any(name in os.environ for name in OF_RANKS)
+    given = {name: value for name, value in ALONE.items() if alone and name not in os.environ}
+    os.environ.update(given)
+    from mpi4py import MPI
+
+    for name in given:
+        del os.environ[name]
+    return MPI.COMM_WORLD
 
 
 def start_petsc(arguments: Sequence[str] = ()) -> None:

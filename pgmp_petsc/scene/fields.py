@@ -20,7 +20,7 @@ LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 class Table(BaseModel):
     """A table of a scene: unknown keys are refused and values never change after validation."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 def refusal(allowed: str, key: str = "") -> PydanticCustomError:

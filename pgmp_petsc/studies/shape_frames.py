@@ -7,7 +7,6 @@ mesh, placed by ``x_k = (X, Y) + R(phi) (s_k - s_centre)``.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -49,6 +48,8 @@ def _shape(mechanism: Mechanism, body: Body, nodal: np.ndarray) -> np.ndarray:
 
 def _rotation_vectors(shape: np.ndarray) -> np.ndarray:
     """Return the rotations of nodes (n_f, n_nodes, n_frame) in space as axis times angle, shape (n_f, n_nodes, 3)."""
+    from scipy.spatial.transform import Rotation  # takes a noticeable time, and the plane has no use for it
+
     directors = shape[..., 3:12].reshape(-1, 3, 3)
     turns = Rotation.from_matrix(directors.swapaxes(1, 2)).as_rotvec()
     return turns.reshape(*shape.shape[:2], 3)

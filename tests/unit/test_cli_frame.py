@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import synthetic
 from conftest import ROOT, TIMEOUT_SECONDS
 
 from pgmp_petsc.cli.main import split_arguments
-from pgmp_petsc.runtime.petsc import PREFIXES, option_names
+from pgmp_petsc.runtime.petsc import ALONE, OF_RANKS, PREFIXES, option_names
 
 RANKS = (1, 3)
 PGMP = ("-m", "pgmp_petsc.cli.main")
@@ -209,6 +210,20 @@ def test_options_for_petsc_where_it_is_not_used(run):
 
 def test_commands_that_do_not_need_petsc_do_not_import_it(run):
     assert run(1, "modules").stdout.strip() == "petsc4py imported: False"
+
+
+@pytest.mark.parametrize(("given", "daemons"), [({}, 0), ({"SLURM_JOB_ID": "1"}, 1)])
+def test_a_process_alone_starts_no_daemon(given, daemons):
+    """In a batch job it may be one of several; what it starts itself is not told that it is alone."""
+    script = (
+        "import os; from pgmp_petsc.runtime.petsc import ALONE, start_mpi; size = start_mpi().size\n"
+        "children = open(f'/proc/self/task/{os.getpid()}/children').read().split()\n"
+        "print(size, len(children), [name for name in ALONE if name in os.environ])"
+    )
+    # a test process that itself started MPI passes names on
+    environment = {name: value for name, value in os.environ.items() if name not in (*OF_RANKS, *ALONE)} | given
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.split(maxsplit=2) == ["1", str(daemons), "[]\n"]
 
 
 def test_shared_options(run):
