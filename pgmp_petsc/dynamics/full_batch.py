@@ -12,7 +12,8 @@ from pgmp_petsc.dynamics.alpha_step import StepTaken
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
-from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns, evaluate
+from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns
+from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
 from pgmp_petsc.dynamics.lanes import aligned_zeros
@@ -88,7 +89,7 @@ class FullBatch:
             aligned_zeros((blocks.n_blocks, equations.layout.n_lower, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
-        self._typical_mass = self._find_typical_mass()
+        self._typical_mass = mass_on_diagonal(self._problem) / self.n_dofs
 
     def __enter__(self) -> FullBatch:
         return self
@@ -249,18 +250,3 @@ class FullBatch:
             residual, parts, gains, self._typical_mass, chosen, fresh, self._size,
         )  # fmt: skip
         return self._size.ravel()[: self.n_samples].copy()
-
-    def _find_typical_mass(self) -> np.ndarray:
-        """Return the mean of the mass matrix's diagonal over all unknowns, shape (n_blocks, n_lanes)."""
-        blocks = self._blocks
-        q = self.pack(np.repeat(self._equations.start()[0][:, None], self.n_samples, axis=1))
-        shapes = (self.n_dofs, self.n_dofs, self.n_constraints, self._equations.n_turns)
-        rest = tuple(np.zeros((n, blocks.n_lanes)) for n in shapes)
-        now, x = self._sources.at(np.zeros(1)), np.empty((self.n_dofs + self.n_constraints, blocks.n_lanes))
-        for block in range(blocks.n_blocks):
-            evaluate(
-                self._problem, block, (now.loads[0], now.actions[0]), now.angles[0], 0.0, np.empty((0, blocks.n_lanes)),
-                (q[block], *rest), (0.0, 1.0, 0.0), np.zeros(blocks.n_lanes), True, x, self._factors.diagonal[block],
-                self._factors.lower[block],
-            )  # fmt: skip
-        return self._factors.diagonal.sum(axis=1) / self.n_dofs

@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import count_turns, evaluate
+from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
@@ -79,7 +80,8 @@ class FullDistributed:
         self._names = EnergyNames.of(
             len(equations.unknowns.bodies), equations.damping, equations.modal, equations.loads, equations.actions, self._sources.motions
         )
-        self._typical_mass, self._typical_stiffness = self._typical((0.0, 1.0, 0.0)), 0.0
+        self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem)[0, 0])) / self.n_dofs
+        self._typical_stiffness = 0.0
         self._solver_failed = False
 
     def close(self) -> None:
@@ -113,7 +115,7 @@ class FullDistributed:
         is the size before, the same on all ranks. Collective on `comm`.
         """
         if not self._typical_stiffness:
-            self._typical_stiffness = self._typical((0.0, 0.0, 1.0)) or 1.0
+            self._typical_stiffness = self._find_typical_stiffness()
         static = (0.0, 0.0, 1.0)
         step, multipliers = self._solve(0.0, state, static, self._typical_stiffness, ITSELF, True, share)
         size = self._size_of(step)
@@ -198,16 +200,12 @@ class FullDistributed:
         """Gather a state's array of unknowns from all ranks as (n, 1), on every rank."""
         return np.concatenate(self.comm.allgather(array))[:, None]
 
-    def driving_torques(self, state: State) -> np.ndarray:
-        """Return minus the torques that hold prescribed coordinates, shape (n_motions,), on every rank."""
-        own = np.zeros(len(self._sources.motions))
-        bound = self._problem.constraints
-        local = np.zeros(self._equations.chosen.size)
-        local[self._multipliers - self._n] = state.multipliers
-        for motion, place, counted in zip(bound.motions, bound.places, bound.counted):
-            if motion >= 0 and counted:
-                own[motion] = local[place]
-        return self.comm.allreduce(own)
+    def multipliers(self, state: State) -> np.ndarray:
+        """Return the multipliers of all constraints, shape (n_constraints,), on every rank. Collective on `comm`."""
+        equations = self._equations
+        every = np.zeros(equations.constraints.n_constraints)
+        every[equations.chosen[equations.owned_constraints]] = state.multipliers
+        return self.comm.allreduce(every)
 
     def frames(self, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, 1), the same on all ranks. Collective on `comm`."""
@@ -278,18 +276,18 @@ class FullDistributed:
         counted = self._problem.actions.counted
         return [number for number in self._equations.edges if counted[number]]
 
-    def _typical(self, gains: tuple[float, float, float]) -> float:
-        """Return the mean size on the diagonal of the mass or the stiffness at rest. Collective on `comm`."""
+    def _find_typical_stiffness(self) -> float:
+        """Return the mean size on the diagonal of the stiffness at rest. Collective on `comm`."""
         q = self._equations.start()[0][self._equations.layout.needed[: self._n], None]
-        rest, n_turns = np.zeros_like(q), self._equations.n_turns
-        n_motions, n_loads = len(self._sources.motions), (len(self._sources.loads), len(self._sources.actions))
+        rest, bound = np.zeros_like(q), np.zeros((self._x.size - self._n, 1))
+        state = (q, rest, rest, bound, np.zeros((self._equations.n_turns, 1)))
+        amplitudes = tuple(np.zeros(len(sources)) for sources in (self._sources.loads, self._sources.actions))
         evaluate(
-            self._problem, 0, tuple(np.zeros(n) for n in n_loads), np.zeros(n_motions), 0.0,
-            np.zeros((self._x.size - self._n, 1)), (q, rest, rest, np.zeros((self._x.size - self._n, 1)),
-            np.zeros((n_turns, 1))), gains, np.zeros(1), True, self._x, self._diagonal, self._lower,
+            self._problem, 0, amplitudes, np.zeros(len(self._sources.motions)), 0.0, bound, state, (0.0, 0.0, 1.0),
+            np.zeros(1), True, self._x, self._diagonal, self._lower,
         )  # fmt: skip
         own = np.abs(self._diagonal[self._own, 0])
-        return self.comm.allreduce(float(own.sum())) / self.n_dofs
+        return self.comm.allreduce(float(own.sum())) / self.n_dofs or 1.0
 
     def _rows_of_all(self) -> np.ndarray:
         """Return the row of every unknown and multiplier in PETSc's order: rank by rank, shape (n_all,)."""

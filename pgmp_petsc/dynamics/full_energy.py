@@ -130,7 +130,7 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
                 result[loads + number, lane] += problem.loads.values[entry] * strength * moved
         if n_actions:
             now = act(
-                problem.actions, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0, False
+                problem.actions, block, strengths.actions[k], q[k], v[k], turns[k, n_angles:], 0.0, np.bool_(False)
             )
             for action in range(n_actions):
                 if problem.actions.counted[action]:

@@ -194,7 +194,7 @@ def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lowe
             add_entry(lumps.positions[k], 1.0, entry, diagonal, lower)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
     """Evaluate the residual of a block, and the matrix.
 
@@ -269,7 +269,7 @@ def _count(statements, dofs, q, turns):
         for lane in range(q.shape[1]):
             for i in range(m):
                 y[i] = q[dofs[k, i], lane] if dofs[k, i] >= 0 else 0.0
-            angle = statement(statements, k, y, turns[k, lane], False, scratch, g, h)
+            angle = statement(statements, k, y, turns[k, lane], np.bool_(False), scratch, g, h)
             if np.isfinite(angle):
                 turns[k, lane] = angle
 

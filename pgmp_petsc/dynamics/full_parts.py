@@ -19,7 +19,7 @@ from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
-from pgmp_petsc.dynamics.full_kernel import Elements, Lumps
+from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.dynamics.full_solids import Solids
 from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
@@ -72,6 +72,16 @@ class Share(NamedTuple):
 def placed(part, pattern: Pattern, layout: Layout):
     """Return a part in the numbering of a layout."""
     return part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
+
+
+def contiguous(part):
+    """Return a part, nested tuples of arrays, with contiguous arrays: one compiled function serves all scenes."""
+    if isinstance(part, np.ndarray):
+        return np.ascontiguousarray(part)
+    if isinstance(part, tuple):
+        parts = map(contiguous, part)
+        return type(part)(*parts) if hasattr(part, "_fields") else tuple(parts)
+    return part
 
 
 def sections(share: Share) -> np.ndarray:
@@ -208,6 +218,20 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
     rows, columns = here[:, low[0]], here[:, low[1]]
     absent = flat[:, low[0]] < 0
     return part, (np.where(absent, flat[:, :1], rows), np.where(absent, flat[:, :1], columns))
+
+
+def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
+    """Return the sum of the mass matrix's diagonal that is counted on this rank, shape (n_blocks, n_lanes)."""
+    elements, lumps, cells, beams, masses = problem.elements, problem.lumps, problem.solids, problem.beams, problem.masses
+    d = cells.dofs.shape[2]
+    line = problem.section[:, elements.body[elements.counted]]
+    total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3], elements.length[elements.counted])
+    total += lumps.mass[:, lumps.counted].sum(axis=1)
+    volumes = d * np.trace(cells.mass[cells.counted], axis1=1, axis2=2)
+    total += np.einsum("kel,e->kl", cells.moduli[:, cells.region[cells.counted], 1], volumes)
+    line = beams.section[:, beams.body[beams.counted], N_SECTION:]
+    total += np.einsum("kebl,e->kl", line, 2.0 * beams.length[beams.counted])
+    return total + 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
 
 
 def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:

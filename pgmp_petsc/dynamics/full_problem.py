@@ -19,6 +19,7 @@ from pgmp_petsc.dynamics.full_kernel import FullProblem, Pattern, Strengths
 from pgmp_petsc.dynamics.full_modal import ModalFactors
 from pgmp_petsc.dynamics.full_parts import (
     Share,
+    contiguous,
     placed,
     planar_beams,
     planar_masses,
@@ -155,12 +156,12 @@ class FullEquations:
         units = np.full(self.n_dofs, 1.0 / kinematics.size)
         unknowns.frames(units)[:, d:] = 1.0
         here = self.layout.needed[: self.layout.n_unknowns]
-        self.problem = FullProblem(
+        self.problem = contiguous(FullProblem(
             d, elements, lumps, cells, beams, masses, loads, actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self._pattern(), sections(share),
             np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
-        )  # fmt: skip
+        ))  # fmt: skip
         self._coordinates = angles
         self.n_turns = angles.n + len(acting) if d == 3 else 0
 

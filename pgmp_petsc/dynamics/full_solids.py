@@ -120,7 +120,7 @@ def add_solids(solids, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     columns, work = _columns(solids, n), cell_work(n_nodes, d, n)
     forces, powers, entry = np.empty((n_nodes, d, n)), np.empty(n), np.empty(n_lanes)
     tangents = np.empty((n_nodes * d * (n_nodes * d + 1) // 2, n))
-    first = 0
+    first = np.int64(0)  # a literal would be another type, and everything compiled once more
     while first < solids.region.size:
         n_elements = _n_together(solids, first, n_lanes)
         region = solids.region[first]
@@ -174,7 +174,7 @@ def add_energies(solids, block, q, v, kinetic, strain, powers):
     n = n_lanes if n_lanes > 1 else TOGETHER
     columns, work = _columns(solids, n), cell_work(n_nodes, d, n)
     forces, damped, energies, unused = np.empty((n_nodes, d, n)), np.zeros(n), np.empty(n), np.empty((1, 1))
-    first = 0
+    first = np.int64(0)
     while first < solids.region.size:
         n_elements = _n_together(solids, first, n_lanes)
         region = solids.region[first]
@@ -184,7 +184,7 @@ def add_energies(solids, block, q, v, kinetic, strain, powers):
         strain_energies(columns.cells, lame, columns.modulus, columns.places, work, energies)
         if beta != 0.0:
             evaluate_cells(
-                columns.cells, lame, columns.modulus, beta, 0.0, columns.places, columns.rates, True, False, work,
+                columns.cells, lame, columns.modulus, beta, 0.0, columns.places, columns.rates, beta != 0.0, np.bool_(False), work,
                 forces, unused, damped,
             )  # fmt: skip
         for e in range(first, first + n_elements):

@@ -64,7 +64,7 @@ class FullStatics:
         else:
             return torques, np.ones(1, dtype=bool)
         self._q = self._system.unpack(state.q)
-        torques[0] = self._system.driving_torques(state)
+        torques[0] = self._system.multipliers(state)[-theta.shape[1] :]  # those of driven angles come last
         return torques, lost
 
     def unknowns(self) -> np.ndarray:

@@ -255,7 +255,7 @@ def final(comm):
         state = integrate(system, scene.simulation).state
         now = system.energies(0.01, state)
         return {
-            **{name: system.unpack(getattr(state, name)) for name in ("q", "v", "multipliers")},
+            "q": system.unpack(state.q), "v": system.unpack(state.v), "multipliers": system.multipliers(state),
             **{name: getattr(now, name) for name in ("kinetic", "strain")}, **now.powers, **now.potential,
         }
 

@@ -121,7 +121,7 @@ scene = quick_return("simulation.duration=0.1")
 model = full_model(scene)
 with model.distributed(scene.values, MPI.COMM_WORLD) as system:
     run = integrate(system, scene.simulation)
-    q, multipliers = system.unpack(run.state.q)[:, 0], system.unpack(run.state.multipliers)[:, 0]
+    q, multipliers = system.unpack(run.state.q)[:, 0], system.multipliers(run.state)
 batch, expected = run_model(model)
 for one, name in ((q, "q"), (multipliers, "multipliers")):
     two = batch.unpack(getattr(expected.state, name))[:, 0]
