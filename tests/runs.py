@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,10 @@ from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
 
+MOST_ROMS = 40  # that are kept, of some megabytes each
+_ROMS: dict[tuple[str, Path], ReducedOrderModel] = {}
 PAPER_SCENE = ROOT / "scenes" / "slider_crank_paper.toml"
 # runs several commands one after the other on all ranks and prints every rank's exit status
 IN_TURN = """
@@ -118,10 +120,24 @@ def full_model(scene: Scene) -> FullModel:
     return FullModel(scene, _meshes(scene))
 
 
-def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] = lambda modes: modes) -> ReducedOrderModel:
-    """Build the reduced-order model on this process."""
+def rom_of(scene: Scene, scramble: Callable[[ModeSet], ModeSet] | None = None) -> ReducedOrderModel:
+    """Return the reduced-order model, built on this process; scenes that differ in their runs alone share one."""
+    if scramble is not None:
+        return built_rom(scene, scramble)
+    same = scene.model_copy(update={"simulation": scene.simulation.tolerance, "ensemble": None})
+    key = repr(same), scene.path_of("")
+    if key not in _ROMS:
+        _ROMS[key] = built_rom(scene)
+        if len(_ROMS) > MOST_ROMS:
+            del _ROMS[next(iter(_ROMS))]
+    rom = _ROMS[key]
+    return replace(rom, record=replace(rom.record, scene_toml=scene_to_toml(scene)))
+
+
+def built_rom(scene: Scene, *scramble: Callable[[ModeSet], ModeSet]) -> ReducedOrderModel:
+    """Build the reduced-order model on this process, also where there is one; for tests that patch what builds it."""
     with RankGroup.split(MPI.COMM_SELF, 1) as group:
-        return build_rom(scene, _meshes(scene), group, scramble)
+        return build_rom(scene, _meshes(scene), group, *scramble)
 
 
 def reduced_model(scene: Scene) -> ReducedModel:
@@ -129,9 +145,8 @@ def reduced_model(scene: Scene) -> ReducedModel:
     return ReducedModel(scene, rom_of(scene))
 
 
-@lru_cache(maxsize=1)
 def paper_rom() -> ReducedOrderModel:
-    """Return the paper's own reduced-order model, 15 modes at 629 angles; built once a session (4 s)."""
+    """Return the paper's own reduced-order model, 15 modes at 629 angles (4 s)."""
     return rom_of(paper_scene())
 
 

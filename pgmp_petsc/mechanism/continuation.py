@@ -3,13 +3,14 @@
 The range is covered by a tensor grid of configurations. From the assembled one the branch is continued along the first
 coordinate, from each of these configurations along the second, and so on, always from neighbour to neighbour with a
 linear prediction. Several steps are taken at once: they are guessed from one configuration to second order, and count
-as far as Newton's method comes to each of them from its neighbour too. On the way the Jacobian J of closure and coordinates is watched: where it is singular, loops change
-their branch or coordinates lose control of the mechanism, and the range is refused. A change of orientation tells a
-curve of singular configurations between two neighbours: ``det(J_1^T J_2)`` of their two J is negative. Without
-redundant constraints that is a change of sign of det J. With them it is one too, seen in the space of the columns of J,
-which turns smoothly, through singular configurations as well; a determinant of chosen rows would not do, as it may
-change its sign together with the dependence of the rows that are left out. Around an isolated singular configuration,
-neighbours on different lines of the continuation come to different branches.
+as far as Newton's method comes to each of them from its neighbour too. On the way the Jacobian J of closure and
+coordinates is watched: where it is singular, loops change their branch or coordinates lose control of the mechanism,
+and the range is refused. A change of orientation tells a curve of singular configurations between two neighbours:
+``det(J_1^T J_2)`` of their two J is negative. Without redundant constraints that is a change of sign of det J. With
+them it is one too, seen in the space of the columns of J, which turns smoothly, through singular configurations as
+well; a determinant of chosen rows would not do, as it may change its sign together with the dependence of the rows that
+are left out. Around an isolated singular configuration, neighbours on different lines of the continuation come to
+different branches.
 """
 
 from __future__ import annotations

@@ -9,13 +9,14 @@ import pytest
 import scipy.linalg
 from elimination import circle
 from mechanisms import accurate, assert_close, both, dense_eigenvalues, modal_problem, run_for, start
-from runs import full_model, history, reduced_model, samples
+from runs import built_rom, full_model, history, samples
 from scenes import RADIUS, kinematics_of, mechanism_of, slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.solvers import shift_invert
 from pgmp_petsc.runtime.errors import RunError
 
@@ -91,7 +92,7 @@ def test_a_reduced_model_with_massless_rotations(monkeypatch: pytest.MonkeyPatch
             return replace(section, rotary_density=section.rotary_density * share)
 
         monkeypatch.setattr(BeamSection, "of", classmethod(scaled))
-        model = reduced_model(scene)
+        model = ReducedModel(scene, built_rom(scene))
         found[share] = history(model, samples(scene, 1), 1)[1]
     full = history(full_model(scene), samples(scene, 1), 1)[1]
     # as with rotary inertia
