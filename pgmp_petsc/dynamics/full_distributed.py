@@ -422,7 +422,7 @@ class FullDistributed:
     def _gather(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Return q (n_dofs,), valid where it is needed here, and all multipliers."""
         self._x.setArray(np.concatenate([state.q, state.multipliers]))
-        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.FORWARD)
+        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.SCATTER_FORWARD)
         ghosts = self._ghosts.getArray(readonly=True)
         q = np.zeros(self.n_dofs)
         q[self._needed_dofs] = ghosts[: self._needed_dofs.size]
@@ -431,7 +431,7 @@ class FullDistributed:
     def _gather_rows(self, rows: np.ndarray) -> np.ndarray:
         """Return a nodal vector (n_dofs,), valid where it is needed here, from its local rows."""
         self._x.setArray(np.concatenate([rows, np.zeros(self._n_multipliers)]))
-        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.FORWARD)
+        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.SCATTER_FORWARD)
         everywhere = np.zeros(self.n_dofs)
         everywhere[self._needed_dofs] = self._ghosts.getArray(readonly=True)[: self._needed_dofs.size]
         return everywhere
