@@ -46,13 +46,15 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
         If a word is no option, or PETSc refuses one.
     """
     option_names(arguments)
+    # what nothing used is named in one line at the end; PETSc has warnings of its own, by its version. A user's word is last
+    words = ["pgmp", "-options_left", "no", *arguments]
     import petsc4py
 
     said = ""
     try:
         with _held_back_stderr() as printed:
             try:
-                petsc4py.init(["pgmp", *arguments])
+                petsc4py.init(words)
             except RuntimeError:
                 said = printed()
                 raise
@@ -61,7 +63,7 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
         raise InputError(f"options after '--': PETSc does not start with {' '.join(arguments)}: {reason}") from error
     import slepc4py
 
-    slepc4py.init(["pgmp", *arguments])
+    slepc4py.init(words)
 
 
 @contextmanager

@@ -154,7 +154,7 @@ def test_an_interrupted_run(run, n):
 @pytest.mark.parametrize("n", RANKS)
 def test_options_after_the_dashes_reach_petsc(run, n):
     done = run(n, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
-    assert done.stdout.strip() == "[('flag', '1'), ('pgmp_modes_eps_tol', '1e-9')]"
+    assert done.stdout.strip() == "[('flag', '1'), ('options_left', 'no'), ('pgmp_modes_eps_tol', '1e-9')]"
 
 
 @pytest.mark.parametrize("n", RANKS)
