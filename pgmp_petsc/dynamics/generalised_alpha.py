@@ -31,7 +31,7 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
-from pgmp_petsc.runtime.petsc import petsc_solver
+from pgmp_petsc.runtime.petsc import as_raised, petsc_solver
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -199,7 +199,8 @@ def integrate(
             ts.setMonitor(lambda _, number, *__: observer(number, float(stepper.instants[number]), stepper.state))
         with petsc_solver(prefix, "time integration"):
             ts.setFromOptions()
-        ts.solve(solution)
+        with as_raised():
+            ts.solve(solution)
         check_end(ts, n_steps, simulation.duration)
     finally:
         ts.destroy()

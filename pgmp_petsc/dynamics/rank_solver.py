@@ -76,7 +76,7 @@ class RankSolver:
     def gather(self, own: np.ndarray) -> np.ndarray:
         """Return what is needed here, shape (n_needed,), of a vector that every rank has its rows of."""
         self._x.setArray(own)
-        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.FORWARD)
+        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.SCATTER_FORWARD)
         return self._ghosts.getArray(readonly=True).copy()
 
     def assemble(self, diagonal: np.ndarray, lower: np.ndarray) -> None:

@@ -328,14 +328,14 @@ class ModalProblem:
             self._signature = signature
         if self._null is None:
             self._null = aij_matrix(local, self.comm, int(hi - lo))
-            self._reduced = (self.stiffness.PtAP(self._null), self.mass.PtAP(self._null))
+            self._reduced = (self.stiffness.ptap(self._null), self.mass.ptap(self._null))
             for matrix in self._reduced:
                 matrix.setOption(matrix.Option.SYMMETRIC, True)
         else:
             self._null.setValuesCSR(local.indptr, local.indices, local.data)
             self._null.assemble()
-            self.stiffness.PtAP(self._null, result=self._reduced[0])
-            self.mass.PtAP(self._null, result=self._reduced[1])
+            self.stiffness.ptap(self._null, result=self._reduced[0])
+            self.mass.ptap(self._null, result=self._reduced[1])
 
     def _drop_reduced(self) -> None:
         if self._null is not None:

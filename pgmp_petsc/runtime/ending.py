@@ -18,6 +18,7 @@ def release_petsc(comm: MPI.Comm) -> None:
 
     A PETSc object that a cycle of Python references kept is only marked when the cycle is collected, and is
     destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
+    That is so with PETSc 3.18, and was not seen with 3.26.
     """
     from mpi4py import MPI
 

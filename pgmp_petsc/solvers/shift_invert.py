@@ -132,7 +132,8 @@ class ShiftInvertSolver:
         eps = self._eps
         eps.setOperators(a, b)
         for subspace in self._subspaces(size, wanted):
-            eps.setDimensions(wanted, subspace)
+            # the last is the largest projected problem: one that stayed from a smaller space is refused
+            eps.setDimensions(wanted, subspace, subspace)
             start = a.createVecRight()
             start.set(1.0)
             eps.setInitialSpace(start)

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+from importlib import metadata
 
 import pytest
 import synthetic
@@ -155,7 +156,7 @@ def test_an_interrupted_run(run, n):
 @pytest.mark.parametrize("n", RANKS)
 def test_options_after_the_dashes_reach_petsc(run, n):
     done = run(n, "petsc", "--", "-pgmp_modes_eps_tol", "1e-9", "-flag", "1")
-    assert done.stdout.strip() == "[('flag', '1'), ('pgmp_modes_eps_tol', '1e-9')]"
+    assert done.stdout.strip() == "[('flag', '1'), ('options_left', 'no'), ('pgmp_modes_eps_tol', '1e-9')]"
 
 
 @pytest.mark.parametrize("n", RANKS)
@@ -295,6 +296,7 @@ def test_what_petsc_still_holds_is_let_go_while_python_lives(mpirun, parallel_sc
     mpirun(n, parallel_scripts / "left_behind.py", "closed")
 
 
+@pytest.mark.skipif(not metadata.version("petsc4py").startswith("3.18."), reason="3.26 was seen to do it itself")
 def test_without_that_the_end_of_petsc_may_crash(mpirun, parallel_scripts):
-    """Once this fails, PETSc does it itself, and `release_petsc` has no use any more."""
+    """Once this is skipped with Debian's PETSc too, `release_petsc` has no use any more."""
     assert mpirun(1, parallel_scripts / "left_behind.py", "open", check_status=None).returncode != 0
