@@ -1,4 +1,4 @@
-"""What a command says of the estimated errors of reduced runs, and of how far they left small deformations."""
+"""What a command says of estimated errors, of how far runs left small deformations, and of their balance of energy."""
 
 from __future__ import annotations
 
@@ -40,6 +40,22 @@ def of_ensemble(ensemble: Ensemble) -> list[str]:
     worst = {name: values[np.isfinite(values)] for name, values in ensemble.validity.items()}
     worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in worst.items() if known.size}
     return [*lines, of_validity(worst)] if worst else lines
+
+
+def of_balance(ensemble: Ensemble) -> list[str]:
+    """Return one line of the samples' balance of energy; none where it was not drawn up."""
+    if not ensemble.balance:
+        return []
+    residual, exchanged = (ensemble.balance[name] for name in ("residual", "exchanged"))
+    known = np.flatnonzero(np.isfinite(residual) & (exchanged > 0.0))
+    if not known.size:
+        return ["  balance of energy: no sample is fine and moves any energy"]
+    shares = 100.0 * residual[known] / exchanged[known]
+    worst = int(known[np.argmax(shares)])
+    return [
+        f"  balance of energy: residual {np.median(shares):.2g} % of what is moved around in the median, {shares.max():.2g} % "
+        f"at most (sample {worst})"
+    ]
 
 
 def of_validity(validity: Mapping[str, float]) -> str:

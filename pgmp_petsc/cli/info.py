@@ -61,12 +61,13 @@ def describe(path: Path) -> str:
 
 
 def _estimates(file, path: Path) -> list[str]:
-    """Return the estimated errors and the validity of a reduced run or ensemble; a remark says what is not there."""
+    """Return estimated errors, validity, and the balance of energy of an ensemble; a remark says what is not there."""
     from pgmp_petsc.cli import estimates
     from pgmp_petsc.results import Ensemble, Trajectory
 
-    if file.attrs["kind"] == "ensemble" and "validity" in file:
-        return estimates.of_ensemble(Ensemble.read(path))
+    if file.attrs["kind"] == "ensemble" and ("validity" in file or "energy" in file):
+        ensemble = Ensemble.read(path)
+        return [*estimates.of_ensemble(ensemble), *estimates.of_balance(ensemble)]
     if file.attrs["kind"] != "trajectory" or "validity" not in file:
         return []
     trajectory = Trajectory.read(path)

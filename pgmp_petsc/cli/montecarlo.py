@@ -116,6 +116,7 @@ def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
         lines += _bounds_of_quantiles(ensemble)
     if ensemble.validity:
         lines += estimates.of_ensemble(ensemble)
+    lines += estimates.of_balance(ensemble)
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
     return "\n".join(lines)
 

@@ -25,7 +25,7 @@ class Batch:
     ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided,
     ``unstable_start`` whether it began on an unstable static equilibrium. The reduced
     model adds the largest estimated errors of the outputs, those at the end, and the validity of small deformations,
-    each (n,) and NaN where they were not estimated.
+    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for.
     """
 
     first: int
@@ -37,3 +37,4 @@ class Batch:
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
     validity: dict[str, np.ndarray] = field(default_factory=dict)
+    balance: dict[str, np.ndarray] = field(default_factory=dict)

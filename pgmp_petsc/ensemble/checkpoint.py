@@ -15,7 +15,7 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
 FORMAT = 4
-NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity")  # of a batch: arrays by name
+NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity", "balance")  # of a batch: arrays by name
 
 
 class Checkpoint:

@@ -26,7 +26,7 @@ from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.watchers import ErrorWatcher, Found, ValidityWatcher, Watcher, together
+from pgmp_petsc.ensemble.watchers import BalanceWatcher, ErrorWatcher, Found, ValidityWatcher, Watcher, together
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
@@ -164,13 +164,14 @@ def _with_outputs(
 
 def _watchers(model: Model) -> list[Watcher]:
     """Return what looks at the runs of a model."""
+    watchers: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
     if not isinstance(model, ReducedModel):
-        return []
+        return watchers
     share = model.scene.ensemble.checked_share
     validity = ValidityWatcher(model)
     if is_indicated(model.scene) and share > 0.0:
-        return [ErrorWatcher(ErrorIndicator(model), share), validity]
-    return [validity]
+        watchers.append(ErrorWatcher(ErrorIndicator(model), share))
+    return [*watchers, validity]
 
 
 def _remarks(
@@ -210,7 +211,7 @@ def describe_ensemble(
     statistics |= {name: describe(v[np.isfinite(v)], bins, probabilities) for name, v in drawn.items()}
     estimates = {
         kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
-        for kind in ("numerics", "errors", "errors_at_end", "validity")
+        for kind in ("numerics", "errors", "errors_at_end", "validity", "balance")
     }
     numerics = estimates.pop("numerics")
     divisors = numerics["steps_divided"]

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.generalised_alpha import Observer
+from pgmp_petsc.dynamics.running_balance import RunningBalance
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 
 if TYPE_CHECKING:
@@ -137,6 +140,47 @@ class _ValidityWatch:
     def found(self, status: np.ndarray) -> Found:
         """Return the extremes."""
         return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
+
+
+class BalanceWatcher:
+    """Draws up the balance of energy of every sample; see `results.balance`."""
+
+    names = {"balance": list(BALANCE)}
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return that all samples are watched."""
+        return np.ones(last - first, dtype=bool)
+
+    def watch(
+        self,
+        system: SecondOrderSystem,
+        values: Mapping[str, np.ndarray],
+        samples: np.ndarray,
+        simulation: Simulation,
+    ) -> Watch:
+        """Begin to watch a run."""
+        return _BalanceWatch(system, samples)
+
+
+class _BalanceWatch:
+    """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
+
+    def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
+        self._system, self._samples = system, samples
+        self._residual = self._exchanged = np.zeros(system.n_samples)
+        self._sums = RunningBalance()
+
+    def observe(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+            residual, exchanged = self._sums.add(time, self._system.energies(time, state))
+            self._residual = np.maximum(self._residual, np.abs(residual))
+            self._exchanged = np.maximum(self._exchanged, exchanged)
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return the largest residual and the most energy that was moved around, NaN for samples that failed."""
+        kept = np.where(status == Status.FINE, [self._residual, self._exchanged], np.nan)[:, self._samples]
+        return {"balance": dict(zip(BALANCE, kept))}
 
 
 def together(watches: Sequence[Watch]) -> Observer | None:

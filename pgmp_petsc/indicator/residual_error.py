@@ -61,9 +61,8 @@ class ErrorSystem:
         error = rest.copy()
         if self._equilibrium is not None:
             error = self._full.pack(np.nan_to_num(self._equilibrium - first))
-        n_constraints = self._full.n_constraints
-        multipliers = self._full.pack(np.zeros((n_constraints, self.n_samples)))
-        return State(error, rest, rest.copy(), multipliers)
+        multipliers, turns = (self._full.pack(np.zeros((n, self.n_samples))) for n in (self._full.n_constraints, 0))
+        return State(error, rest, rest.copy(), multipliers, turns)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""
@@ -71,7 +70,7 @@ class ErrorSystem:
         if number != self._number:
             instant = self._motion.at(number)
             self._number, self._q, self._a = number, self._full.pack(instant.q), self._full.pack(instant.a)
-        moved = State(self._q + state.q, state.v, self._a + state.a, state.multipliers)
+        moved = State(self._q + state.q, state.v, self._a + state.a, state.multipliers, state.turns)
         before = moved.q.copy(), moved.a.copy()
         size = self._full.correct(time, moved, scheme, active, fresh)
         # by its change, so that a sample which is not active stays what it is to the last digit

@@ -32,6 +32,12 @@ from pgmp_petsc.runtime.files import put, take
 if TYPE_CHECKING:
     import h5py
 
+#: What an ensemble keeps of the balance of every sample: name, unit and description.
+BALANCE = {
+    "residual": ("J", "largest residual of the balance of energy over the run"),
+    "exchanged": ("J", "the most energy that was moved around at any time"),
+}
+
 
 @dataclass(frozen=True)
 class Balance:

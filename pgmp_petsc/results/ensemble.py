@@ -17,6 +17,9 @@ dataset                                  shape           content
 ``/errors_at_end/<name>``                (N)             estimated error at the end time, reduced less full-order
 ``/validity/<name>``                     (N)             how far each run left small deformations (`errors.VALIDITY`),
                                                          NaN where not known; of every sample of the reduced model
+``/energy/residual``, ``exchanged``      (N)             largest residual of a sample's balance of energy, and the
+                                                         most that was moved around, J; where ``ensemble.balance``
+                                                         asks for them, NaN where the sample failed
 ``/statistics/<name>/count``             ()              how many values the statistics are of: for an output the
                                                          samples that are fine, for a parameter all
 ``.../mean``, ``std``                    ()              NaN where there are too few
@@ -39,6 +42,7 @@ from dataclasses import dataclass, field
 import h5py
 import numpy as np
 
+from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
@@ -111,6 +115,8 @@ class Ensemble:
     statistics : dict of str to Statistics
     errors, errors_at_end, validity : dict of str to ndarray, shape (N,)
         Estimates of the reduced model, NaN where a sample has none; empty where no sample was to have one.
+    balance : dict of str to ndarray, shape (N,)
+        Of energy, NaN where a sample failed; empty where it was not asked for.
     """
 
     model: str
@@ -126,6 +132,7 @@ class Ensemble:
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
     validity: dict[str, np.ndarray] = field(default_factory=dict)
+    balance: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
@@ -133,7 +140,7 @@ class Ensemble:
         check_shape("status", self.status, (None,))
         check_shape("failure_time", self.failure_time, (n_samples,))
         check_shape("steps_divided", self.steps_divided, (n_samples,))
-        for arrays in (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity):
+        for arrays in (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity, self.balance):
             for name, values in arrays.items():
                 check_shape(f"'{name}'", values, (n_samples,))
         unknown = set(np.unique(self.status).tolist()) - self.meanings.keys()
@@ -157,7 +164,7 @@ class Ensemble:
                 _write_statistics(group, name, statistics, self.units.get(name, "1"))
 
     def _write_estimates(self, file: h5py.File) -> None:
-        """Write what is known of the reduced model's errors."""
+        """Write what is known of the reduced model's errors, and of the balance of energy."""
         if self.errors:
             about = "largest estimated error of output '{name}' over the run; NaN where not estimated"
             put_named(file, "errors", self.errors, self.units, about)
@@ -165,6 +172,8 @@ class Ensemble:
             put_named(file, "errors_at_end", self.errors_at_end, self.units, about)
         for name, values in self.validity.items():
             put(file, f"validity/{name}", values, *VALIDITY[name])
+        for name, values in self.balance.items():
+            put(file, f"energy/{name}", values, *BALANCE[name])
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Ensemble:
@@ -188,6 +197,7 @@ class Ensemble:
                 errors=take_named(file, "errors", 1),
                 errors_at_end=take_named(file, "errors_at_end", 1),
                 validity=take_named(file, "validity", 1),
+                balance=take_named(file, "energy", 1),
             )
 
 

@@ -117,7 +117,7 @@ def _printed_reason(text: str) -> str:
     lines = [line.partition("PETSC ERROR: ")[2].strip() for line in text.splitlines()]
     for number, line in enumerate(lines):
         if "Error Message" in line:
-            return ": ".join(takewhile(lambda part: not part.startswith("See "), lines[number + 1 :]))
+            return ": ".join(takewhile(lambda part: not part.startswith(("See ", "WARNING!")), lines[number + 1 :]))
     return ""
 
 

@@ -168,3 +168,6 @@ class Ensemble(Table):
         description="share of the reduced samples whose errors are estimated, to a thousandth: the first of every "
         "thousand samples; 0 = none, 1 = all",
     )
+    balance: bool = Field(
+        False, description="draw up the balance of energy of every sample, which needs its energies after every step"
+    )

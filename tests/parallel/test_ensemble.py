@@ -248,3 +248,19 @@ def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
     np.testing.assert_array_equal(np.isnan(found.outputs["crank_angle"]), failed)
     assert found.parameters["push"][~failed].min() < found.parameters["push"][failed].min()
     assert found.meanings[2].startswith("Newton's iteration did not converge")
+
+
+def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: Path) -> None:
+    """Its residual falls with the square of the step, in both models; sample by sample on any ranks."""
+    found = {}
+    for model, source in (("reduced", (rom,)), ("full", (PAPER_SCENE, "--full"))):
+        for step in (1e-3, 5e-4):
+            path = folder / f"balance_{model}_{step}.h5"
+            asked = overridden("ensemble.balance=true", f"simulation.step={step}", "simulation.duration=0.1", "ensemble.batch=3")
+            done = pgmp("montecarlo", *source, "-n", 5, "--seed", SEED, "-o", path, *asked)
+            assert "balance of energy: residual" in done.stdout
+            ensemble = Ensemble.read(path)
+            assert ensemble.balance["exchanged"].shape == (5,) and ensemble.balance["exchanged"].min() > 0.0
+            found[model, step] = ensemble.balance["residual"] / ensemble.balance["exchanged"]
+        order = np.log2(found[model, 1e-3] / found[model, 5e-4])
+        assert np.all((order > 1.5) & (order < 2.5)), f"{model}: {order}"
