@@ -189,7 +189,7 @@ def _run(trajectory: Trajectory) -> None:
 
 def _ensemble(model: FullModel | ReducedModel) -> None:
     with tempfile.TemporaryDirectory() as directory:
-        found = run_ensemble(model, Plan(2, 1, Path(directory) / "e.h5", False), MPI.COMM_SELF)
+        found = run_ensemble(model, Plan(2, 1, Path(directory) / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     for name, values in found.outputs.items():
         assert np.all(np.isfinite(values[found.status == 0])), name
     _says_of_errors(model.name, bool(found.errors), found.record)

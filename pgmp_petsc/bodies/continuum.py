@@ -166,7 +166,7 @@ def _elastic_stress(f, first, shear, modulus, volumes, stress):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _add_viscous_stress(f, rate, first, shear, modulus, volumes, beta, stress, powers):
-    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``, and take its power from powers."""
+    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``, and take its power off."""
     d, n = f.shape[1:]
     for c in range(n):
         factor = beta * modulus[c] * volumes[c]

@@ -53,8 +53,8 @@ def of_balance(ensemble: Ensemble) -> list[str]:
     shares = 100.0 * residual[known] / exchanged[known]
     worst = int(known[np.argmax(shares)])
     return [
-        f"  balance of energy: residual {np.median(shares):.2g} % of what is moved around in the median, {shares.max():.2g} % "
-        f"at most (sample {worst})"
+        f"  balance of energy: residual {np.median(shares):.2g} % of what is moved around in the median, "
+        f"{shares.max():.2g} % at most (sample {worst})"
     ]
 
 

@@ -20,6 +20,7 @@ from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_rom, read_scene
@@ -35,6 +36,10 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
 @click.option("-n", "n_samples", required=True, metavar="N", type=click.IntRange(1, MOST_SAMPLES), help="Number of samples.")
 @click.option("--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed.")
 @click.option("--full", is_flag=True, help="Take the full-order model of a SCENE instead of a ROM.h5.")
+@click.option(
+    "--ranks-per-sample", default=1, show_default=True, metavar="N", type=click.IntRange(1),
+    help="With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
+)  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
 @click.pass_context
@@ -45,6 +50,7 @@ def montecarlo(
     n_samples: int,
     seed: int,
     full: bool,
+    ranks_per_sample: int,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -54,6 +60,9 @@ def montecarlo(
     Exit status 1 if some samples failed; they are recorded with their reason and the others go on.
     """
     comm = context.obj.comm
+    if ranks_per_sample > 1 and not full:
+        raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of a reduced model are small; leave it out")
+    group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full:
@@ -72,7 +81,7 @@ def montecarlo(
     if remark:
         say(context, remark)
     plan = Plan(n_samples, seed, output, resume)
-    ensemble = run_ensemble(model, plan, comm)
+    ensemble = run_ensemble(model, plan, group)
     save(context, ensemble, output)
     failed = 0
     if ensemble is not None:

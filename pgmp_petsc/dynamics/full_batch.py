@@ -79,9 +79,7 @@ class FullBatch:
         self._edges, self._problem = equations.edges, equations.problem
         self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
-        self._names = EnergyNames.of(
-            len(kinematics.mechanism.bodies), equations.damping, equations.modal, equations.loads, equations.actions, self._sources.motions
-        )
+        self._names = EnergyNames.of(equations, self._sources.motions)
         self._nobody = np.zeros(n_samples, dtype=bool)
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(

@@ -77,9 +77,7 @@ class FullDistributed:
         self._lower = np.zeros((layout.n_lower, 1))
         self._solver = RankSolver(layout, np.concatenate([self._own, self._multipliers]), self._rows_of_all(), comm)
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
-        self._names = EnergyNames.of(
-            len(equations.unknowns.bodies), equations.damping, equations.modal, equations.loads, equations.actions, self._sources.motions
-        )
+        self._names = EnergyNames.of(equations, self._sources.motions)
         self._typical_mass = comm.allreduce(float(mass_on_diagonal(self._problem)[0, 0])) / self.n_dofs
         self._typical_stiffness = 0.0
         self._solver_failed = False
@@ -133,8 +131,8 @@ class FullDistributed:
         return float(self.energies(0.0, state).kinetic[0])
 
     def consistent(self, q: np.ndarray, v: np.ndarray, theta: np.ndarray) -> State:
-        """Return the state at time 0 with given unknowns and velocities, shape (n_dofs,), that obey the constraints, and
-        the coordinates (n_theta,)."""
+        """Return the state at time 0 with given unknowns and velocities (n_dofs,) that obey the constraints, and the
+        coordinates (n_theta,)."""
         state = self.at_rest(q, theta)
         state.v = v[self.rows.start : self.rows.stop].copy()
         acceleration = driven(self._sources.motions, 0.0).acceleration

@@ -9,14 +9,13 @@ import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, strain_energy
-from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_beams import add_energies_of_beams, add_energies_of_masses
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_modal import add_modal_damping
+from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_solids import add_energies
-from pgmp_petsc.effects import Action, Effect, Held, Motion
-from pgmp_petsc.effects.modal_damping import ModalDamping
+from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.runtime.compiled import njit
 
 KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
@@ -36,20 +35,13 @@ class EnergyNames:
     rows: tuple[tuple[bool, str] | None, ...]
 
     @classmethod
-    def of(
-        cls,
-        n_bodies: int,
-        damping: BodyDampings,
-        modal: Sequence[ModalDamping],
-        loads: Sequence[Effect],
-        actions: Sequence[Action],
-        motions: Sequence[Motion | Held],
-    ) -> EnergyNames:
+    def of(cls, equations: FullEquations, motions: Sequence[Motion | Held]) -> EnergyNames:
         """Name the rows of a model."""
-        braked = [(False, damping.effects[k]) if k in damping.effects else None for k in range(n_bodies)]
-        of_modes = [(False, one.effect) for one in modal]
-        weights = [(effect.conservative, effect.name) for effect in loads]
-        acting = [(stored, action.effect) for stored in (False, True) for action in actions]
+        names, n_bodies = equations.damping.effects, len(equations.unknowns.bodies)
+        braked = [(False, names[k]) if k in names else None for k in range(n_bodies)]
+        of_modes = [(False, one.effect) for one in equations.modal]
+        weights = [(effect.conservative, effect.name) for effect in equations.loads]
+        acting = [(stored, action.effect) for stored in (False, True) for action in equations.actions]
         return cls((*braked, *of_modes, *weights, *acting, *((False, motion.name) for motion in motions)))
 
     def energies(self, table: np.ndarray) -> Energies:

@@ -32,8 +32,8 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Elements(NamedTuple):
-    """Beam elements in the plane: unknowns (n_e, 6), length, direction, body, where their 21 entries lie, whether each is
-    counted here, in sums over all ranks, and whether any damps."""
+    """Beam elements in the plane: unknowns (n_e, 6), length, direction, body, where their 21 entries lie, whether each
+    is counted here, in sums over all ranks, and whether any damps."""
 
     dofs: np.ndarray
     length: np.ndarray

@@ -125,8 +125,8 @@ def _rotation(modal, body, d, q, lane, turn):
 
 @njit(cache=True, error_model="numpy")
 def _closest_rotation(a):
-    """Replace a matrix (3, 3) of positive determinant by the rotation closest to it, by Newton's iteration for the polar
-    decomposition, ``A <- (s A + A^-T / s) / 2`` with the scale s of Higham (1986)."""
+    """Replace a matrix (3, 3) of positive determinant by the rotation closest to it, by Newton's iteration for the
+    polar decomposition, ``A <- (s A + A^-T / s) / 2`` with the scale s of Higham (1986)."""
     cofactors = np.empty((3, 3))
     for _ in range(POLAR_STEPS):
         for i in range(3):

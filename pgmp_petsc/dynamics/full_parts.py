@@ -62,7 +62,7 @@ class Share(NamedTuple):
     def evaluate(self, terms: Mapping[Monomial, Sequence[float] | np.ndarray]) -> np.ndarray:
         """Return sums of weighted coefficients of any shape for all samples, shape (..., n_samples)."""
         ones = np.ones(self.blocks.n_samples)
-        return sum(np.multiply.outer(np.array(part), weight.evaluate(self.values) * ones) for weight, part in terms.items())
+        return sum(np.multiply.outer(np.array(p), weight.evaluate(self.values) * ones) for weight, p in terms.items())
 
     def quantity(self, quantity: Quantity) -> np.ndarray:
         """Return a quantity of all samples, shape (n_samples,)."""
@@ -222,7 +222,8 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
 
 def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
     """Return the sum of the mass matrix's diagonal that is counted on this rank, shape (n_blocks, n_lanes)."""
-    elements, lumps, cells, beams, masses = problem.elements, problem.lumps, problem.solids, problem.beams, problem.masses
+    elements, lumps, cells = problem.elements, problem.lumps, problem.solids
+    beams, masses = problem.beams, problem.masses
     d = cells.dofs.shape[2]
     line = problem.section[:, elements.body[elements.counted]]
     total = np.einsum("kebl,b,e->kl", line[:, :, 3:5], [4 / 3, 2 / 3], elements.length[elements.counted])

@@ -131,7 +131,10 @@ class FullEquations:
         self.owners = _first_unknowns(self.constraints)
         self.chosen = _touching(self.constraints, rows)
         self.owned_constraints = share.owns(self.owners[self.chosen])
-        parts = planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share), spatial_masses(share, unknowns)
+        parts = (
+            planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
+            spatial_masses(share, unknowns),
+        )  # fmt: skip
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
         acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, rows)]
         self.actions = tuple(acting)
@@ -146,7 +149,8 @@ class FullEquations:
         elements, lumps, cells, beams, masses = (placed(part, pattern, self.layout) for part, pattern in parts)
         filled = {name: blocks.fill(value) for name, value in values.items()}
         compiled = compile_actions(acting, filled, blocks.n_places, d)
-        parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, compiled.parameters.shape[-1])
+        n_parameters = compiled.parameters.shape[-1]
+        parameters = compiled.parameters.reshape(len(acting), blocks.n_blocks, blocks.n_lanes, n_parameters)
         actions = BlockActions(
             compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
             self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),

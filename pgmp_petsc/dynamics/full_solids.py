@@ -184,8 +184,8 @@ def add_energies(solids, block, q, v, kinetic, strain, powers):
         strain_energies(columns.cells, lame, columns.modulus, columns.places, work, energies)
         if beta != 0.0:
             evaluate_cells(
-                columns.cells, lame, columns.modulus, beta, 0.0, columns.places, columns.rates, beta != 0.0, np.bool_(False), work,
-                forces, unused, damped,
+                columns.cells, lame, columns.modulus, beta, 0.0, columns.places, columns.rates, beta != 0.0,
+                np.bool_(False), work, forces, unused, damped,
             )  # fmt: skip
         for e in range(first, first + n_elements):
             for lane in range(n_lanes if solids.counted[e] else 0):

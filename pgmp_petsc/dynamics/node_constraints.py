@@ -151,7 +151,8 @@ class ConstraintParts:
         linear = np.zeros(own.rows.n, dtype=bool)
         linear[compiled.linear] = True
         starts, columns, unknowns = compiled.entries
-        rows = compiled._replace(dofs=layout.unknowns(compiled.dofs), entries=(starts, columns, layout.unknowns(unknowns)))
+        entries = starts, columns, layout.unknowns(unknowns)
+        rows = compiled._replace(dofs=layout.unknowns(compiled.dofs), entries=entries)
         row, unknown, factors = (part[self._linear_here] for part in self._ties.linear)
         products = Products(*(part[self._products_here] for part in self._ties.products))
         placed = products._replace(
@@ -167,7 +168,8 @@ class ConstraintParts:
         )
         return NodeConstraints(
             rows, own.places, own.wanted, own.motions, linear, self._weights, layout.positions(*self._jacobian),
-            layout.positions(*own.rows.curvature_pattern), (*self._pairs, layout.positions(*self._products)), ties, owned[own.places],
+            layout.positions(*own.rows.curvature_pattern), (*self._pairs, layout.positions(*self._products)), ties,
+            owned[own.places],
         )  # fmt: skip
 
 

@@ -24,8 +24,8 @@ class State:
     multipliers
         Lagrange multipliers; of size zero for a system without constraints.
     turns
-        Angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one before;
-        of size zero where there are none.
+        Angles (rad) that unknowns do not count beyond half a revolution, at this instant, or of an iterate at the one
+        before; of size zero where there are none.
     """
 
     q: np.ndarray

@@ -66,7 +66,7 @@ def loads_of(effects: Sequence[Effect], matrices: AffineMatrices) -> tuple[Load,
 
 
 def actions_of(effects: Sequence[Effect], dimension: int = 2) -> tuple[Action, ...]:
-    """Return the local effects of all effects, effect after effect; in three dimensions those on natural coordinates."""
+    """Return the local effects of all effects, effect after effect; in space those on natural coordinates."""
     return tuple(
         action for effect in effects for action in (effect.actions() if dimension == 2 else effect.natural_actions())
     )

@@ -15,7 +15,8 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
 FORMAT = 4
-NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity", "balance")  # of a batch: arrays by name
+# of a batch: arrays by name
+NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity", "balance")
 
 
 class Checkpoint:

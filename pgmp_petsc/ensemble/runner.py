@@ -1,8 +1,9 @@
 """Monte Carlo over ranks.
 
-The samples are worked off in rounds: in each, every rank integrates one batch as one system, and rank 0 gathers what
-came out and puts it into a checkpoint. Nothing that was computed is lost when a run is killed; `resume` takes up the
-checkpoint, with another number of ranks too, because a sample's numbers depend on seed and sample number alone.
+The samples are worked off in rounds: in each, every rank integrates one batch as one system, or a group of ranks one
+sample, and rank 0 gathers what came out and puts it into a checkpoint. Nothing that was computed is lost when a run is
+killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed and
+sample number alone.
 """
 
 from __future__ import annotations
@@ -34,14 +35,17 @@ from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 
 
-def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
-    """Integrate the samples that are missing, and describe all. Collective on `comm`.
+def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
+    """Integrate the samples that are missing, and describe all. Collective on ``group.world``.
+
+    Groups of several ranks share one full-order sample at a time.
 
     Returns
     -------
@@ -55,9 +59,9 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
     RunError
         If the finished batches are not all samples, each once.
     """
-    timings = Timings()
+    timings, comm = Timings(), group.world
     scene_toml = scene_to_toml(model.scene)
-    size = model.largest_batch
+    size = model.largest_batch if group.count == comm.size else 1
     # a scene with nothing to draw, and options that would change it, are refused before anything is touched
     with agreed(comm, "checking what the run is asked for"):
         draw(model.scene, plan.seed, 0, 1)
@@ -69,14 +73,14 @@ def run_ensemble(model: Model, plan: Plan, comm: MPI.Comm) -> Ensemble | None:
         watchers = _watchers(model)
     taken_up = plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing)
     with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
-        for start in range(0, len(missing), comm.size):
-            turn = missing[start : start + comm.size]
+        for start in range(0, len(missing), group.count):
+            turn = missing[start : start + group.count]
             batch = None
             with agreed(comm, "integration of the samples"):
-                if comm.rank < len(turn):
-                    first = turn[comm.rank]
-                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), watchers)
-            batches = comm.gather(batch)
+                if group.index < len(turn):
+                    first = turn[group.index]
+                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), watchers, group.comm)
+            batches = comm.gather(batch if group.comm.rank == 0 else None)
             with agreed(comm, "writing the checkpoint"):
                 if comm.rank == 0:
                     done = [item for item in batches if item is not None]
@@ -98,10 +102,13 @@ def _described(
     return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
 
 
-def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence[Watcher] = ()) -> Batch:
+def run_batch(
+    model: Model, seed: int, first: int, last: int, watchers: Sequence[Watcher] = (), comm: MPI.Comm = MPI.COMM_SELF
+) -> Batch:
     """Integrate samples first to last - 1 as one system, those that fail again with smaller steps.
 
-    What the watchers find is added where they look, and is NaN elsewhere.
+    Several ranks share one sample. What the watchers find is added where they look, and is NaN elsewhere. Collective on
+    `comm`.
     """
     scene = model.scene
     values = draw(scene, seed, first, last)
@@ -118,7 +125,11 @@ def run_batch(model: Model, seed: int, first: int, last: int, watchers: Sequence
         samples = attempt.samples
         some = {name: value[samples] for name, value in safe.items()}
         chosen = [np.flatnonzero(mask[samples]) for mask in wanted]
-        with closing(model.batch(some, samples.size)) as system:
+        if comm.size == 1:
+            made = model.batch(some, samples.size)
+        else:
+            made = model.single({name: float(value[0]) for name, value in some.items()}, comm)
+        with closing(made) as system:
             if system.settled is not None:
                 unstable[samples] = system.settled.unstable & attempt.alive
             watched = [

@@ -68,7 +68,8 @@ class Unknowns:
 
     def in_mechanism(self, rows: range) -> range:
         """Return the numbers that a share of the unknowns has in the mechanism."""
-        return range(*(bound - self._more * min(bound // self._space.n_pose, self.mechanism.n_nodes) for bound in (rows.start, rows.stop)))
+        frames = (min(bound // self._space.n_pose, self.mechanism.n_nodes) for bound in (rows.start, rows.stop))
+        return range(*(bound - self._more * n for bound, n in zip((rows.start, rows.stop), frames)))
 
     def of_mechanism(self, dofs: np.ndarray) -> np.ndarray:
         """Return the unknowns of positions that have given numbers in the mechanism, shape (n,)."""

@@ -65,7 +65,7 @@ class FullModel:
 
     @property
     def largest_batch(self) -> int:
-        """Most samples that a batch may have; those of large meshes, or whose meshes differ, are integrated one by one."""
+        """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
         drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
         own_meshes = drawn & {body.section_scale for body in self.scene.bodies.values()}
         return self.scene.ensemble.batch if self._in_lanes and not own_meshes else 1
@@ -85,17 +85,19 @@ class FullModel:
 
     @property
     def _in_lanes(self) -> bool:
-        return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES
+        """Whether samples may lie side by side: not where options of PETSc's linear solver are given."""
+        return self.kinematics.mechanism.n_dofs <= MOST_IN_LANES and not has_options(PREFIX)
 
     def single(self, values: Mapping[str, float], comm: MPI.Comm) -> FullBatch | FullDistributed:
         """Return one sample on all ranks of `comm`; to be closed. Collective on `comm`.
 
-        On one rank small mechanisms are a batch of one, but for meshes in space and unless options of PETSc's linear solver are given.
+        On one rank small mechanisms are a batch of one, but for meshes in space, and unless options of PETSc's linear
+        solver are given.
         """
         mechanism = self.kinematics.mechanism
         # alone, PETSc's solvers are better with the fill-in of a mesh in space
         filled = mechanism.space is SPATIAL and any(body.meshed is not None for body in mechanism.bodies)
-        if comm.size > 1 or not self._in_lanes or filled or has_options(PREFIX):
+        if comm.size > 1 or not self._in_lanes or filled:
             return self.distributed(values, comm)
         return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 

@@ -38,10 +38,10 @@ class RankGroup:
     count: int
 
     @classmethod
-    def split(cls, world: MPI.Comm, ranks_per_group: int) -> RankGroup:
+    def split(cls, world: MPI.Comm, ranks_per_group: int, option: str = "--ranks-per-angle") -> RankGroup:
         """Split all ranks into groups; ranks left over join the last group. Collective on `world`.
 
-        Who splits closes.
+        Who splits closes. `option` is what asks for it, in messages.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class RankGroup:
         """
         if not 1 <= ranks_per_group <= world.size:
             raise InputError(
-                f"--ranks-per-angle = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
+                f"{option} = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
             )
         from mpi4py import MPI
 

@@ -256,7 +256,9 @@ def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: 
     for model, source in (("reduced", (rom,)), ("full", (PAPER_SCENE, "--full"))):
         for step in (1e-3, 5e-4):
             path = folder / f"balance_{model}_{step}.h5"
-            asked = overridden("ensemble.balance=true", f"simulation.step={step}", "simulation.duration=0.1", "ensemble.batch=3")
+            asked = overridden(
+                "ensemble.balance=true", f"simulation.step={step}", "simulation.duration=0.1", "ensemble.batch=3"
+            )
             done = pgmp("montecarlo", *source, "-n", 5, "--seed", SEED, "-o", path, *asked)
             assert "balance of energy: residual" in done.stdout
             ensemble = Ensemble.read(path)
@@ -264,3 +266,25 @@ def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: 
             found[model, step] = ensemble.balance["residual"] / ensemble.balance["exchanged"]
         order = np.log2(found[model, 1e-3] / found[model, 5e-4])
         assert np.all((order > 1.5) & (order < 2.5)), f"{model}: {order}"
+
+
+def test_groups_of_ranks_share_samples(mpirun: Callable, folder: Path) -> None:
+    """Two groups, of two ranks and of three; a rank alone has the samples in a batch."""
+    asked = ("-n", 5, "--seed", SEED, "--full", *overridden("simulation.duration=0.02"))
+    alone, shared = folder / "alone.h5", folder / "shared.h5"
+    pgmp("montecarlo", PAPER_SCENE, *asked, "-o", alone)
+    mpirun(5, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)
+    one, other = Ensemble.read(alone), Ensemble.read(shared)
+    for name, values in one.outputs.items():
+        np.testing.assert_allclose(other.outputs[name], values, rtol=0, atol=1e-9 * max(1e-3, np.abs(values).max()))
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_groups_that_cannot_be(mpirun: Callable, folder: Path, rom: Path, ranks: int) -> None:
+    for source, given, said in (
+        ((rom,), 2, "--ranks-per-sample = 2: samples of a reduced model are small; leave it out"),
+        ((PAPER_SCENE, "--full"), 4, f"--ranks-per-sample = 4: allowed are 1 to {ranks}, the number of ranks of this run"),
+    ):
+        words = ("montecarlo", *source, "-n", 2, "-o", folder / "no.h5", "--ranks-per-sample", given)
+        done = mpirun(ranks, *PGMP, *words, check_status=2)
+        assert f"pgmp: error: {said}" in done.stderr

@@ -60,7 +60,8 @@ def evaluated(
     multipliers, nothing = np.zeros((n_bound, 1)), np.zeros(0)
     evaluate(
         equations.problem, 0, (nothing, nothing), nothing, 1.0, np.empty((0, 1)),
-        (q[here, None], v[here, None], rest, multipliers, np.zeros((0, 1))), gains, np.zeros(1), True, x, diagonal, lower,
+        (q[here, None], v[here, None], rest, multipliers, np.zeros((0, 1))), gains, np.zeros(1), True, x, diagonal,
+        lower,
     )  # fmt: skip
     matrix = np.zeros((n + n_bound, q.size))
     below, across = layout.lower
@@ -88,7 +89,7 @@ def energies(q: np.ndarray, v: np.ndarray, rank: int = 0, size: int = 1) -> dict
         equations.problem, np.zeros(0, dtype=bool), Sources((), (), ()).at(np.zeros(1)), np.zeros(1, dtype=np.int64),
         q[None, here, None], v[None, here, None], np.zeros((1, n_bound, 1)), np.zeros((1, 0, 1)),
     )  # fmt: skip
-    names = EnergyNames.of(len(kinematics().mechanism.bodies), equations.damping, (), (), (), ())
+    names = EnergyNames.of(equations, ())
     found = names.energies(table[0])
     powers = {name: float(value[0]) for name, value in found.powers.items()}
     return {"strain": float(found.strain[0]), "kinetic": float(found.kinetic[0]), **powers}

@@ -278,7 +278,7 @@ def driven() -> Scene:
 def test_samples_without_equilibrium_are_records_and_are_not_tried_again(name: str, tmp_path: Path) -> None:
     scene = driven()
     model = FullModel(scene, meshes_of(scene)) if name == "full" else reduced_of(scene, BAR)
-    ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), MPI.COMM_SELF)
+    ensemble = run_ensemble(model, Plan(8, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     # 3 N m times T against the weight's m g L / 2, the arm a little shorter as it bends
     largest = 0.5 * STEEL["rho"] * np.pi * 5e-3**2 * 9.81 / 3.0
     held = ensemble.parameters["T"] < largest
@@ -294,7 +294,7 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
     motor = scene.effects["winch"].model_copy(update={"scale": 0.0})
     short = scene.simulation.model_copy(update={"duration": 2e-3})
     scene = scene.model_copy(update={"effects": scene.effects | {"winch": motor}, "simulation": short})
-    ensemble = run_ensemble(FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), MPI.COMM_SELF)
+    ensemble = run_ensemble(FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
     texts = [remark.text for remark in ensemble.record.remarks if remark.kind == "warning"]
     assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
 
