@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from equations import evaluated
 from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
-from pgmp_petsc.dynamics.full_kernel import evaluate
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.effects import effects_of
@@ -48,36 +48,12 @@ def share(rank: int = 0, size: int = 1) -> FullEquations:
     return FullEquations(kinematics(), damping, {}, SampleBlocks(1, 1, 1), (np.zeros(1), np.zeros(1)), owned)
 
 
-def evaluated(
-    q: np.ndarray, v: np.ndarray, gains: tuple[float, float, float], rank: int = 0, size: int = 1
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a rank's rows of the forces and of the iteration matrix, (n_rows,) and (n_rows, n_dofs), without joints."""
-    equations = share(rank, size)
-    layout, n = equations.layout, equations.layout.n_unknowns
-    here = layout.needed[:n]
-    rest, n_bound = np.zeros((n, 1)), layout.needed.size - n
-    x, diagonal, lower = np.zeros((n + n_bound, 1)), np.zeros((n + n_bound, 1)), np.zeros((layout.n_lower, 1))
-    multipliers, nothing = np.zeros((n_bound, 1)), np.zeros(0)
-    evaluate(
-        equations.problem, 0, (nothing, nothing), nothing, 1.0, np.empty((0, 1)),
-        (q[here, None], v[here, None], rest, multipliers, np.zeros((0, 1))), gains, np.zeros(1), True, x, diagonal,
-        lower,
-    )  # fmt: skip
-    matrix = np.zeros((n + n_bound, q.size))
-    below, across = layout.lower
-    kept = below < n
-    matrix[below[kept], here[across[kept]]] = matrix[across[kept], here[below[kept]]] = lower[kept, 0]
-    matrix[np.arange(n), here] = diagonal[:n, 0]
-    own = np.searchsorted(layout.needed, np.arange(equations.rows.start, equations.rows.stop))
-    return x[own, 0], matrix[own]
-
-
 def total(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return evaluated(q, v, GAINS)[0]
+    return evaluated(share(), q, v, GAINS)[0]
 
 
 def matrix(gains: tuple[float, float, float]) -> np.ndarray:
-    return evaluated(*state(), gains)[1]
+    return evaluated(share(), *state(), gains)[1]
 
 
 def energies(q: np.ndarray, v: np.ndarray, rank: int = 0, size: int = 1) -> dict[str, float]:
@@ -136,11 +112,11 @@ def test_the_energies_give_the_forces_and_the_momenta() -> None:
 @pytest.mark.parametrize("size", [2, 3, 7])
 def test_ranks_together_have_every_element_once_and_every_row_complete(size: int) -> None:
     (q, v), names = state(), ("strain", "kinetic", "crank", "rod")
-    forces, whole = evaluated(q, v, GAINS)
+    forces, whole = evaluated(share(), q, v, GAINS)
     alone, summed, n_cells = energies(q, v), dict.fromkeys(names, 0.0), []
     for rank in range(size):
         rows = slice(share(rank, size).rows.start, share(rank, size).rows.stop)
-        own, own_matrix = evaluated(q, v, GAINS, rank, size)
+        own, own_matrix = evaluated(share(rank, size), q, v, GAINS)
         # sums in another order
         np.testing.assert_allclose(own, forces[rows], rtol=0, atol=1e-12 * np.abs(forces).max())
         np.testing.assert_allclose(own_matrix, whole[rows], rtol=0, atol=1e-12 * np.abs(whole).max())

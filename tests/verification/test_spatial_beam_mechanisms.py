@@ -9,6 +9,7 @@ import os
 
 import numpy as np
 import pytest
+from equations import evaluated
 from mpi4py import MPI
 from scenes import HEADER
 from spatial import DENSITY, SECOND_AXIS, TURN
@@ -82,7 +83,8 @@ def test_energy_and_momentum_of_free_motion() -> None:
     )  # fmt: skip
     model, energies, momenta = FullModel(scene, lines_of(scene)), [], []
     with model.distributed({}, MPI.COMM_SELF) as system:
-        mass = model_mass(system)
+        equations = system._equations  # noqa: SLF001
+        mass = evaluated(equations, *equations.start(), (0.0, 1.0, 0.0))[1]
 
         def observe(number: int, time: float, state) -> None:
             if number % 20 == 0:
@@ -96,10 +98,6 @@ def test_energy_and_momentum_of_free_motion() -> None:
     assert run.status[0] == 0
     for values, limit in ((energies, 1e-6), (momenta, 3e-7)):
         assert np.abs(np.array(values) / values[0] - 1.0).max() < limit
-
-
-def model_mass(system) -> np.ndarray:
-    return system._equations.mass  # noqa: SLF001
 
 
 DAMPED = (

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from equations import load_vectors
 from mpi4py import MPI
 from scenes import meshes_of, slider_crank
 from spatial import WIDTH, arm, bars_of, slider_crank_in_space, spatial_slider_crank
@@ -246,8 +247,10 @@ def test_effects_find_their_vectors() -> None:
     model = FullModel(made, bars_of(made))
     with model.distributed(made.values, MPI.COMM_SELF) as system:
         unknowns = Unknowns(model.kinematics.mechanism)
-        vectors = dict(zip((e.name for e in system._load_effects), system._load_vectors))  # noqa: SLF001
-        up = unknowns.uniform(np.array([0.0, 1.0, 0.0]))
+        vectors = load_vectors(system._equations)  # noqa: SLF001
+        up = np.zeros(unknowns.n_dofs)
+        unknowns.frames(up)[:, 1] = 1.0
+        up[unknowns.frames(up).size :].reshape(-1, 3)[:, 1] = 1.0
         volume = (0.1 + 0.3 + 0.05) * WIDTH**2
         assert vectors["gravity"] @ up == pytest.approx(-7800.0 * 9.81 * volume, rel=1e-12)
     assert {effect.name for effect in effects_of(made, model.kinematics.mechanism)} == {"motor", "gravity"}
