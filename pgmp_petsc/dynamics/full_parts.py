@@ -53,7 +53,7 @@ class Share(NamedTuple):
 
     def touches(self, dofs: np.ndarray) -> np.ndarray:
         """Return which elements with unknowns (n_e, m) have one that is owned."""
-        return ((dofs >= self.rows.start) & (dofs < self.rows.stop)).any(axis=1)
+        return self.owns(dofs).any(axis=1)
 
     def owns(self, dofs: np.ndarray) -> np.ndarray:
         """Return which unknowns are owned."""

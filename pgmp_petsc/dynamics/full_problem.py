@@ -28,7 +28,7 @@ from pgmp_petsc.dynamics.full_parts import (
     spatial_beams,
     spatial_masses,
 )
-from pgmp_petsc.dynamics.layout import Layout, RankLayout, WholeLayout
+from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.effects import Action, Effect, Motion, actions_of, loads_of
@@ -129,14 +129,14 @@ class FullEquations:
         share = Share(unknowns.bodies, rows, values, blocks, self.damping)
         d = unknowns.dimension
         self.owners = _first_unknowns(self.constraints)
-        self.chosen = _touching(self.constraints, rows)
+        self.chosen = _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
         parts = (
             planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
             spatial_masses(share, unknowns),
         )  # fmt: skip
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
-        acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, rows)]
+        acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, share)]
         self.actions = tuple(acting)
         dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
         coordinates = [c.connection for c in mechanism.coordinates] if d == 3 else []
@@ -247,16 +247,15 @@ def _first_unknowns(constraints: ConstraintSet) -> np.ndarray:
     return first
 
 
-def _touching(constraints: ConstraintSet, rows: range) -> np.ndarray:
-    """Return the numbers of the constraints with one of some unknowns, increasing."""
+def _touching(constraints: ConstraintSet, share: Share) -> np.ndarray:
+    """Return the numbers of the constraints with an unknown of a rank, increasing."""
     of_entries, columns = constraints.jacobian_pattern
-    return np.unique(of_entries[(columns >= rows.start) & (columns < rows.stop)])
+    return np.unique(of_entries[share.owns(columns)])
 
 
-def _acts_here(action: Action, unknowns: Unknowns, rows: range) -> bool:
-    """Return whether an action is on one of some unknowns."""
-    dofs = np.concatenate([unknowns.frame(side.node) for side in action.sides if not side.on_ground] or [[]])
-    return bool(((dofs >= rows.start) & (dofs < rows.stop)).any())
+def _acts_here(action: Action, unknowns: Unknowns, share: Share) -> bool:
+    """Return whether an action is on an unknown of a rank."""
+    return any(share.owns(unknowns.frame(side.node)).any() for side in action.sides if not side.on_ground)
 
 
 def pairs_of(

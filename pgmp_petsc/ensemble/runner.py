@@ -27,7 +27,7 @@ from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.watchers import BalanceWatcher, ErrorWatcher, Found, ValidityWatcher, Watcher, together
+from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher, together
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
@@ -133,7 +133,7 @@ def run_batch(
             if system.settled is not None:
                 unstable[samples] = system.settled.unstable & attempt.alive
             watched = [
-                (places, watcher.watch(system, some, places, attempt.simulation))
+                (places, watcher.watch(Begun(system, some, places, attempt.simulation)))
                 for watcher, places in zip(watchers, chosen)
                 if places.size
             ]

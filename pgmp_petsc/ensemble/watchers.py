@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,6 +23,26 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
 Found = dict[str, dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A run of some samples that begins.
+
+    Attributes
+    ----------
+    system, values
+        The system, and the parameter values of all its samples.
+    samples
+        Numbers of those that are watched.
+    simulation
+        Its steps.
+    """
+
+    system: SecondOrderSystem
+    values: Mapping[str, np.ndarray]
+    samples: np.ndarray
+    simulation: Simulation
 
 
 class Watch(Protocol):
@@ -51,14 +72,8 @@ class Watcher(Protocol):
     def chosen(self, first: int, last: int) -> np.ndarray:
         """Return which of the samples first to last - 1 are watched, shape (last - first,)."""
 
-    def watch(
-        self,
-        system: SecondOrderSystem,
-        values: Mapping[str, np.ndarray],
-        samples: np.ndarray,
-        simulation: Simulation,
-    ) -> Watch:
-        """Begin to watch a run of a system: values of all its samples, numbers of those watched, and its steps."""
+    def watch(self, begun: Begun) -> Watch:
+        """Begin to watch a run."""
 
 
 class ErrorWatcher:
@@ -81,15 +96,9 @@ class ErrorWatcher:
         """Return which samples are checked; see `checked`."""
         return checked(self._share, first, last)
 
-    def watch(
-        self,
-        system: SecondOrderSystem,
-        values: Mapping[str, np.ndarray],
-        samples: np.ndarray,
-        simulation: Simulation,
-    ) -> Watch:
+    def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""
-        return _ErrorWatch(self._indicator.stepped(simulation).watch(values, samples))
+        return _ErrorWatch(self._indicator.stepped(begun.simulation).watch(begun.values, begun.samples))
 
 
 class _ErrorWatch:
@@ -103,7 +112,15 @@ class _ErrorWatch:
         return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
 
 
-class ValidityWatcher:
+class EverySample:
+    """Watches all samples."""
+
+    def chosen(self, first: int, last: int) -> np.ndarray:
+        """Return that all samples are watched."""
+        return np.ones(last - first, dtype=bool)
+
+
+class ValidityWatcher(EverySample):
     """Keeps how far every sample leaves small deformations.
 
     Parameters
@@ -117,19 +134,9 @@ class ValidityWatcher:
     def __init__(self, model: ReducedModel) -> None:
         self._model = model
 
-    def chosen(self, first: int, last: int) -> np.ndarray:
-        """Return that all samples are watched."""
-        return np.ones(last - first, dtype=bool)
-
-    def watch(
-        self,
-        system: SecondOrderSystem,
-        values: Mapping[str, np.ndarray],
-        samples: np.ndarray,
-        simulation: Simulation,
-    ) -> Watch:
+    def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
-        return _ValidityWatch(Validity(self._model, system, values, simulation), samples)
+        return _ValidityWatch(Validity(self._model, begun.system, begun.values, begun.simulation), begun.samples)
 
 
 class _ValidityWatch:
@@ -142,24 +149,14 @@ class _ValidityWatch:
         return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
 
 
-class BalanceWatcher:
+class BalanceWatcher(EverySample):
     """Draws up the balance of energy of every sample; see `results.balance`."""
 
     names = {"balance": list(BALANCE)}
 
-    def chosen(self, first: int, last: int) -> np.ndarray:
-        """Return that all samples are watched."""
-        return np.ones(last - first, dtype=bool)
-
-    def watch(
-        self,
-        system: SecondOrderSystem,
-        values: Mapping[str, np.ndarray],
-        samples: np.ndarray,
-        simulation: Simulation,
-    ) -> Watch:
+    def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
-        return _BalanceWatch(system, samples)
+        return _BalanceWatch(begun.system, begun.samples)
 
 
 class _BalanceWatch:
