@@ -10,13 +10,13 @@ import pytest
 import synthetic
 from scenes import meshes_of, slider_crank
 
-from pgmp_petsc.figures import paper as pictures
+from benchmarks.paper import figures as pictures
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies import paper, paper_accuracy, paper_comparison, paper_cost, paper_order, paper_ranks
-from pgmp_petsc.studies.paper_published import BANDS, DENSITIES, RADII
-from pgmp_petsc.studies.paper_results import PaperResults
-from pgmp_petsc.studies.paper_tables import Table, number, percent, span, with_error
+from benchmarks.paper import accuracy, comparison, cost, order, ranks, summary
+from benchmarks.paper.published import BANDS, DENSITIES, RADII
+from benchmarks.paper.results import PaperResults
+from benchmarks.tables import Table, number, percent, span, with_error
 
 LAW = 'distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }\n'
 
@@ -69,66 +69,66 @@ def test_numbers_are_written_with_what_they_are_worth() -> None:
 def test_a_band_must_agree_with_the_reference_and_fit_the_axis(directory: Path) -> None:
     results = PaperResults.read(directory)
     f4 = replace(next(band for band in BANDS if band.name == "f4"), reference={"1.0": (277.0, 357.0)})
-    assert paper_comparison.frequency_row(f4, results)[-1].startswith("ok")
+    assert comparison.frequency_row(f4, results)[-1].startswith("ok")
     elsewhere = replace(f4, reference={"1.0": (277.0, 400.0)})
-    assert paper_comparison.frequency_row(elsewhere, results)[-1].startswith("differs from the reference")
+    assert comparison.frequency_row(elsewhere, results)[-1].startswith("differs from the reference")
     narrow = replace(f4, labels=(300.0, 310.0, 10.0))
-    assert paper_comparison.frequency_row(narrow, results)[-1].startswith("differs from the paper's axis")
+    assert comparison.frequency_row(narrow, results)[-1].startswith("differs from the paper's axis")
 
 
 def test_a_mean_is_judged_by_both_sampling_errors() -> None:
     published = DENSITIES["crank_angle"]
     random = np.random.default_rng(3).normal(published.mean, published.std, 10_000)
-    assert paper_comparison.moment_verdict(published, synthetic.statistics(random), "no") == "ok"
+    assert comparison.moment_verdict(published, synthetic.statistics(random), "no") == "ok"
     shifted = synthetic.statistics(random + 0.1 * published.std)
-    assert paper_comparison.moment_verdict(published, shifted, "no").startswith("no (")
+    assert comparison.moment_verdict(published, shifted, "no").startswith("no (")
 
 
 def test_a_density_is_judged_by_support_and_peak() -> None:
     published = DENSITIES["crank_angle"]
     support = np.array(published.support)
-    assert paper_comparison.shape_verdict(published, support, published.peak) == "ok"
-    assert "ends" in paper_comparison.shape_verdict(published, support - 1.0, published.peak)
-    words = paper_comparison.shape_verdict(published, support, 1.2 * published.peak, ", why")
+    assert comparison.shape_verdict(published, support, published.peak) == "ok"
+    assert "ends" in comparison.shape_verdict(published, support - 1.0, published.peak)
+    words = comparison.shape_verdict(published, support, 1.2 * published.peak, ", why")
     assert words == "differs: the peak by 20 %, why"
 
 
 def test_the_published_table_has_a_verdict_in_every_row(directory: Path) -> None:
-    table = paper_comparison.published_table(PaperResults.read(directory))
+    table = comparison.published_table(PaperResults.read(directory))
     assert len(table.rows) == 4 + 2 + 1 + 8 + 1
     assert all(row[-1].startswith(("ok", "differs")) for row in table.rows)
-    assert paper.verdicts([table])["all"] == len(table.rows)
+    assert summary.verdicts([table])["all"] == len(table.rows)
 
 
 def test_an_ensemble_with_one_cost_has_ratio_one(directory: Path) -> None:
-    assert "ratio 1" in paper_comparison.cost_row(PaperResults.read(directory))[2]
+    assert "ratio 1" in comparison.cost_row(PaperResults.read(directory))[2]
 
 
 def test_frequencies_need_the_reference_angles() -> None:
     theta = 2 * np.pi / 8 * np.arange(8)
-    assert paper_accuracy.nearest(theta, np.pi / 2) == 2
+    assert accuracy.nearest(theta, np.pi / 2) == 2
     with pytest.raises(ValueError, match="no angle 1 rad"):
-        paper_accuracy.nearest(theta, 1.0)
+        accuracy.nearest(theta, 1.0)
 
 
 def test_equal_samples_have_no_distance(directory: Path) -> None:
     results = PaperResults.read(directory)
     same = replace(results, ensembles={model: results.ensembles["full"] for model in ("full", "reduced")})
-    for row in paper_accuracy.distance_table(same).rows:
+    for row in accuracy.distance_table(same).rows:
         assert [float(cell) for cell in row[1:]] == [0.0, 0.0, 0.0]
 
 
 def test_orders_are_those_of_a_power() -> None:
-    np.testing.assert_allclose(paper_order.orders(3.0 * np.array([1e-3, 5e-4, 2.5e-4]) ** 2), 2.0, rtol=1e-12)
-    assert paper_order.rms_error(np.array([1.0, 2.0]), np.array([0.0, 1.0])) == 1.0
-    assert paper_order.AT_REST.shown_steps == "1, 0.5, 0.25 ms"
+    np.testing.assert_allclose(order.orders(3.0 * np.array([1e-3, 5e-4, 2.5e-4]) ** 2), 2.0, rtol=1e-12)
+    assert order.rms_error(np.array([1.0, 2.0]), np.array([0.0, 1.0])) == 1.0
+    assert order.AT_REST.shown_steps == "1, 0.5, 0.25 ms"
 
 
 def test_the_order_is_measured_at_common_instants() -> None:
-    case = replace(paper_order.AT_REST, duration=8e-3, steps=(2e-3, 1e-3))
-    scene = Path(paper.SCENE)
-    coarse = paper_order.history(case.model(scene), case, 2e-3, 0.8)
-    fine = paper_order.exact_run(case, scene)
+    case = replace(order.AT_REST, duration=8e-3, steps=(2e-3, 1e-3))
+    scene = Path(summary.SCENE)
+    coarse = order.history(case.model(scene), case, 2e-3, 0.8)
+    fine = order.exact_run(case, scene)
     assert coarse["crank_angle"].shape == fine["crank_angle"].shape == (5,)
 
 
@@ -136,7 +136,7 @@ def test_the_order_is_measured_at_common_instants() -> None:
     "full, words", [(8.0, "2 times as fast"), (4.0, "about as fast"), (2.0, "full-order model is 2")]
 )
 def test_the_speed_up_is_put_into_words(full: float, words: str) -> None:
-    assert words in paper_cost.Cost(5, 41, 15, full, 4.0).in_words
+    assert words in cost.Cost(5, 41, 15, full, 4.0).in_words
 
 
 def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
     )
     fine.write(tmp_path / "full_1.h5")
     replace(fine, outputs={"crank_angle": np.array([1.0, 2.0 + 4e-10])}).write(tmp_path / "full_2.h5")
-    assert paper_ranks.sample_difference(tmp_path, "full", "2") == pytest.approx(2e-10, rel=1e-6)
+    assert ranks.sample_difference(tmp_path, "full", "2") == pytest.approx(2e-10, rel=1e-6)
 
 
 def test_tables_without_inertia_coupling() -> None:
@@ -161,7 +161,7 @@ def test_tables_without_inertia_coupling() -> None:
     from pgmp_petsc.dynamics.reduced_terms import coupling_of
     from pgmp_petsc.reduction.build import build_rom
     from pgmp_petsc.runtime.groups import RankGroup
-    from pgmp_petsc.studies.paper_inertia import uncoupled
+    from benchmarks.paper.inertia import uncoupled
 
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
     tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables
@@ -172,7 +172,7 @@ def test_tables_without_inertia_coupling() -> None:
 
 def test_all_pictures_are_drawn(directory: Path) -> None:
     names = {path.name for path in pictures.draw(directory)}
-    assert names == set(paper.PICTURES)
+    assert names == set(summary.PICTURES)
     assert all((directory / name).stat().st_size > 10_000 for name in names)
 
 
@@ -187,7 +187,7 @@ def test_a_density_that_no_ensemble_has_is_refused() -> None:
         pictures.densities([ensemble("full")], names=["crank_angel"])
 
 
-@pytest.mark.parametrize("program", [paper, pictures])
+@pytest.mark.parametrize("program", [summary, pictures])
 def test_the_programs_say_what_they_need(program, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.argv", ["program"])
     assert program.main() == 2

@@ -12,15 +12,14 @@ from mpi4py import MPI
 from pictures import assert_inside, legend_texts, visible
 
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.figures import scaling as figures
+from benchmarks.scaling import build, figures, fine_beams, report
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results import scaling as phases
-from pgmp_petsc.results.scaling import ScalingCase, exponent, over_unknowns
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.studies import fine_beams, scaling, scaling_report
-from pgmp_petsc.studies.fine_beams import FineBeams
+from benchmarks.scaling.fine_beams import FineBeams
 from pgmp_petsc.studies.inputs import read_scene
 
 SOLIDS = ROOT / "scenes" / "slider_crank_solid2d.toml"
@@ -50,7 +49,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScalingCase, Pat
     """Return the record of the plane slider-crank on the meshes of the repository, and its reduced model's file."""
     path = tmp_path_factory.mktemp("scaling") / "case_small.h5"
     group = RankGroup.split(MPI.COMM_SELF, 1)
-    return scaling.measure(SOLIDS, SMALL, group, path, fresh_up_to=10**4), path
+    return build.measure(SOLIDS, SMALL, group, path, fresh_up_to=10**4), path
 
 
 def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) -> None:
@@ -74,9 +73,9 @@ def test_a_build_is_measured_phase_by_phase(measured: tuple[ScalingCase, Path]) 
 def test_a_fresh_solve_has_the_condensed_frequencies() -> None:
     scene, meshes = read_scene(SOLIDS, SMALL, (), MPI.COMM_SELF, Purpose.BUILD)
     components = condensed(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
-    fresh = scaling.fresh_solve(scene, meshes, MPI.COMM_SELF)
+    fresh = build.fresh_solve(scene, meshes, MPI.COMM_SELF)
     # condensing leaves 1e-10 of the compliances; round-off of the mesh's stiffness stands above
-    np.testing.assert_allclose(fresh, scaling.fresh_solve(scene, components, MPI.COMM_SELF), rtol=1e-7)
+    np.testing.assert_allclose(fresh, build.fresh_solve(scene, components, MPI.COMM_SELF), rtol=1e-7)
 
 
 def test_a_full_solve_that_fails_is_a_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,15 +83,15 @@ def test_a_full_solve_that_fails_is_a_record(tmp_path: Path, monkeypatch: pytest
         def __init__(self, *_: object) -> None:
             raise RunError("too fine")
 
-    monkeypatch.setattr(scaling, "ModalProblem", Failing)
-    found = scaling.measure(SOLIDS, SMALL, RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5", fresh_up_to=10**4)
+    monkeypatch.setattr(build, "ModalProblem", Failing)
+    found = build.measure(SOLIDS, SMALL, RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5", fresh_up_to=10**4)
     assert found.refusal == "too fine" and phases.FRESH not in {**found.wall, **found.processor}
-    assert "| refused: too fine |" in scaling_report.angle_table([found]).markdown()
+    assert "| refused: too fine |" in report.angle_table([found]).markdown()
 
 
 def test_a_scene_of_beams_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no body of continuum elements"):
-        scaling.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
+        build.measure(BEAMS, (), RankGroup.split(MPI.COMM_SELF, 1), tmp_path / "rom.h5")
 
 
 def test_records_are_kept(tmp_path: Path) -> None:
@@ -128,7 +127,7 @@ def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
     cases = [replace(case(10**3), processor=fresh), case(10**5), case(10**5, ranks=2), case(10**5, ranks=2, together=2)]
     for number, found in enumerate(cases):
         found.write(tmp_path / f"case_{number}.json")
-    text = scaling_report.summarise(tmp_path)
+    text = report.summarise(tmp_path)
     assert "power 1.50 of the unknowns, over a factor of 100 (1.5 is allowed)" in text.replace("too much: ", "")
     assert "2 a body" in text and "The machine was shared" in text
     # 20 ms an angle: 4 s are 200 of them
@@ -137,17 +136,17 @@ def test_the_summary_says_what_was_measured(tmp_path: Path) -> None:
     assert "Reduced simulation" not in text and "nan" not in text
     dear = {**case().processor, phases.CONDENSING: 1e-2}
     replace(case(10**3), processor=dear).write(tmp_path / "case_0.json")
-    assert "too much: 1.5 is allowed" in scaling_report.summarise(tmp_path)
+    assert "too much: 1.5 is allowed" in report.summarise(tmp_path)
 
 
 def test_one_size_has_no_exponent(tmp_path: Path) -> None:
     case().write(tmp_path / "case_0.json")
-    text = scaling_report.summarise(tmp_path)
+    text = report.summarise(tmp_path)
     assert "exponent" not in text and "power" not in text and "nan" not in text
 
 
 def test_a_directory_without_records_is_refused(tmp_path: Path) -> None:
-    for work in (scaling_report.summarise, figures.draw):
+    for work in (report.summarise, figures.draw):
         with pytest.raises(InputError, match="scripts/bench_scaling"):
             work(tmp_path)
 
@@ -189,7 +188,7 @@ def test_a_refusal_of_the_program_is_kept(monkeypatch: pytest.MonkeyPatch) -> No
     beams = fine_beams.measure(BEAMS, (1000, 10000), (40, 80, 160), MPI.COMM_SELF)
     np.testing.assert_allclose(beams.differences[0], 1e-6, rtol=1e-6)
     assert beams.verdict(0) == "ok" and beams.verdict(1) == "refused: too fine for double precision"
-    text = scaling_report.beam_table(beams).markdown()
+    text = report.beam_table(beams).markdown()
     assert "| 10000 |  | refused" in text and "| 1000 | 1.0e-06, 1.0e-06 | ok |" in text
 
 
@@ -199,14 +198,14 @@ def test_bodies_that_are_no_straight_beams_are_refused() -> None:
 
 
 def test_reduced_runs_are_compared(tmp_path: Path) -> None:
-    text = scaling_report.simulation_table({10**3: [0.5, 0.4], 10**5: [0.41]}).markdown()
+    text = report.simulation_table({10**3: [0.5, 0.4], 10**5: [0.41]}).markdown()
     assert "| 1000 | 0.40 s | 0.50, 0.40 |" in text and "Largest over smallest mesh: 1.02" in text
-    assert scaling_report.integration_times(tmp_path) == {}
+    assert report.integration_times(tmp_path) == {}
 
 
 def test_programs_say_how_they_are_called(capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["scaling"])
-    assert scaling_report.main() == figures.main() == 2
+    assert report.main() == figures.main() == 2
     assert capsys.readouterr().err.count("usage: python -m") == 2
 
 

@@ -19,7 +19,7 @@ from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.torque import Torque
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies import effect_cost
+from benchmarks import effect_cost
 
 SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"
 BEAM = CANTILEVER.split("[effects.hold]")[0]
@@ -97,7 +97,7 @@ def test_the_script_asks_for_a_scene(
 ) -> None:
     monkeypatch.setattr("sys.argv", ["effect_cost"])
     assert effect_cost.main() == 2
-    assert "usage: python -m pgmp_petsc.studies.effect_cost SCENE" in capsys.readouterr().err
+    assert "usage: python -m benchmarks.effect_cost SCENE" in capsys.readouterr().err
     monkeypatch.setattr("sys.argv", ["effect_cost", str(tmp_path / "nothing.toml")])
     assert effect_cost.main() == 2
     assert "no such scene file" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import numpy as np
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.studies.paper_published import NOMINAL, RADII
+from benchmarks.paper.published import NOMINAL, RADII
 
 MODELS = ("full", "reduced")
 

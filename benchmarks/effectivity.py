@@ -1,6 +1,6 @@
 """How good the error indicator is: estimated over true errors of many samples, for several reductions and torques.
 
-    python -m pgmp_petsc.studies.effectivity scenes/slider_crank.toml [--samples 200] [--refinement 128]
+    python -m benchmarks.effectivity scenes/slider_crank.toml [--samples 200] [--refinement 128]
 
 The true error of a reduced run is its largest distance over time from a full-order run whose step is `refinement` times
 smaller. The effectivity is the largest estimated error over that; the table shows its spread over the samples. They
@@ -35,7 +35,7 @@ from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.paper_tables import Table
+from benchmarks.tables import Table
 
 # whole tables, so that nothing is left of the scene's own
 SMALL = 'reduction={modes=7, static_modes=true, angles=48, interpolation="spline"}'
@@ -272,7 +272,7 @@ def print_tables(given: argparse.Namespace) -> None:
 def main() -> int:
     """Print the tables as Markdown."""
     parser = argparse.ArgumentParser(
-        prog="python -m pgmp_petsc.studies.effectivity", description=__doc__.split("\n")[0]
+        prog="python -m benchmarks.effectivity", description=__doc__.split("\n")[0]
     )
     parser.add_argument("scene", type=Path, help="a scene with a torque called 'motor'")
     parser.add_argument("--samples", type=int, default=200, metavar="N")

@@ -1,6 +1,6 @@
 """Whether beams of very many elements still have the frequencies that coarser ones converge to.
 
-    python -m pgmp_petsc.studies.fine_beams scenes/slider_crank.toml -o beams.json
+    python -m benchmarks.scaling.fine_beams scenes/slider_crank.toml -o beams.json
 
 Every beam of the scene becomes a straight line of as many elements. Frequencies converge with the second power of the
 elements' length h, so those of two coarse lines extrapolate to h = 0 (Richardson),
@@ -132,7 +132,7 @@ def toml(value: object) -> str:
 
 def parse_arguments() -> argparse.Namespace:
     """Return the options of the command line."""
-    parser = argparse.ArgumentParser(prog="pgmp_petsc.studies.fine_beams", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="benchmarks.scaling.fine_beams", description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="BEAMS.json", help="record to write")
     parser.add_argument("--elements", type=int, nargs="+", default=FINE, metavar="N", help="elements a body")

@@ -1,6 +1,6 @@
 """What a build takes over the unknowns of its meshes and over ranks: data in, a `Figure` out.
 
-    python -m pgmp_petsc.figures.scaling results/scaling
+    python -m benchmarks.scaling.figures results/scaling
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.results import scaling as phases
-from pgmp_petsc.results.scaling import ScalingCase, exponent, over_unknowns
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.runtime.ending import guarded
 from pgmp_petsc.runtime.errors import InputError
 
@@ -146,7 +146,7 @@ def _line(
 def main() -> int:
     """Draw the records of the directory on the command line."""
     if len(sys.argv) != 2:
-        print("usage: python -m pgmp_petsc.figures.scaling DIRECTORY", file=sys.stderr)
+        print("usage: python -m benchmarks.scaling.figures DIRECTORY", file=sys.stderr)
         return 2
     return guarded(lambda: print(*draw(Path(sys.argv[1])), sep="\n"))
 

@@ -12,9 +12,9 @@ from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies.inputs import read_rom
-from pgmp_petsc.studies.paper_published import LARGEST_ERROR_PERCENT, NOMINAL
-from pgmp_petsc.studies.paper_results import PaperResults
-from pgmp_petsc.studies.paper_tables import Table, percent
+from benchmarks.paper.published import LARGEST_ERROR_PERCENT, NOMINAL
+from benchmarks.paper.results import PaperResults
+from benchmarks.tables import Table, percent
 from pgmp_petsc.studies.simulate import simulate_reduced
 
 

@@ -1,6 +1,6 @@
 """What effects cost: processor time of a step and sample without any effect, with one of each type, and with all.
 
-    python -m pgmp_petsc.studies.effect_cost scenes/slider_crank.toml
+    python -m benchmarks.effect_cost scenes/slider_crank.toml
 
 The mechanism of the scene is taken, with its first coordinate at `SPEED`; the effects are made up, of one type each, on
 the joint of this coordinate and on its bodies. An end stop is never reached: it costs a look whether it is. All
@@ -165,7 +165,7 @@ def print_tables(path: Path) -> None:
 def main() -> int:
     """Print the tables for the full-order and the reduced model of the scene on the command line."""
     if len(sys.argv) != 2:
-        print("usage: python -m pgmp_petsc.studies.effect_cost SCENE", file=sys.stderr)
+        print("usage: python -m benchmarks.effect_cost SCENE", file=sys.stderr)
         return 2
     start_petsc()
     return guarded(lambda: print_tables(Path(sys.argv[1])))

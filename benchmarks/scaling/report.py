@@ -1,6 +1,6 @@
 """What a scaling study found, as Markdown: cost over unknowns and ranks, one angle against a full solve, beams.
 
-    python -m pgmp_petsc.studies.scaling_report results/scaling
+    python -m benchmarks.scaling.report results/scaling
 
 Reads what `scripts/bench_scaling` left in the directory: ``case_*.json``, the runs ``run_<unknowns>_*.h5`` of the
 reduced models on them, and ``beams.json``; writes ``scaling.md``.
@@ -15,13 +15,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pgmp_petsc import __version__
-from pgmp_petsc.results import scaling as phases
-from pgmp_petsc.results.scaling import ScalingCase, exponent, over_unknowns
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.ending import guarded
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.studies.fine_beams import TOLERANCE, FineBeams
-from pgmp_petsc.studies.paper_tables import Table, number
+from benchmarks.scaling.fine_beams import TOLERANCE, FineBeams
+from benchmarks.tables import Table, number
 
 LIMIT = 1.5  # allowed exponent of the cost with the unknowns
 Column = tuple[str, Callable[[ScalingCase], float]]
@@ -204,7 +204,7 @@ def _opening(cases: Sequence[ScalingCase]) -> str:
 def main() -> int:
     """Write the summary of the directory on the command line."""
     if len(sys.argv) != 2:
-        print("usage: python -m pgmp_petsc.studies.scaling_report DIRECTORY", file=sys.stderr)
+        print("usage: python -m benchmarks.scaling.report DIRECTORY", file=sys.stderr)
         return 2
 
     def write() -> None:

@@ -1,10 +1,10 @@
 """The paper's figures and numbers beside this program's: writes ``summary.md``.
 
-    python -m pgmp_petsc.studies.paper results/
+    python -m benchmarks.paper.summary results/
 
 Reads the files that `scripts/demo` leaves in the directory, and computes besides: the observed order of the time
 integration and the cost of a sample. Every figure is computed when it runs; only published numbers are constants
-(:mod:`~pgmp_petsc.studies.paper_published`).
+(:mod:`~benchmarks.paper.published`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 from pgmp_petsc import __version__
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.studies.paper_results import PaperResults
-from pgmp_petsc.studies.paper_tables import Table, number
+from benchmarks.paper.results import PaperResults
+from benchmarks.tables import Table, number
 
 if TYPE_CHECKING:
-    from pgmp_petsc.studies.paper_cost import Cost
+    from benchmarks.paper.cost import Cost
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank_paper.toml"
 PICTURES = {
@@ -43,28 +43,21 @@ def summarise(directory: Path, scene: Path = SCENE) -> str:
         If a result file is missing or damaged.
     """
     # after PETSc was started by `main`
-    from pgmp_petsc.studies import (
-        paper_accuracy,
-        paper_comparison,
-        paper_cost,
-        paper_inertia,
-        paper_order,
-        paper_ranks,
-    )
+    from benchmarks.paper import accuracy, comparison, cost, inertia, order, ranks
 
     results = PaperResults.read(directory)
-    costs = paper_cost.measure(scene, directory)
-    at_rest = paper_order.exact_run(paper_order.AT_REST, scene)
+    costs = cost.measure(scene, directory)
+    at_rest = order.exact_run(order.AT_REST, scene)
     tables = [
-        paper_comparison.published_table(results),
-        paper_accuracy.frequency_table(results),
-        paper_accuracy.end_table(results, at_rest, paper_order.AT_REST.fine_step),
-        paper_order.order_table(scene, at_rest),
-        paper_inertia.inertia_table(results),
-        paper_accuracy.distance_table(results),
-        paper_cost.wall_table(results),
-        paper_cost.cost_table(costs),
-        paper_ranks.rank_table(directory / "ranks"),
+        comparison.published_table(results),
+        accuracy.frequency_table(results),
+        accuracy.end_table(results, at_rest, order.AT_REST.fine_step),
+        order.order_table(scene, at_rest),
+        inertia.inertia_table(results),
+        accuracy.distance_table(results),
+        cost.wall_table(results),
+        cost.cost_table(costs),
+        ranks.rank_table(directory / "ranks"),
     ]
     return "\n\n".join([_opening(results, costs, tables), *(table.markdown() for table in tables)]) + "\n"
 
@@ -111,7 +104,7 @@ def write(path: Path) -> None:
 def main() -> int:
     """Write the summary into the directory on the command line."""
     if len(sys.argv) != 2:
-        print("usage: python -m pgmp_petsc.studies.paper DIRECTORY", file=sys.stderr)
+        print("usage: python -m benchmarks.paper.summary DIRECTORY", file=sys.stderr)
         return 2
     start_petsc()
     return guarded(lambda: write(Path(sys.argv[1]) / "summary.md"))

@@ -1,6 +1,6 @@
 """The figures of Naets, Tamarozzi and Desmet (2015), from the result files that `scripts/demo` leaves.
 
-    python -m pgmp_petsc.figures.paper results/
+    python -m benchmarks.paper.figures results/
 
 Read from the directory: ``modes_<r>.h5``, ``full_<r>.h5`` and ``reduced_<r>.h5`` for r in 0.9, 1.0, 1.1 times the
 nominal radius, ``montecarlo_full.h5`` and ``montecarlo_reduced.h5``. Written there: the paper's Figs. 2, 4, 5 and 6,
@@ -78,7 +78,7 @@ def radius_density(ensemble: Ensemble, name: str) -> Figure:
 def main() -> int:
     """Draw the figures of the directory on the command line."""
     if len(sys.argv) != 2:
-        print("usage: python -m pgmp_petsc.figures.paper DIRECTORY", file=sys.stderr)
+        print("usage: python -m benchmarks.paper.figures DIRECTORY", file=sys.stderr)
         return 2
     return guarded(lambda: print(*draw(Path(sys.argv[1])), sep="\n"))
 

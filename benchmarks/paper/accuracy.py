@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import stats
 
-from pgmp_petsc.studies.paper_published import AT_THE_END, FREQUENCIES_HZ, NOMINAL
-from pgmp_petsc.studies.paper_results import MODELS, PaperResults
-from pgmp_petsc.studies.paper_tables import Table, percent
+from benchmarks.paper.published import AT_THE_END, FREQUENCIES_HZ, NOMINAL
+from benchmarks.paper.results import MODELS, PaperResults
+from benchmarks.tables import Table, percent
 
 
 def frequency_table(results: PaperResults) -> Table:

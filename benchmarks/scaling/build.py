@@ -1,9 +1,9 @@
 """What the build of a mechanism of continuum bodies takes, phase by phase, on one mesh and any number of ranks.
 
-    mpirun -n 2 python -m pgmp_petsc.studies.scaling scenes/slider_crank_solid3d.toml -o case.json
+    mpirun -n 2 python -m benchmarks.scaling.build scenes/slider_crank_solid3d.toml -o case.json
 
 `scripts/bench_scaling` calls it once a mesh and number of ranks, each time in processes of its own: the peak of the
-memory is that of a whole process. :mod:`~pgmp_petsc.studies.scaling_report` puts the records together.
+memory is that of a whole process. :mod:`~benchmarks.scaling.report` puts the records together.
 
 On a machine that others use too, wall times are theirs as well. Phases therefore have processor times beside, and where
 only the wall time of a part is known (PETSc's log of factorisations, the timings of a build), its processor time is the
@@ -32,8 +32,8 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.results import scaling as phases
-from pgmp_petsc.results.scaling import ScalingCase
+from benchmarks.scaling import case as phases
+from benchmarks.scaling.case import ScalingCase
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.ending import end, guarded
@@ -192,7 +192,7 @@ def _split(wall: dict[str, float], processor: dict[str, float], whole: str, part
 
 def parse_arguments() -> argparse.Namespace:
     """Return the options of the command line."""
-    parser = argparse.ArgumentParser(prog="pgmp_petsc.studies.scaling", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="benchmarks.scaling.build", description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CASE.json", help="record to write")
     parser.add_argument("--override", action="append", default=[], metavar="KEY=VALUE", help="as of pgmp; repeatable")

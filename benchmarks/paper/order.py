@@ -14,7 +14,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.studies.inputs import read_scene
-from pgmp_petsc.studies.paper_tables import Table
+from benchmarks.tables import Table
 
 SPECTRAL_RADII = (0.5, 0.8, 1.0)
 OUTPUTS = ("crank_angle", "slider_position")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.results.ensemble import Ensemble, Statistics
-from pgmp_petsc.studies.paper_published import (
+from benchmarks.paper.published import (
     BANDS,
     DENSITIES,
     LARGEST_ERROR_PERCENT,
@@ -18,8 +18,8 @@ from pgmp_petsc.studies.paper_published import (
     Band,
     Density,
 )
-from pgmp_petsc.studies.paper_results import MODELS, PaperResults
-from pgmp_petsc.studies.paper_tables import Table, number, percent, span, with_error
+from benchmarks.paper.results import MODELS, PaperResults
+from benchmarks.tables import Table, number, percent, span, with_error
 
 WORDS = {"crank_angle": "crank angle at 1 s", "slider_deformation": "slider deformation at 1 s"}
 MODEL_WORDS = {"full": "full order", "reduced": "reduced"}
