@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
-from scenes import meshes_of, slider_crank
 
-from benchmarks.paper import figures as pictures
-from pgmp_petsc.reduction.tables import ReducedTables
-from pgmp_petsc.runtime.errors import InputError
 from benchmarks.paper import accuracy, comparison, cost, order, ranks, summary
+from benchmarks.paper import figures as pictures
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
 from benchmarks.tables import Table, number, percent, span, with_error
+from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.runtime.errors import InputError
+from scenes import meshes_of, slider_crank
 
 LAW = 'distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }\n'
 
@@ -158,10 +158,10 @@ def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:
 def test_tables_without_inertia_coupling() -> None:
     from mpi4py import MPI
 
+    from benchmarks.paper.inertia import uncoupled
     from pgmp_petsc.dynamics.reduced_terms import coupling_of
     from pgmp_petsc.reduction.build import build_rom
     from pgmp_petsc.runtime.groups import RankGroup
-    from benchmarks.paper.inertia import uncoupled
 
     scene = slider_crank("reduction.modes=4", "reduction.angles=12")
     tables: ReducedTables = build_rom(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1)).tables

@@ -11,15 +11,15 @@ from conftest import ROOT
 from mpi4py import MPI
 from pictures import assert_inside, legend_texts, visible
 
-from pgmp_petsc.components.condensing import condensed
 from benchmarks.scaling import build, figures, fine_beams, report
-from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from benchmarks.scaling import case as phases
 from benchmarks.scaling.case import ScalingCase, exponent, over_unknowns
+from benchmarks.scaling.fine_beams import FineBeams
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from benchmarks.scaling.fine_beams import FineBeams
 from pgmp_petsc.studies.inputs import read_scene
 
 SOLIDS = ROOT / "scenes" / "slider_crank_solid2d.toml"

@@ -11,6 +11,7 @@ from counting import count_calls
 from effect_scenes import BAR, CANTILEVER, line_meshes, line_model, run_batch, run_distributed, scene_of
 from mpi4py import MPI
 
+from benchmarks import effect_cost
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
@@ -19,7 +20,6 @@ from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.torque import Torque
 from pgmp_petsc.scene import Scene
-from benchmarks import effect_cost
 
 SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"
 BEAM = CANTILEVER.split("[effects.hold]")[0]
