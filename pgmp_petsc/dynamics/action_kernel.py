@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.cells import evaluate_row, locate_all
-from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
+from pgmp_petsc.dynamics.cells import evaluate_row, locate_lane
 from pgmp_petsc.dynamics.rotations import rotation_of, spin_of
+from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.mechanism.statements import evaluate
@@ -85,7 +85,7 @@ class LocalWork(NamedTuple):
     Attributes
     ----------
     place
-        In the cells, shape (n_theta, 1).
+        In the cells, shape (n_theta, LANES).
     rigid, rigid_slopes, shapes, shape_slopes
         Tables at one theta, and their derivatives.
     moved, moving
@@ -131,7 +131,7 @@ def allocate_local(local, r, n_eta):
     n_frame = local.actions.statements.ground.shape[1] // 2
     n_nodes = (n_rigid - local.places.sides.shape[0]) // n_frame
     return LocalWork(
-        np.zeros((r, 1)),
+        np.zeros((r, LANES)),
         np.zeros(n_rigid),
         np.zeros((r, n_rigid)),
         np.zeros(n_entries),
@@ -152,57 +152,57 @@ def allocate_local(local, r, n_eta):
 
 
 @njit(cache=True, error_model="numpy")
-def place_nodes(local, grids, q, sample, work):
-    """Fill the nodes' frames and their derivatives with eta, for a sample's q (n_samples, n_eta)."""
+def place_nodes(local, grids, q, lane, work):
+    """Fill the nodes' frames and their derivatives with eta, for one lane of q (n_eta, LANES)."""
     places = local.places
     fine, grid = grids
-    r, n, d = len(grid), q.shape[1], local.actions.statements.axes.shape[2]
+    r, n, d = len(grid), q.shape[0], local.actions.statements.axes.shape[2]
     m = n - r
-    cell = locate_all(q, sample, fine, 0, work.place)
-    evaluate_row(places.rigid[cell], fine, work.place[0, 0], work.place[-1, 0], work.rigid, work.rigid_slopes)
-    cell = locate_all(q, sample, grid, 0, work.place)
-    evaluate_row(places.shapes[cell], grid, work.place[0, 0], work.place[-1, 0], work.shapes, work.shape_slopes)
+    cell = locate_lane(q, fine, lane, work.place)
+    evaluate_row(places.rigid[cell], fine, work.place[0, lane], work.place[-1, lane], work.rigid, work.rigid_slopes)
+    cell = locate_lane(q, grid, lane, work.place)
+    evaluate_row(places.shapes[cell], grid, work.place[0, lane], work.place[-1, lane], work.shapes, work.shape_slopes)
     n_nodes, n_dofs = work.frames.shape[0], d * (d + 1) // 2
     n_shapes = work.shapes.size // max(1, n_dofs * n_nodes)
     for node in range(n_nodes):
         for dof in range(n_dofs):
             at = (n_dofs * node + dof) * n_shapes
             into = dof if dof < d else 6 - n_dofs + dof  # in the plane phi turns about the third axis
-            work.moved[into] = _displace(work.shapes, at, q, sample, r, m, n_shapes)
+            work.moved[into] = _displace(work.shapes, at, q, lane, r, m, n_shapes)
             row = work.moving[into]
             for k in range(r):
-                row[k] = _displace(work.shape_slopes[k], at, q, sample, r, m, n_shapes)
+                row[k] = _displace(work.shape_slopes[k], at, q, lane, r, m, n_shapes)
             for i in range(m):
                 row[r + i] = work.shapes[at + i]
-            _add_curvature(work.shapes, at, q, sample, r, m, n_shapes, row)
+            _add_curvature(work.shapes, at, q, lane, r, m, n_shapes, row)
         _turn(d, node, r, work)
 
 
 @njit(inline="always")
-def _displace(shapes, at, q, sample, r, m, n_shapes):
+def _displace(shapes, at, q, lane, r, m, n_shapes):
     """Return ``Psi delta + 1/2 chi delta delta`` for one component, whose shapes begin at `at`."""
     total = 0.0
     for i in range(m):
-        total += shapes[at + i] * q[sample, r + i]
+        total += shapes[at + i] * q[r + i, lane]
     if n_shapes > m:
         pair = at + m
         for i in range(m):
             for j in range(i + 1):
-                total += (0.5 if i == j else 1.0) * shapes[pair] * q[sample, r + i] * q[sample, r + j]
+                total += (0.5 if i == j else 1.0) * shapes[pair] * q[r + i, lane] * q[r + j, lane]
                 pair += 1
     return total
 
 
 @njit(inline="always")
-def _add_curvature(shapes, at, q, sample, r, m, n_shapes, row):
+def _add_curvature(shapes, at, q, lane, r, m, n_shapes, row):
     """Add ``chi delta`` to a row of the Jacobian (n_eta,)."""
     if n_shapes > m:
         pair = at + m
         for i in range(m):
             for j in range(i + 1):
-                row[r + i] += shapes[pair] * q[sample, r + j]
+                row[r + i] += shapes[pair] * q[r + j, lane]
                 if i != j:
-                    row[r + j] += shapes[pair] * q[sample, r + i]
+                    row[r + j] += shapes[pair] * q[r + i, lane]
                 pair += 1
 
 
@@ -267,8 +267,8 @@ def _attach(places, actions, action, work):
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate_local(local, grids, amplitudes, state, gain_v, active, with_tangent, acting, known):
-    """Evaluate all actions on the active samples.
+def act(local, grids, amplitudes, q, v, first, lanes, gain_v, with_tangent, work, acting, known):
+    """Evaluate all actions on some lanes of a block.
 
     Parameters
     ----------
@@ -276,44 +276,47 @@ def evaluate_local(local, grids, amplitudes, state, gain_v, active, with_tangent
         Cells of the rigid kinematics and of the tables.
     amplitudes
         Of the actions now, shape (n_actions,).
-    state
-        ``(q, v)``, each of shape (n_samples, n_eta).
-    active
-        Shape (n_samples,).
+    q, v
+        Vectors (n_eta, LANES).
+    first
+        Number of the sample in the first lane.
+    lanes
+        A set of them.
     with_tangent
         Whether `acting.tangent` is wanted.
+    work
+        See `LocalWork`.
     acting
-        Result.
+        Result, of this block.
     known
         Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
         (N or N m); shape (n_samples, 4, n_actions).
     """
-    work = allocate_local(local, len(grids[0]), state[0].shape[1])
-    for sample in range(active.size):
-        if active[sample]:
-            block, lane = divmod(sample, LANES)
-            acting.balance[block, :, lane] = 0.0
-            if with_tangent:
-                acting.tangent[block, :, :, lane] = 0.0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            for i in range(q.shape[0]):
+                acting.balance[i, lane] = 0.0
+                if with_tangent:
+                    for j in range(q.shape[0]):
+                        acting.tangent[i, j, lane] = 0.0
             _act(
-                local, grids, amplitudes, state, sample, gain_v, with_tangent, work,
-                acting.balance[block], acting.tangent[block], known[sample],
+                local, grids, amplitudes, q, v, first + lane, lane, gain_v, with_tangent, work, acting.balance,
+                acting.tangent, known[first + lane],
             )  # fmt: skip
 
 
 @njit(inline="always")
-def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, balance, tangent, known):
+def _act(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tangent, work, balance, tangent, known):
     """Add all actions on one sample to its lane of balance (n_eta, LANES) and tangent (n_eta, n_eta, LANES)."""
     places, actions = local
-    q, v = state
-    n, lane, n_actions, r = q.shape[1], sample % LANES, places.sides.shape[0], len(grids[0])
-    place_nodes(local, grids, q, sample, work)
+    n, n_actions, r = q.shape[0], places.sides.shape[0], len(grids[0])
+    place_nodes(local, grids, q, lane, work)
     for action in range(n_actions):
         _attach(places, actions, action, work)
         p = actions.parameters[action, sample]
         turned = work.rigid[work.rigid.size - n_actions + action]
         for k in range(r):
-            turned += places.winding[action, k] * q[sample, k]
+            turned += places.winding[action, k] * q[k, lane]
         kind, axes = actions.statements.kinds[action], actions.statements.axes[action]
         s = evaluate(kind, axes, work.z, turned, with_tangent, work.gradient, work.hessian)
         rate = 0.0
@@ -323,7 +326,7 @@ def _act(local, grids, amplitudes, state, sample, gain_v, with_tangent, work, ba
                 for i in range(n):
                     work.projected[i] += work.gradient[c] * work.jacobian[c, i]
         for i in range(n):
-            rate += work.projected[i] * v[sample, i]
+            rate += work.projected[i] * v[i, lane]
         force, stiffness, damping, elastic, potential = law(actions.laws[action], p, amplitudes[action], s, rate)
         known[POWER, action], known[STORED, action] = (force - elastic) * rate, potential
         known[DEPTH, action], known[FORCE, action] = depth(actions.laws[action], p, s), force
@@ -355,23 +358,23 @@ def _add_tangent(stiffness, force, lane, work, tangent):
 
 
 @njit(cache=True, error_model="numpy")
-def add_tangents(tangent, r, factor, border):
+def add_tangents(tangent, r, matrix):
     """Add the actions' tangents (n_eta, n_eta, LANES) to the iteration matrix.
 
     A force that turns with its body has no symmetric tangent; its mean serves the symmetric flexible block.
     """
-    m, n_lanes = tangent.shape[0] - r, tangent.shape[2]
+    m = tangent.shape[0] - r
     into = 0
     for i in range(m):
         for j in range(i + 1):
-            for lane in range(n_lanes):
-                factor[into, lane] += 0.5 * (tangent[r + i, r + j, lane] + tangent[r + j, r + i, lane])
+            for lane in range(LANES):
+                matrix.factor[into, lane] += 0.5 * (tangent[r + i, r + j, lane] + tangent[r + j, r + i, lane])
             into += 1
         for k in range(r):
-            for lane in range(n_lanes):
-                border[r * r + k * m + i, lane] += tangent[r + i, k, lane]
-                border[r * r + (r + k) * m + i, lane] += tangent[k, r + i, lane]
+            for lane in range(LANES):
+                matrix.column[k * m + i, lane] += tangent[r + i, k, lane]
+                matrix.row[k * m + i, lane] += tangent[k, r + i, lane]
     for k in range(r):
         for j in range(r):
-            for lane in range(n_lanes):
-                border[k * r + j, lane] += tangent[k, j, lane]
+            for lane in range(LANES):
+                matrix.corner[k * r + j, lane] += tangent[k, j, lane]

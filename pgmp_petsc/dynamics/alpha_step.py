@@ -68,6 +68,12 @@ class AlphaStep:
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
         self.n_iterations = 0
 
+    def scheme(self, step: float) -> Scheme:
+        """Return the coefficients for a step."""
+        if step != self._step:
+            self._scheme, self._step = Scheme.of(self._spectral_radius, step), step
+        return self._scheme
+
     def advance(
         self,
         previous: State,
@@ -97,9 +103,7 @@ class AlphaStep:
         lost
             Mask of the samples whose iteration failed.
         """
-        if step != self._step:
-            self._scheme, self._step = Scheme.of(self._spectral_radius, step), step
-        scheme = self._scheme
+        scheme = self.scheme(step)
         if self._by_itself:
             taken = self._take(previous, auxiliary, end, samples, following)
             state, lost = taken.state, taken.lost

@@ -31,11 +31,16 @@ class EventLocation:
         Its steps.
     start
         State at time 0.
+
+    Attributes
+    ----------
+    beyond
+        Whether each edge is crossed, shape (n_events, n_samples).
     """
 
     def __init__(self, system: SecondOrderSystem, stepper: AlphaStep, start: State) -> None:
         self._system, self._stepper = system, stepper
-        self._beyond = system.depths(0.0, start) > 0.0
+        self.beyond = system.depths(0.0, start) > 0.0
         self.n_located = 0
 
     def repeat_steps(
@@ -53,7 +58,7 @@ class EventLocation:
             Mask of the samples that took the step, shape (n_samples,).
         """
         lost = np.zeros_like(samples)
-        crossed = samples & np.any((self._system.depths(end, after[0]) > 0.0) != self._beyond, axis=0)
+        crossed = samples & np.any((self._system.depths(end, after[0]) > 0.0) != self.beyond, axis=0)
         with log_event("contacts"):
             for sample in np.flatnonzero(crossed):
                 lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
@@ -78,7 +83,7 @@ class EventLocation:
             if not crossed.size:
                 return there
             first, edge = min((self._root(moment, end, left, alone, edge), edge) for edge in crossed)
-            self._beyond[edge, alone] = ~self._beyond[edge, alone]
+            self.beyond[edge, alone] = ~self.beyond[edge, alone]
             self.n_located += 1
             if first > SHORTEST * step:
                 moment = self._advance(moment, end - left + first, first, alone)
@@ -94,7 +99,7 @@ class EventLocation:
         from scipy.optimize import brentq  # takes a noticeable time, and few runs have events
 
         start = end - left
-        sign = -1.0 if self._beyond[edge, alone][0] else 1.0
+        sign = -1.0 if self.beyond[edge, alone][0] else 1.0
 
         def depth(duration: float) -> float:
             there = self._advance(moment, start + duration, duration, alone)
@@ -113,7 +118,7 @@ class EventLocation:
 
     def _crossed(self, time: float, moment: Moment, alone: np.ndarray) -> np.ndarray:
         """Return which edges lie between the sample and where it was, shape (n_events,)."""
-        return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self._beyond[:, alone][:, 0]
+        return (self._system.depths(time, moment[0])[:, alone] > 0.0)[:, 0] != self.beyond[:, alone][:, 0]
 
 
 def _put(system: SecondOrderSystem, target: Moment, source: Moment, samples: np.ndarray) -> None:

@@ -11,6 +11,9 @@ with the auxiliary accelerations A. All coefficients follow from the spectral ra
 samples is one bigger system: samples share time and step, but each has its own Newton iteration, so that no sample
 can change another.
 
+One step of the TS is as many steps of the scheme as go by until somebody wants to see the state, `MOST_AT_ONCE` at the
+most; where an option lets PETSc look at every step, it is one.
+
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
 
@@ -20,7 +23,7 @@ is allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -29,8 +32,8 @@ import numpy as np
 from pgmp_petsc.dynamics.alpha_step import AlphaStep
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
-from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options
+from pgmp_petsc.dynamics.status import Outcome, Status
+from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options, looks_on
 from pgmp_petsc.runtime.petsc import as_raised, petsc_solver
 
 if TYPE_CHECKING:
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
 Observer = Callable[[int, float, State], None]
+MOST_AT_ONCE = 50  # steps of the scheme in one of the TS: more gain nothing
 
 
 class GeneralisedAlpha:
@@ -54,10 +58,20 @@ class GeneralisedAlpha:
         Time at which a sample failed, NaN where it did not, shape (n_samples,), s.
     instants
         Of the start and the ends of all steps, shape (n_steps + 1,), s.
+    stops
+        Numbers of the steps at which somebody wants to see the state, 0 and the last one included.
+    n_done
+        Steps that are behind it.
     """
 
     def __init__(
-        self, system: SecondOrderSystem, spectral_radius: float, duration: float, n_steps: int, alive: np.ndarray
+        self,
+        system: SecondOrderSystem,
+        spectral_radius: float,
+        duration: float,
+        n_steps: int,
+        alive: np.ndarray,
+        stops: np.ndarray,
     ) -> None:
         self.system = system
         self.state = system.start()
@@ -67,10 +81,10 @@ class GeneralisedAlpha:
         if system.settled is not None:
             self._retire(alive & system.settled.lost, Status.NO_EQUILIBRIUM, 0.0)
         self._stepper = AlphaStep(system, spectral_radius)
-        self.instants, self._n_done = instants(duration, n_steps), 0
+        self.instants, self.stops, self.n_done = instants(duration, n_steps), stops, 0
         self._n_ahead = getattr(system, "steps_at_once", 1) - 1
         self._step = duration / n_steps
-        self._auxiliary = self.state.a.copy()
+        self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
 
     @property
@@ -78,34 +92,93 @@ class GeneralisedAlpha:
         """Newton corrections done so far, all samples together."""
         return self._stepper.n_iterations
 
+    @property
+    def time(self) -> float:
+        """Where the state is, s: not PETSc's own time, a sum of steps, whose round-off grows over the run."""
+        return float(self.instants[self.n_done])
+
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
-        """Advance all living samples one step; PETSc's own `end` of it is a sum of steps, with its round-off."""
-        self._n_done += 1
-        end = float(self.instants[self._n_done])
-        alive = self._alive
-        if self._n_alive:
-            previous, auxiliary = self.state, self._auxiliary
-            self.state, self._auxiliary, lost = self._stepper.advance(
-                previous, auxiliary, end, self._step, alive, self.instants[self._n_done + 1 :][: self._n_ahead]
-            )
-            if self._events is not None:
-                lost |= self._events.repeat_steps(
-                    (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
-                )
-            if lost.any():
-                self._retire(lost, self.system.reasons(end, previous, lost), end)
-            outside = self.system.outside(self.state)
-            if outside.any():
-                self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
-            if self._n_alive < alive.size:
-                self.system.restore(self.state, previous, ~self._alive)
+        """Advance all living samples to the next stop."""
+        last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
+        ts.setTimeStep(float(self.instants[last] - self.instants[self.n_done]))
+        if hasattr(self.system, "advance"):
+            self._advance_at_once(last)
+        else:
+            for number in range(self.n_done, last):
+                self._advance_one_step(number)
+        self.n_done = last
         u.setArray(self.state.q.ravel())
+
+    def _advance_one_step(self, number: int) -> None:
+        """Advance all living samples from one instant to the next."""
+        if not self._n_alive:
+            return
+        previous, auxiliary, alive = self.state, self._auxiliary, self._alive
+        end, following = float(self.instants[number + 1]), self.instants[number + 2 :][: self._n_ahead]
+        self.state, self._auxiliary, lost = self._stepper.advance(
+            previous, auxiliary, end, self._step, alive, following
+        )
+        if self._events is not None:
+            lost |= self._events.repeat_steps(
+                (previous, auxiliary), (self.state, self._auxiliary), end, self._step, alive & ~lost
+            )
+        if lost.any():
+            self._retire(lost, self.system.reasons(end, previous, lost), end)
+        outside = self.system.outside(self.state)
+        if outside.any():
+            self._retire(alive & ~lost & outside, Status.LEFT_RANGE, end)
+        if self._n_alive < alive.size:
+            self.system.restore(self.state, previous, ~self._alive)
+
+    def _advance_at_once(self, last: int) -> None:
+        """Advance all living samples to an instant as far as they go by themselves; see the rest through one by one.
+
+        Those that a step is too much for, or that cross an edge in it, take that step with care and go on.
+        """
+        at, todo = np.full(self._alive.size, self.n_done), self._alive.copy()
+        while todo.any():
+            first = int(at[todo].min())
+            together = todo & (at == first)
+            ends, scheme = self.instants[first + 1 : last + 1], self._stepper.scheme(self._step)
+            beyond = np.zeros((0, at.size), dtype=bool) if self._events is None else self._events.beyond
+            moment = self.state, self._auxiliary, self._before
+            outcome, n_steps, n_corrections = self.system.advance(moment, ends, self._step, scheme, together, beyond)
+            self._stepper.n_iterations += n_corrections
+            at[together] = first + n_steps[together]
+            stopped = together & (outcome != Outcome.DONE)
+            for number in np.unique(at[stopped]):
+                there = stopped & (at == number)
+                self._retire(there & (outcome == Outcome.OUTSIDE), Status.LEFT_RANGE, float(self.instants[number + 1]))
+                there &= self._alive
+                if there.any():
+                    self._advance_with_care(number, there)
+                    at[there] += 1
+            todo &= self._alive & (at < last)
+
+    def _advance_with_care(self, number: int, samples: np.ndarray) -> None:
+        """Advance some samples by one step, in place, with smaller corrections or up to an edge and on."""
+        previous, auxiliary, end = self.state, self._auxiliary, float(self.instants[number + 1])
+        state, ahead, lost = self._stepper.advance(previous, auxiliary, end, self._step, samples)
+        if self._events is not None:
+            lost |= self._events.repeat_steps(
+                (previous, auxiliary), (state, ahead), end, self._step, samples & ~lost
+            )
+        if lost.any():
+            self._retire(lost, self.system.reasons(end, previous, lost), end)
+        outside = samples & ~lost & self.system.outside(state)
+        self._retire(outside, Status.LEFT_RANGE, end)
+        fine = samples & self._alive
+        self._before[fine] = previous.a[fine]
+        self._auxiliary[fine] = ahead[fine]
+        for into, part in ((self.state.q, state.q), (self.state.v, state.v), (self.state.a, state.a)):
+            into[fine] = part[fine]
 
     def _retire(self, samples: np.ndarray, reason: Status | np.ndarray, time: float) -> None:
         """Record a failure; the sample stays where it was at the beginning of the step."""
-        self.status[samples] = reason
-        self.failure_time[samples] = time
-        self._find_living()
+        if samples.any():
+            self.status[samples] = reason
+            self.failure_time[samples] = time
+            self._find_living()
 
     def _find_living(self) -> None:
         self._alive = self.status == Status.FINE
@@ -146,12 +219,24 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
     return times
 
 
+def stops_of(n_steps: int, wanted: Collection[int] | None, prefix: str) -> np.ndarray:
+    """Return the numbers of the steps at which the state is looked at: 0, those that are wanted, and the last.
+
+    Where nobody looks there is a stop after `MOST_AT_ONCE` steps, so that a run can be interrupted. None stands for
+    every step, and so does an option that lets PETSc look on.
+    """
+    if wanted is None or looks_on(prefix):
+        return np.arange(n_steps + 1)
+    return np.union1d(np.arange(0, n_steps, MOST_AT_ONCE), [0, n_steps, *wanted]).astype(int)
+
+
 def integrate(
     system: SecondOrderSystem,
     simulation: Simulation,
     alive: np.ndarray | None = None,
     observer: Observer | None = None,
     prefix: str = PREFIX,
+    wanted: Collection[int] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
@@ -164,9 +249,11 @@ def integrate(
     alive
         Samples to integrate at all, shape (n_samples,); all by default.
     observer
-        Called with step number, time and state at the start and after every step.
+        Called with step number, time and state at the start and after the steps that are `wanted`.
     prefix
         Of the options that reach this integration.
+    wanted
+        Numbers of the steps that the observer is called after, at the least; all by default.
 
     Raises
     ------
@@ -181,7 +268,8 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    stepper = GeneralisedAlpha(system, simulation.spectral_radius, simulation.duration, n_steps, alive)
+    stops = stops_of(n_steps, () if observer is None else wanted, prefix)
+    stepper = GeneralisedAlpha(system, simulation.spectral_radius, simulation.duration, n_steps, alive, stops)
     solution = PETSc.Vec().createMPI((stepper.state.q.size, None), comm=system.comm)
     solution.setArray(stepper.state.q.ravel())
     ts = PETSc.TS().create(comm=system.comm)
@@ -190,18 +278,17 @@ def integrate(
         ts.setType(PETSc.TS.Type.PYTHON)
         ts.setPythonContext(stepper)
         ts.setTime(0.0)
-        ts.setTimeStep(simulation.duration / n_steps)
+        ts.setTimeStep(float(stepper.instants[stops[1]]))
         ts.setMaxTime(2 * simulation.duration)  # the number of steps ends the run, not round-off in their sum
-        ts.setMaxSteps(n_steps)
+        ts.setMaxSteps(len(stops) - 1)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
         if observer is not None:
-            # not the TS's own time, a sum of steps: its round-off grows over the run
-            ts.setMonitor(lambda _, number, *__: observer(number, float(stepper.instants[number]), stepper.state))
+            ts.setMonitor(lambda *_: observer(stepper.n_done, stepper.time, stepper.state))
         with petsc_solver(prefix, "time integration"):
             ts.setFromOptions()
         with as_raised():
             ts.solve(solution)
-        check_end(ts, n_steps, simulation.duration)
+        check_end(ts, len(stops) - 1, simulation.duration)
     finally:
         ts.destroy()
         solution.destroy()

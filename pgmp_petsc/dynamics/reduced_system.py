@@ -3,23 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting, evaluate_local
-from pgmp_petsc.dynamics.cells import Cache
+from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting
+from pgmp_petsc.dynamics.cells import N_COEFFICIENTS
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.lanes import LANES, aligned_zeros
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.dynamics.reduced_kernel import Equations, Weights, correct, evaluate_residual, fill_tangents
+from pgmp_petsc.dynamics.reduced_kernel import (
+    Equations,
+    Memory,
+    Progress,
+    Strengths,
+    Weights,
+    act_on,
+    advance,
+    correct,
+    evaluate_residual,
+    fill_matrices,
+)
+from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
 
@@ -70,35 +84,52 @@ class ReducedSystem:
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
+        r = len(layout.rigid)
+        self._actions = actions or ReducedActions.none(r)
+        self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
         of_terms, of_loads = (
-            np.ascontiguousarray(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))))
+            self._packed(np.broadcast_to(evaluate_weights(w, values), (len(w), n_samples)))
             for w in (terms.weights, tables.load_weights)
         )
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
-        r = len(layout.rigid)
-        self._actions = actions or ReducedActions.none(r)
-        self._grids = terms.grids
-        alpha = 0.0 if terms.damping is None else terms.damping.mass
         self._equations = Equations(
             layout,
-            *self._grids,
+            *terms.grids,
             terms.polynomials,
-            Weights(of_terms, of_loads, effects_of_loads),
-            np.full(n_samples if alpha else 0, alpha),
+            Weights(of_terms, of_loads, effects_of_loads, np.zeros(len(terms.weights), dtype=np.int64)),
+            self._actions.of_samples(values, n_samples),
+            0.0 if terms.damping is None else terms.damping.mass,
             np.array([k in self._motions for k in layout.rigid]),
             terms.scale,
         )
-        n_blocks, n_delta = -(-n_samples // LANES), layout.n_eta - r
-        self._factors = (
-            aligned_zeros((n_blocks, n_delta * (n_delta + 1) // 2, LANES)),
-            aligned_zeros((n_blocks, r * r + 2 * r * n_delta, LANES)),
+        self._memory = self._allocate(len(names))
+        bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
+        self._bounds = np.array(bounds, dtype=float)
+
+    def _allocate(self, n_effects: int) -> Memory:
+        """Return what is kept of every block, empty."""
+        layout, n_blocks, n_actions = self._equations.layout, self._blocks.n_blocks, len(self._actions.actions)
+        r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
+        n_powers = N_COEFFICIENTS**r
+        shapes = (m * (m + 1) // 2, r * r, r * m, r * m)
+        return Memory(
+            np.full((n_blocks, LANES), -1),
+            aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
+            aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
+            Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
+            Acting.empty(n_blocks if n_actions else 0, layout.n_eta),
+            np.empty((n_blocks * LANES, 4, n_actions)),
         )
-        self._local = self._actions.of_samples(values, n_samples)
-        n_actions = len(self._actions.actions)
-        self._acting = Acting.empty(n_blocks if n_actions else 0, layout.n_eta)
-        self._known = np.empty((n_samples, 4, n_actions))
-        self._cache = Cache.empty(n_blocks, layout.end, len(names) * layout.load_end, r)
-        self._size = np.empty(n_samples)
+
+    def _packed(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows (n, n_samples) as vectors, aligned, (n_blocks, n, LANES)."""
+        blocks = aligned_zeros((self._blocks.n_blocks, len(rows), LANES))
+        blocks[:] = self._blocks.pack(rows)
+        return blocks
+
+    def _lanes(self, samples: np.ndarray) -> np.ndarray:
+        """Return some samples, a mask, as sets of lanes, shape (n_blocks,)."""
+        return self._blocks.mask(samples) @ (1 << np.arange(LANES))
 
     @property
     def n_eta(self) -> int:
@@ -128,19 +159,16 @@ class ReducedSystem:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""
         self._prescribe(time, state, active)
         self._act(time, state, scheme.gain_v, active, fresh)
-        correct(
-            self._equations,
-            self._amplitudes(time),
-            self._acting,
-            (state.q, state.v, state.a),
-            (scheme.gain_v, scheme.gain_a),
-            active,
-            fresh,
-            self._factors,
-            self._cache,
-            self._size,
-        )
-        return self._size.copy()
+        return self._correct(self._equations, self._memory, self._at(time), state, scheme, active, fresh)
+
+    def _correct(
+        self, equations: Equations, memory: Memory, strengths: Strengths, state: State, scheme: Scheme,
+        active: np.ndarray, fresh: bool,
+    ) -> np.ndarray:  # fmt: skip
+        """Do one Newton correction of some samples in place; return its size."""
+        size, gains = aligned_zeros((self._blocks.n_blocks, LANES)), (scheme.gain_v, scheme.gain_a)
+        correct(equations, memory, strengths, _parts(state), gains, self._lanes(active), np.bool_(fresh), size)
+        return self._blocks.unpack(size).copy()
 
     def settle(self, settled: Settled) -> None:
         """Let the samples start at rest in static equilibria."""
@@ -169,19 +197,21 @@ class ReducedSystem:
         ndarray, shape (n_samples,)
             Size of the correction before it was shortened.
         """
-        layout, before = self._equations.layout, state.q.copy()
-        acting = Acting.empty(len(self._factors[0]), layout.n_eta)
+        before, memory, at_start = state.q.copy(), self._memory, self._at(0.0)
+        acting = Acting.empty(self._blocks.n_blocks, self.n_eta)
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
-            acting.balance[:], acting.tangent[:] = share * self._acting.balance, share * self._acting.tangent
-        samples = np.arange(self.n_samples)
-        acting.balance[samples // LANES, :, samples % LANES] += force
-        equations = self._equations._replace(prescribed=np.ones(len(layout.rigid), dtype=bool))
-        factors, size = tuple(np.zeros_like(part) for part in self._factors), np.empty(self.n_samples)
-        correct(
-            equations, share * self._amplitudes(0.0), acting, (state.q, state.v, state.a), (0.0, 0.0), active, True,
-            factors, self._cache, size,
-        )  # fmt: skip
+            acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
+        acting.balance[:] += self._packed(force.T)
+        size = self._correct(
+            self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool)),
+            memory._replace(acting=acting),
+            at_start._replace(loads=share * at_start.loads),
+            state,
+            Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            active,
+            True,
+        )
         shortened = np.where(size > longest, longest / np.maximum(size, longest), 1.0)
         state.q[:] = np.where(shortened[:, None] < 1.0, before + shortened[:, None] * (state.q - before), state.q)
         return size
@@ -197,9 +227,7 @@ class ReducedSystem:
         """
         self._act_on_all(time, state)
         result = np.empty_like(state.q)
-        evaluate_residual(
-            self._equations, self._amplitudes(time), self._acting, (state.q, state.v, state.a), self._cache, result
-        )
+        evaluate_residual(self._equations, self._memory, self._at(time), _parts(state), result)
         return result
 
     @property
@@ -210,13 +238,14 @@ class ReducedSystem:
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
-        return self._known[:, DEPTH, self._actions.edges].T
+        return self._memory.known[: self.n_samples, DEPTH, self._actions.edges].T
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
         residual = self.residual(time, state)
         energies = Energies(*reduced_energy(self._terms, self._values, state.q, state.v))
-        for action, power, stored in zip(self._actions.actions, self._known[:, POWER].T, self._known[:, STORED].T):
+        known = self._memory.known[: self.n_samples]
+        for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
             energies.add_power(action.effect, power)
             energies.add_potential(action.effect, stored)
         loads = load_powers(self._terms, self._values, state.q, state.v)
@@ -232,15 +261,63 @@ class ReducedSystem:
     def load_amplitudes(self, time: float) -> np.ndarray:
         """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
         weights = self._equations.weights
-        return weights.loads * self._amplitudes(time)[weights.effects]
+        return self._blocks.unpack(weights.loads).T * self._at(time).loads[weights.effects]
 
     def action_forces(self, time: float, state: State) -> np.ndarray:
         """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
         self._act_on_all(time, state)
-        return self._known[:, FORCE].copy()
+        return self._memory.known[: self.n_samples, FORCE].copy()
 
     def close(self) -> None:
         """Nothing is to be given back."""
+
+    def advance(
+        self,
+        moment: tuple[State, np.ndarray, np.ndarray],
+        ends: np.ndarray,
+        step: float,
+        scheme: Scheme,
+        samples: np.ndarray,
+        beyond: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Take some samples through several equal steps, each until it is done or something happens to it.
+
+        Parameters
+        ----------
+        moment
+            State, auxiliary accelerations and accelerations one step before; advanced in place.
+        ends
+            Of the steps, shape (n_steps,), s.
+        step
+            s.
+        samples
+            Mask, shape (n_samples,).
+        beyond
+            Whether the edges of laws are crossed, shape (n_events, n_samples).
+
+        Returns
+        -------
+        outcome, n_steps
+            An `Outcome` and the number of steps taken of each sample, shape (n_samples,).
+        n_corrections
+            Newton corrections, all samples together.
+        """
+        at_ends = [self._at(time) for time in ends]
+        strengths = Strengths(*(np.array(parts) for parts in zip(*at_ends)))
+        shape, edges = (self._blocks.n_blocks, LANES), np.array(self._actions.edges, dtype=np.int64)
+        progress = Progress(
+            np.zeros(shape, dtype=np.int64),
+            np.zeros(shape, dtype=np.int64),
+            np.zeros(1, dtype=np.int64),
+            np.ascontiguousarray(beyond.T),
+        )
+        state, auxiliary, before = moment
+        advance(
+            self._equations, self._memory, strengths, astuple(scheme), step, (*_parts(state), auxiliary, before),
+            self._bounds, edges, self._lanes(samples), progress,
+        )  # fmt: skip
+        outcome, n_steps = (self._blocks.unpack(part) for part in (progress.outcome, progress.n_steps))
+        return outcome, n_steps, int(progress.n_corrections[0])
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
@@ -272,20 +349,15 @@ class ReducedSystem:
 
     def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
-        packed, border = (np.empty_like(part) for part in self._factors)
-        fill_tangents(
-            self._equations, self._amplitudes(time), self._acting, (state.q, state.v, state.a), gain_a,
-            (packed, border), self._cache, self.n_samples,
-        )  # fmt: skip
+        fill_matrices(self._equations, self._memory, self._at(time), _parts(state), gain_a)
         r, n = self.tables.n_coordinates, self.n_eta
-        m = n - r
-        packed, border = (np.moveaxis(part, 2, 1).reshape(-1, part.shape[1])[: self.n_samples] for part in (packed, border))
+        factor, corner, column, row = (self._blocks.unpack(part).T for part in self._memory.matrix)
         matrices = np.empty((self.n_samples, n, n))
-        rows, columns = np.tril_indices(m)
-        matrices[:, r + rows, r + columns] = matrices[:, r + columns, r + rows] = packed
-        matrices[:, :r, :r] = border[:, : r * r].reshape(-1, r, r)
-        matrices[:, r:, :r] = np.swapaxes(border[:, r * r : r * r + r * m].reshape(-1, r, m), 1, 2)
-        matrices[:, :r, r:] = border[:, r * r + r * m :].reshape(-1, r, m)
+        rows, columns = np.tril_indices(n - r)
+        matrices[:, r + rows, r + columns] = matrices[:, r + columns, r + rows] = factor
+        matrices[:, :r, :r] = corner.reshape(-1, r, r)
+        matrices[:, r:, :r] = np.swapaxes(column.reshape(-1, r, n - r), 1, 2)
+        matrices[:, :r, r:] = row.reshape(-1, r, n - r)
         return matrices
 
     def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
@@ -296,15 +368,23 @@ class ReducedSystem:
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
-            amplitudes = amplitudes_of(self._actions.actions, time)
-            evaluate_local(
-                self._local, self._grids, amplitudes, (state.q, state.v), gain_v, active, with_tangent,
-                self._acting, self._known,
+            act_on(
+                self._equations, self._memory, self._at(time), _parts(state), self._lanes(active), gain_v,
+                np.bool_(with_tangent),
             )  # fmt: skip
 
     def _act_on_all(self, time: float, state: State) -> None:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
 
-    def _amplitudes(self, time: float) -> np.ndarray:
-        """Return the amplitudes of the effects with loads."""
-        return np.array([effect.amplitude(time) for effect in self._load_effects])
+    def _at(self, time: float) -> Strengths:
+        """Return what acts at an instant."""
+        loads = np.array([effect.amplitude(time) for effect in self._load_effects])
+        motions = np.zeros((self.tables.n_coordinates, 3))
+        for k, motion in self._motions.items():
+            motions[k] = motion.at(time)
+        return Strengths(loads, amplitudes_of(self._actions.actions, time), motions)
+
+
+def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return positions, velocities and accelerations."""
+    return state.q, state.v, state.a

@@ -16,7 +16,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
-from pgmp_petsc.dynamics.reduced_equations import Layout
+from pgmp_petsc.dynamics.reduced_lagrangian import Layout
 from pgmp_petsc.dynamics.reduced_kernel import Tables
 from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -132,8 +132,12 @@ class ReducedTerms:
     @cached_property
     def polynomials(self) -> Tables:
         """All terms as the kernel takes them."""
-        parts = (self.rigid, self.terms, self.load)
-        return Tables(*(np.ascontiguousarray(np.swapaxes(part.polynomials(), 1, 2)) for part in parts))
+        rigid, terms, loads = (part.polynomials() for part in (self.rigid, self.terms, self.load))
+        steps = np.ones(1)
+        for axis in self.terms.axes:  # from places between 0 and 1 to radians
+            steps = np.multiply.outer(steps, axis.step ** -np.arange(4.0)).ravel()
+        scaled = (part * steps[:, None, None] for part in (terms, loads))
+        return Tables(*(np.ascontiguousarray(np.swapaxes(part, 1, 2)) for part in (rigid, *scaled)))
 
 
 def fine_grid(samples: SampleGrid) -> SampleGrid:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.lanes import LANES
-
+LANES = 32  # samples side by side: enough to make the compiler's check for overlap cheap, few enough for the cache
 LARGE = 2000  # unknowns, beyond which the matrices of so many samples are too much for the caches
 FEW = 8  # lanes are a multiple of it but for one sample: what fits the vectors of any machine
 

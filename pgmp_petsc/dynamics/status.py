@@ -28,6 +28,15 @@ class Status(IntEnum):
         return _CURES[self]
 
 
+class Outcome(IntEnum):
+    """How far a sample went that was taken through several steps: to their end, or why it stopped before one of them."""
+
+    DONE = 0
+    LOST = 1  # Newton's iteration failed
+    OUTSIDE = 2  # it would have left the model's range
+    CROSSED = 3  # it would have crossed the edge of a law
+
+
 _MEANINGS = {
     Status.FINE: "fine",
     Status.UNPHYSICAL: "a parameter has no physical value (no finite number, outside its bounds, or not positive where "

@@ -52,6 +52,13 @@ def check_ts_options() -> None:
                 )
 
 
+def looks_on(prefix: str) -> bool:
+    """Return whether an option lets PETSc itself look at the steps of a TS."""
+    from petsc4py import PETSc
+
+    return bool(PETSc.Options(prefix).getAll())
+
+
 def check_end(ts: PETSc.TS, n_steps: int, duration: float) -> None:
     """Check that a TS has done all its steps.
 

@@ -1,0 +1,549 @@
+"""The Lagrangian of the reduced model: residual and iteration matrix of LANES samples at once, compiled.
+
+For any number of rigid coordinates theta_k and flexible ones delta, eta = [theta, delta]::
+
+    T = 1/2 eta'^T Mass eta'      Mass_kl = M_kl + 2 b_kl.delta - delta^T c_kl delta
+                                  Mass_kd = M_kd + A_k^T delta,    Mass_dd = M_dd
+    U = 1/2 delta^T K delta + 1/6 V delta delta delta - a(t) (Q.eta + 1/2 delta^T B delta)
+
+with tables that depend on theta, one index d for the flexible coordinates, and a(t) the amplitudes of the loads (Naets
+et al. 2015, eqs. (11)-(12)). The residual is ``r = d/dt dT/d eta' - dT/d eta + dU/d eta``, d_k = d/d theta_k::
+
+    r = M eta'' + sum_k theta_k' (d_k M) eta' + K delta - a Q + ...
+        and in the rows of theta  - 1/2 eta'^T (d_k M) eta' + 1/2 delta^T (d_k K) delta - a (d_k Q).delta + ...
+
+b, the symmetric part of ``(d_k rho)^T M (d_l Psi)``, and the changes of K and Q with theta are missing in the paper.
+b holds the inertia forces of the rigid motion, which bend the bodies, and the change of the rigid inertia with their
+bending. Without it the modes are blind to inertia loads, because their mass coupling with theta vanishes identically.
+
+Of second order in delta, where a scene asks for them (a quadratic manifold as of Jain et al. 2017 with the modal
+derivatives chi of Wu and Tiso 2016)::
+
+    V = third derivative of the strain energy,  B = f^T chi
+    c_kl = (d_k d_l rho)^T M chi - sym(D_k^T M D_l),   A_k = skew part of D_k^T M Psi,   D_k = d_k (R Psi)
+
+B and the first part of c are the work of loads and inertia forces on the second-order displacement, which is called
+geometric stiffness; the rest is the kinetic energy of modes that change with theta, their gyroscopic terms. Left out is
+what vanishes at the nominal parameters, where chi is M-orthogonal to the basis and Psi is M-orthonormal.
+
+Structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha dT/d eta'``, needs no term of its own:
+because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.
+
+With all of it the system is Lagrangian in the interpolated tables and conserves energy. Terms that a scene does not
+call for have no entries. The iteration matrix leaves out second derivatives of the tables; its flexible block is
+symmetric, rows and columns of theta border it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.dynamics.vectors import (
+    LANES,
+    add_product,
+    add_to_rows,
+    dot,
+    load,
+    load_rows,
+    polynomial,
+    spread,
+    store,
+    zeros,
+)
+from pgmp_petsc.runtime.compiled import njit
+
+
+class Layout(NamedTuple):
+    """Where the parts of a table row begin.
+
+    Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V,
+    c_kl, k >= l, and A_k; packed structural damping, if there is any; and the end. A load row has n_eta entries, and
+    with terms of second order packed B after them. Symmetric matrices are packed as lower triangles row by row, skew
+    ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
+
+    Attributes
+    ----------
+    rigid
+        Numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are.
+    n_eta
+        Number of coordinates.
+    quadratic
+        Whether inertia forces quadratic in the velocities act; in slow motion they may be left out.
+    """
+
+    rigid: tuple[int, ...]
+    n_eta: int
+    coupling: int
+    stiffness: int
+    cubic: int
+    swing: int
+    gyroscopic: int
+    damping: int
+    end: int
+    load_end: int
+    quadratic: bool
+
+    @property
+    def second_order(self) -> bool:
+        """Whether there are terms of second order."""
+        return self.cubic < self.damping
+
+    @property
+    def n_rigid(self) -> int:
+        """Number of entries of the packed rigid inertia, with which a row begins."""
+        return len(self.rigid) * (len(self.rigid) + 1) // 2
+
+
+class Work(NamedTuple):
+    """State of one block of samples, and what is evaluated there: arrays of vectors (n, LANES).
+
+    Attributes
+    ----------
+    q, v, a, rate
+        Coordinates; velocities and accelerations as the inertia forces see them (see the module and
+        ``Layout.quadratic``); velocities as damping sees them; n_eta each.
+    balance
+        The residual, n_eta.
+    rigid, rigid_slope
+        Packed rigid inertia, and its derivatives, coordinate after coordinate.
+    load, load_slope
+        ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
+    moved, turned
+        ``(d_k M) eta'`` (n_eta) and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate after coordinate.
+    bent
+        ``V delta``, packed.
+    along, across
+        Products of a matrix with delta and with delta', n_delta each.
+    kept_a
+        Accelerations of the iterate, n_eta.
+    place, fine
+        In the cells of the tables and of the rigid inertia, n_theta each.
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    rate: np.ndarray
+    balance: np.ndarray
+    rigid: np.ndarray
+    rigid_slope: np.ndarray
+    load: np.ndarray
+    load_slope: np.ndarray
+    moved: np.ndarray
+    turned: np.ndarray
+    bent: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+    kept_a: np.ndarray
+    place: np.ndarray
+    fine: np.ndarray
+
+
+class Matrix(NamedTuple):
+    """Iteration matrix ``[[corner, row], [column, factor]]`` of one block of samples, arrays of vectors (n, LANES).
+
+    Attributes
+    ----------
+    factor
+        Flexible block, packed, or its factors.
+    corner
+        ``d r_k / d theta_j``, row by row; n_theta^2 entries.
+    column, row
+        ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
+    """
+
+    factor: np.ndarray
+    corner: np.ndarray
+    column: np.ndarray
+    row: np.ndarray
+
+
+@njit(inline="always")
+def pair(k, j):
+    """Return the place of entry (k, j) of a packed symmetric matrix."""
+    return k * (k + 1) // 2 + j if k >= j else j * (j + 1) // 2 + k
+
+
+@njit(inline="always")
+def add(array, row, x):
+    """Add a vector to a row."""
+    store(array, row, load(array, row) + x)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
+    """Evaluate the residual into ``work.balance`` and, if `fresh`, the iteration matrix.
+
+    Parameters
+    ----------
+    kept
+        Polynomials of the cell of every sample, weighted with its parameters: rows of `polynomial`.
+    place
+        In the cell, a tuple of vectors.
+    gain_v, gain_a
+        Derivatives of eta' (a number) and eta'' (a vector) with eta within a step.
+    loaded
+        Whether there are loads.
+    """
+    velocity = load_rows(work.v, 0, 1, place)
+    _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
+    _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix)
+    _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
+    if layout.cubic < layout.damping:
+        _add_cubic(layout, kept, place, fresh, work, matrix)
+        if loaded:
+            _add_bent_loads(layout, place, fresh, work, matrix)
+        _add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
+        _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix)
+    if layout.damping < layout.end:
+        _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
+    """Begin with ``M eta'' + K delta``, and fill `moved` and `turned`."""
+    q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
+    r, n = len(place), layout.n_eta
+    m = n - r
+    for k in range(r):
+        total, change = spread(0.0), zeros(place)
+        for j in range(r):
+            slopes = load_rows(work.rigid_slope, pair(k, j), layout_n_rigid(r), place)
+            total += load(work.rigid, pair(k, j)) * load(a, j)  # M_kj theta_j''
+            change = add_product(change, slopes, load(v, j))  # (d M_kj) theta_j'
+        store(balance, k, total)
+        for h in range(r):
+            store(moved, h * n + k, change[h])
+    entry = layout.stiffness
+    into = 0
+    for i in range(m):
+        at = (r + i) * (r + i + 1) // 2
+        a_i, v_i, q_i = load(a, r + i), load(v, r + i), load(q, r + i)
+        total, change, turn = spread(0.0), zeros(place), zeros(place)
+        for k in range(r):
+            mass, slopes = polynomial(kept, at + k, place)
+            total += mass * load(a, k)  # M_ik theta_k''
+            add(balance, k, mass * a_i)  # M_ki delta_i''
+            change = add_product(change, slopes, load(v, k))  # (d M_ik) theta_k'
+            add_to_rows(moved, k, n, slopes, v_i)  # (d M_ki) delta_i'
+            if fresh:
+                coupled, swept = gain_a * mass, gain_v * dot(slopes, velocity)
+                store(matrix.column, k * m + i, coupled + swept)
+                store(matrix.row, k * m + i, coupled + swept)
+        for j in range(i):
+            mass, slopes = polynomial(kept, at + r + j, place)
+            stiffness, bends = polynomial(kept, entry + j, place)
+            total += mass * load(a, r + j) + stiffness * load(q, r + j)  # M_ij delta_j'' + K_ij delta_j
+            change = add_product(change, slopes, load(v, r + j))  # (d M_ij) delta_j'
+            turn = add_product(turn, bends, load(q, r + j))  # (d K_ij) delta_j
+            add(balance, r + j, mass * a_i + stiffness * q_i)
+            add_to_rows(moved, r + j, n, slopes, v_i)
+            add_to_rows(turned, j, m, bends, q_i)
+            if fresh:
+                store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
+            into += 1
+        mass, slopes = polynomial(kept, at + r + i, place)
+        stiffness, bends = polynomial(kept, entry + i, place)
+        store(balance, r + i, total + mass * a_i + stiffness * q_i)
+        change, turn = add_product(change, slopes, v_i), add_product(turn, bends, q_i)
+        for h in range(r):
+            store(moved, h * n + r + i, change[h])
+            store(turned, h * m + i, turn[h])
+        if fresh:
+            store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
+        into += 1
+        entry += i + 1
+
+
+@njit(inline="always")
+def layout_n_rigid(r):
+    """Return the number of entries of the packed rigid inertia."""
+    return r * (r + 1) // 2
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix):
+    """Add what `moved`, `turned` and the loads give, and begin the border of the iteration matrix."""
+    q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
+    r, n = len(velocity), layout.n_eta
+    m = n - r
+    for k in range(r):
+        twice, bending, leaning = spread(0.0), spread(0.0), spread(0.0)
+        for i in range(n):
+            change = load(moved, k * n + i)
+            add(balance, i, load(v, k) * change)  # theta_k' (d_k M) eta'
+            twice += load(v, i) * change
+        for i in range(m):
+            bending += load(q, r + i) * load(turned, k * m + i)
+        if loaded:
+            for i in range(m):
+                slope = load(work.load_slope, k * layout.load_end + r + i)
+                leaning += load(q, r + i) * slope
+                add(turned, k * m + i, -slope)
+        add(balance, k, 0.5 * (bending - twice) - leaning)  # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
+    if loaded:
+        for i in range(n):
+            add(balance, i, -load(work.load, i))  # - a Q
+    if fresh:
+        for k in range(r):
+            for i in range(m):
+                turn, swing = load(turned, k * m + i), gain_v * load(moved, k * n + r + i)
+                add(matrix.column, k * m + i, turn + swing)
+                add(matrix.row, k * m + i, turn - swing)
+            for j in range(r):
+                total = gain_a * load(work.rigid, pair(k, j))
+                total += gain_v * (load(moved, j * n + k) - load(moved, k * n + j))
+                for h in range(r):
+                    n_rigid = layout_n_rigid(r)
+                    total += load(work.rigid_slope, h * n_rigid + pair(k, j)) * (gain_v * load(v, h))
+                    total += load(work.rigid_slope, j * n_rigid + pair(k, h)) * load(a, h)
+                store(matrix.corner, k * r + j, total)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
+    """Add the terms of ``sum_kl theta_k' theta_l' b_kl.delta`` of the kinetic energy, pair by pair (k >= j)."""
+    q, v, a, balance, row, corner = work.q, work.v, work.a, work.balance, matrix.row, matrix.corner
+    r, n = len(place), layout.n_eta
+    m = n - r
+    at = layout.coupling
+    for k in range(r):
+        for j in range(k + 1):
+            both = 1.0 if j == k else 2.0
+            v_k, v_j, a_k, a_j = load(v, k), load(v, j), load(a, k), load(a, j)
+            turning = both * v_k * v_j
+            leant, leaning = spread(0.0), spread(0.0)  # b.delta, b.delta'
+            turned, turning_on = zeros(place), zeros(place)  # (d b).delta, (d b).delta'
+            for i in range(m):
+                b, slopes = polynomial(kept, at + i, place)
+                q_i, v_i = load(q, r + i), load(v, r + i)
+                add(balance, r + i, -(b * turning))  # - b theta_k' theta_j'
+                leant, leaning = leant + b * q_i, leaning + b * v_i
+                turned = add_product(turned, slopes, q_i)
+                if fresh:
+                    turning_on = add_product(turning_on, slopes, v_i)
+                    change = dot(slopes, velocity)
+                    add(matrix.column, k * m + i, -2.0 * (gain_v * (b * v_j)))
+                    add(row, k * m + i, 2.0 * (b * (gain_v * v_j + a_j) + change * v_j))
+                    if j < k:
+                        add(matrix.column, j * m + i, -2.0 * (gain_v * (b * v_k)))
+                        add(row, j * m + i, 2.0 * (b * (gain_v * v_k + a_k) + change * v_k))
+                    add_to_rows(row, i, m, slopes, -turning)
+            drift = dot(turned, velocity)
+            add(balance, k, 2.0 * (leant * a_j + leaning * v_j + drift * v_j))  # 2 (b.delta theta_j')'
+            if j < k:
+                add(balance, j, 2.0 * (leant * a_k + leaning * v_k + drift * v_k))
+            add_to_rows(balance, 0, 1, turned, -turning)  # - (d b).delta theta_k' theta_j'
+            if fresh:
+                own = 2.0 * (leant * gain_a + gain_v * (leaning + drift))
+                add(corner, k * r + j, own)
+                swept = gain_v * v_j
+                # rows of k: how (b.delta)' and b.delta change with every theta
+                add_to_rows(corner, k * r, 1, turned, 2.0 * (swept + a_j))
+                add_to_rows(corner, k * r, 1, turning_on, 2.0 * v_j)
+                add_to_rows(corner, k, r, turned, -2.0 * swept)
+                if j < k:
+                    add(corner, j * r + k, own)
+                    swept = gain_v * v_k
+                    add_to_rows(corner, j * r, 1, turned, 2.0 * (swept + a_k))
+                    add_to_rows(corner, j * r, 1, turning_on, 2.0 * v_k)
+                    add_to_rows(corner, j, r, turned, -2.0 * swept)
+            at += m
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_cubic(layout, kept, place, fresh, work, matrix):
+    """Add the terms of ``1/6 V delta delta delta``; `bent` becomes ``V delta``."""
+    q, balance, bent = work.q, work.balance, work.bent
+    r = len(place)
+    m = layout.n_eta - r
+    for entry in range(m * (m + 1) // 2):
+        store(bent, entry, 0.0)
+    energy = zeros(place)  # (d V) delta delta delta
+    at = layout.cubic
+    for i in range(m):
+        q_i = load(q, r + i)
+        row_i = i * (i + 1) // 2
+        for j in range(i + 1):
+            q_j = load(q, r + j)
+            row_j = j * (j + 1) // 2
+            part = zeros(place)
+            own = load(bent, row_i + j)
+            # entries with equal indices stand apart: they count once, others for each of their orders
+            for k in range(j):
+                value, slopes = polynomial(kept, at, place)
+                q_k = load(q, r + k)
+                own += value * q_k
+                add(bent, row_i + k, value * q_j)
+                if j < i:
+                    add(bent, row_j + k, value * q_i)
+                part = add_product(part, slopes, q_k)
+                at += 1
+            value, slopes = polynomial(kept, at, place)
+            at += 1
+            store(bent, row_i + j, own + value * q_j)
+            if j < i:
+                add(bent, row_j + j, value * q_i)
+            product = q_i * q_j
+            energy = add_product(energy, part, product * (6.0 if j < i else 3.0))
+            energy = add_product(energy, slopes, product * q_j * (3.0 if j < i else 1.0))
+    add_to_rows(balance, 0, 1, energy, spread(1.0 / 6.0))
+    entry = 0
+    for i in range(m):
+        q_i, total = load(q, r + i), spread(0.0)
+        for j in range(i):
+            value = 0.5 * load(bent, entry + j)
+            total += value * load(q, r + j)  # 1/2 (V delta) delta
+            add(balance, r + j, value * q_i)
+        add(balance, r + i, total + 0.5 * load(bent, entry + i) * q_i)
+        entry += i + 1
+    if fresh:
+        for entry in range(m * (m + 1) // 2):
+            add(matrix.factor, entry, load(bent, entry))
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_bent_loads(layout, place, fresh, work, matrix):
+    """Add the terms of ``- 1/2 a delta^T B delta``."""
+    q, balance = work.q, work.balance
+    r, n = len(place), layout.n_eta
+    energy = zeros(place)  # a delta^T (d B) delta
+    entry = n
+    for i in range(n - r):
+        q_i = load(q, r + i)
+        for j in range(i + 1):
+            value = load(work.load, entry)
+            slopes = load_rows(work.load_slope, entry, layout.load_end, place)
+            product = q_i * load(q, r + j)
+            if j < i:
+                product = product + product
+                add(balance, r + j, -(value * q_i))  # - a B delta
+            add(balance, r + i, -(value * load(q, r + j)))
+            energy = add_product(energy, slopes, product)
+            if fresh:
+                add(matrix.factor, entry - n, -value)
+            entry += 1
+    add_to_rows(balance, 0, 1, energy, spread(-0.5))
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
+    """Add the terms of ``- 1/2 sum_kl theta_k' theta_l' delta^T c_kl delta``, pair by pair (k >= j)."""
+    q, v, a, balance, swung = work.q, work.v, work.a, work.balance, work.along
+    r, n = len(place), layout.n_eta
+    m = n - r
+    at = layout.swing
+    for k in range(r):
+        for j in range(k + 1):
+            both = 1.0 if j == k else 2.0
+            v_k, v_j, a_k, a_j = load(v, k), load(v, j), load(a, k), load(a, j)
+            turning = both * v_k * v_j
+            energy = zeros(place)  # delta^T (d c) delta
+            entry = 0
+            for i in range(m):
+                q_i, total = load(q, r + i), spread(0.0)
+                for other in range(i + 1):
+                    c, slopes = polynomial(kept, at, place)
+                    q_j = load(q, r + other)
+                    product = q_i * q_j
+                    if other < i:
+                        product = product + product
+                        add(swung, other, c * q_i)
+                    total += c * q_j
+                    energy = add_product(energy, slopes, product)
+                    if fresh:
+                        add(matrix.factor, entry, turning * c)
+                    at += 1
+                    entry += 1
+                store(swung, i, total)
+            held, moving = spread(0.0), spread(0.0)  # delta^T c delta, delta'^T c delta
+            for i in range(m):
+                c = load(swung, i)
+                held += load(q, r + i) * c
+                moving += load(v, r + i) * c
+                add(balance, r + i, turning * c)  # theta_k' theta_j' c delta
+                if fresh:
+                    add(matrix.column, k * m + i, 2.0 * gain_v * (v_j * c))
+                    add(matrix.row, k * m + i, -2.0 * ((gain_v * v_j + a_j) * c))
+                    if j < k:
+                        add(matrix.column, j * m + i, 2.0 * gain_v * (v_k * c))
+                        add(matrix.row, j * m + i, -2.0 * ((gain_v * v_k + a_k) * c))
+            drift = dot(energy, velocity)
+            add(balance, k, -(held * a_j + 2.0 * (moving * v_j) + drift * v_j))  # - (delta^T c delta theta_j')'
+            if j < k:
+                add(balance, j, -(held * a_k + 2.0 * (moving * v_k) + drift * v_k))
+            add_to_rows(balance, 0, 1, energy, 0.5 * turning)
+            if fresh:
+                add(matrix.corner, k * r + j, -(gain_a * held + 2.0 * gain_v * moving))
+                if j < k:
+                    add(matrix.corner, j * r + k, -(gain_a * held + 2.0 * gain_v * moving))
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
+    """Add the terms of ``sum_k theta_k' (A_k delta').delta``, A_k skew; their part of the flexible tangent is left out."""
+    q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
+    r, n = len(place), layout.n_eta
+    m = n - r
+    at = layout.gyroscopic
+    for k in range(r):
+        v_k, a_k = load(v, k), load(a, k)
+        changing = zeros(place)  # delta'.(d A_k) delta
+        for i in range(m):
+            q_i, v_i = load(q, r + i), load(v, r + i)
+            skew, drive = spread(0.0), spread(0.0)
+            for j in range(i):
+                value, slopes = polynomial(kept, at, place)
+                q_j, v_j = load(q, r + j), load(v, r + j)
+                # 2 A delta' + A' delta, with A' = sum_h theta_h' d_h A
+                change = dot(slopes, velocity)
+                skew += value * q_j
+                drive += 2.0 * (value * v_j) + change * q_j
+                add(skewed, j, -(value * q_i))
+                add(driven, j, -(2.0 * (value * v_i) + change * q_i))
+                changing = add_product(changing, slopes, v_i * q_j - v_j * q_i)
+                at += 1
+            store(skewed, i, skew)
+            store(driven, i, drive)
+        total = spread(0.0)
+        for i in range(m):
+            skew = load(skewed, i)
+            add(balance, r + i, -(a_k * skew + v_k * load(driven, i)))  # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
+            total += load(a, r + i) * skew
+            if fresh:
+                add(matrix.column, k * m + i, -(gain_a * skew))
+                add(matrix.row, k * m + i, -(gain_a * skew))
+        add(balance, k, -(total + dot(changing, velocity)))  # - delta''.(A delta) - delta'.(A' delta)
+        add_to_rows(balance, 0, 1, changing, v_k)  # theta_k' delta'.(d A_k) delta
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _add_damping(layout, kept, place, gain_v, fresh, work, matrix):
+    """Add ``D eta'``; the change of D with theta is left out of the iteration matrix."""
+    rate, balance = work.rate, work.balance
+    r, n = len(place), layout.n_eta
+    m = n - r
+    at, into = layout.damping, 0
+    for i in range(n):
+        total = spread(0.0)
+        for j in range(i + 1):
+            value, _ = polynomial(kept, at, place)
+            at += 1
+            total += value * load(rate, j)
+            if j < i:
+                add(balance, j, value * load(rate, i))
+            if fresh:
+                braked = gain_v * value
+                if i < r:
+                    add(matrix.corner, i * r + j, braked)
+                    if j < i:
+                        add(matrix.corner, j * r + i, braked)
+                elif j < r:
+                    add(matrix.column, j * m + i - r, braked)
+                    add(matrix.row, j * m + i - r, braked)
+                else:
+                    add(matrix.factor, into, braked)
+                    into += 1
+        add(balance, i, total)
