@@ -48,6 +48,7 @@ from pgmp_petsc.dynamics.vectors import (
     load,
     load_rows,
     polynomial,
+    polynomial_value,
     spread,
     store,
     zeros,
@@ -167,6 +168,14 @@ def pair(k, j):
 
 
 @njit(inline="always")
+def inertia_of(layout, kept, entry, place):
+    """Return an entry of the inertia, with its derivatives where inertia forces quadratic in the velocities act."""
+    if layout.quadratic:
+        return polynomial(kept, entry, place)
+    return polynomial_value(kept, entry, place), zeros(place)
+
+
+@njit(inline="always")
 def add(array, row, x):
     """Add a vector to a row."""
     store(array, row, load(array, row) + x)
@@ -223,7 +232,7 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
         a_i, v_i, q_i = load(a, r + i), load(v, r + i), load(q, r + i)
         total, change, turn = spread(0.0), zeros(place), zeros(place)
         for k in range(r):
-            mass, slopes = polynomial(kept, at + k, place)
+            mass, slopes = inertia_of(layout, kept, at + k, place)
             total += mass * load(a, k)  # M_ik theta_k''
             add(balance, k, mass * a_i)  # M_ki delta_i''
             change = add_product(change, slopes, load(v, k))  # (d M_ik) theta_k'
@@ -233,7 +242,7 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
                 store(matrix.column, k * m + i, coupled + swept)
                 store(matrix.row, k * m + i, coupled + swept)
         for j in range(i):
-            mass, slopes = polynomial(kept, at + r + j, place)
+            mass, slopes = inertia_of(layout, kept, at + r + j, place)
             stiffness, bends = polynomial(kept, entry + j, place)
             total += mass * load(a, r + j) + stiffness * load(q, r + j)  # M_ij delta_j'' + K_ij delta_j
             change = add_product(change, slopes, load(v, r + j))  # (d M_ij) delta_j'
@@ -244,7 +253,7 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
             if fresh:
                 store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
             into += 1
-        mass, slopes = polynomial(kept, at + r + i, place)
+        mass, slopes = inertia_of(layout, kept, at + r + i, place)
         stiffness, bends = polynomial(kept, entry + i, place)
         store(balance, r + i, total + mass * a_i + stiffness * q_i)
         change, turn = add_product(change, slopes, v_i), add_product(turn, bends, q_i)
@@ -317,7 +326,7 @@ def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, ma
             leant, leaning = spread(0.0), spread(0.0)  # b.delta, b.delta'
             turned, turning_on = zeros(place), zeros(place)  # (d b).delta, (d b).delta'
             for i in range(m):
-                b, slopes = polynomial(kept, at + i, place)
+                b, slopes = inertia_of(layout, kept, at + i, place)
                 q_i, v_i = load(q, r + i), load(v, r + i)
                 add(balance, r + i, -(b * turning))  # - b theta_k' theta_j'
                 leant, leaning = leant + b * q_i, leaning + b * v_i

@@ -295,6 +295,45 @@ def add_to_rows(typing, array, first, stride, x, y):
     return types.void(array, types.intp, types.intp, x, y), build
 
 
+def _horner(
+    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], with_slopes: bool
+) -> tuple[ir.Value, list[ir.Value]]:
+    """Build value and derivatives of a polynomial, cubic along each of several places, from its rows of coefficients."""
+
+    def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
+        if level == len(places):
+            return row(first), []
+        stride, s = 4 ** (len(places) - level - 1), places[level]
+        c = [along(level + 1, first + power * stride) for power in range(4)]
+        values = [value for value, _ in c]
+        # with t = c3 s, u = c2 + t and w = c1 + s u the derivative is w + s (u + t)
+        t = builder.fmul(values[3], s)
+        u = builder.fadd(values[2], t)
+        w = _fused(builder, s, u, values[1])
+        slopes = []
+        if with_slopes:
+            slopes.append(_fused(builder, s, builder.fadd(u, t), w))
+            for k in range(len(places) - level - 1):
+                slope = c[3][1][k]
+                for power in (2, 1, 0):
+                    slope = _fused(builder, s, slope, c[power][1][k])
+                slopes.append(slope)
+        return _fused(builder, s, w, values[0]), slopes
+
+    return along(0, 0)
+
+
+def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Callable[[int], ir.Value]:
+    """Return what loads the coefficients of an entry of kept polynomials."""
+    base = builder.mul(args[1], ir.Constant(args[1].type, 4 ** len(sig.args[2])))
+
+    def row(number: int) -> ir.Value:
+        at = builder.add(base, ir.Constant(base.type, number))
+        return builder.load(_row(context, builder, sig.args[0], args[0], at), align=CACHE_LINE)
+
+    return row
+
+
 @intrinsic
 def polynomial(typing, kept, entry, place):
     """Return value and derivatives of a polynomial, cubic in each of the coordinates of a place.
@@ -306,33 +345,21 @@ def polynomial(typing, kept, entry, place):
     place
         Tuple of r vectors.
     """
-    r = len(place)
 
     def build(context, builder, sig, args):
-        places = _parts(builder, args[2], r)
-        base = builder.mul(args[1], ir.Constant(args[1].type, 4**r))
-
-        def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
-            if level == r:
-                row = builder.add(base, ir.Constant(base.type, first))
-                return builder.load(_row(context, builder, sig.args[0], args[0], row), align=CACHE_LINE), []
-            stride, s = 4 ** (r - level - 1), places[level]
-            c = [along(level + 1, first + power * stride) for power in range(4)]
-            values = [value for value, _ in c]
-            # Horner's scheme; with t = c3 s, u = c2 + t and w = c1 + s u the derivative is w + s (u + t)
-            t = builder.fmul(values[3], s)
-            u = builder.fadd(values[2], t)
-            w = _fused(builder, s, u, values[1])
-            own = _fused(builder, s, builder.fadd(u, t), w)
-            others = []
-            for k in range(r - level - 1):
-                slope = c[3][1][k]
-                for power in (2, 1, 0):
-                    slope = _fused(builder, s, slope, c[power][1][k])
-                others.append(slope)
-            return _fused(builder, s, w, values[0]), [own, *others]
-
-        value, slopes = along(0, 0)
+        rows = _coefficients(context, builder, sig, args)
+        value, slopes = _horner(builder, rows, _parts(builder, args[2], len(place)), True)
         return context.make_tuple(builder, sig.return_type, (value, _tuple(builder, slopes)))
 
-    return types.Tuple((vector, types.UniTuple(vector, r)))(kept, types.intp, place), build
+    return types.Tuple((vector, types.UniTuple(vector, len(place))))(kept, types.intp, place), build
+
+
+@intrinsic
+def polynomial_value(typing, kept, entry, place):
+    """Return the value of a polynomial alone; see `polynomial`."""
+
+    def build(context, builder, sig, args):
+        rows = _coefficients(context, builder, sig, args)
+        return _horner(builder, rows, _parts(builder, args[2], len(place)), False)[0]
+
+    return vector(kept, types.intp, place), build

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from pgmp_petsc.dynamics.batched_ldl import Symbolic, analyse, factorise, substitute
-from pgmp_petsc.dynamics.lanes import LANES
+from pgmp_petsc.dynamics.sample_blocks import LANES
 
 
 def saddle_points(seed: int, n: int = 17, n_constraints: int = 5) -> tuple[np.ndarray, np.ndarray]:

@@ -11,14 +11,9 @@ from scenes import meshes_of, slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
-from pgmp_petsc.dynamics.cells import Grid, evaluate, locate, refill
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
-from pgmp_petsc.dynamics.lanes import (
-    LANES, contract, eliminate_border, factorise, multiply, solve_bordered, substitute,
-)
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack, pack_cubic
-from pgmp_petsc.dynamics.second_order_kernel import cubic_form
+from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale
 from pgmp_petsc.effects import effects_of
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -46,94 +41,6 @@ def model(request: pytest.FixtureRequest, settings: tuple[str, ...]) -> ReducedM
 @pytest.fixture(scope="module")
 def terms(model: ReducedModel) -> ReducedTerms:
     return model.terms
-
-
-def packed(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return random positive definite matrices, one a lane, whole (LANES, n, n) and packed (n_packed, LANES)."""
-    factor = np.random.default_rng(0).normal(size=(LANES, n, n))
-    matrices = factor @ np.swapaxes(factor, 1, 2) + np.eye(n)
-    return matrices, np.ascontiguousarray(pack(matrices).T)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 16])
-def test_packed_matrices_multiply_factorise_and_solve(n: int) -> None:
-    matrices, entries = packed(n)
-    x = np.random.default_rng(1).normal(size=(n, LANES))
-    product = np.empty_like(x)
-    multiply(entries, 0, n, x, 0, product)
-    np.testing.assert_allclose(product, np.einsum("lij,jl->il", matrices, x), rtol=1e-13, atol=1e-13)
-    factorise(entries, n)
-    substitute(entries, n, product)
-    np.testing.assert_allclose(product, x, rtol=1e-9, atol=1e-10)
-
-
-@pytest.mark.parametrize("wrong", [-1.0, np.nan])
-def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float) -> None:
-    _, good = packed(4)
-    bad = good.copy()
-    bad[5, 3] *= wrong  # the diagonal of row 2
-    factorise(good, 4)
-    factorise(bad, 4)
-    assert np.isnan(bad[5:, 3]).any()
-    others = np.arange(LANES) != 3
-    np.testing.assert_array_equal(bad[:, others], good[:, others])
-
-
-@pytest.mark.parametrize("r", [1, 2, 3])
-@pytest.mark.parametrize("m", [1, 4, 15])
-def test_bordered_matrices_are_solved(m: int, r: int) -> None:
-    matrices, entries = packed(m)
-    random = np.random.default_rng(3)
-    whole = random.normal(size=(LANES, r + m, r + m))
-    whole[:, :r, :r] += 10.0 * m * np.eye(r)
-    whole[:, r:, r:] = matrices
-    parts = (whole[:, :r, :r], np.swapaxes(whole[:, r:, :r], 1, 2), whole[:, :r, r:])
-    border = np.concatenate([part.reshape(LANES, -1).T for part in parts])
-    x = random.normal(size=(r + m, LANES))
-    right = np.einsum("lij,jl->il", whole, x)
-    eliminate_border(entries, border, r, m)
-    solve_bordered(entries, border, r, m, right)
-    np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 8])
-def test_packed_tensors_are_contracted(n: int) -> None:
-    random = np.random.default_rng(5)
-    tensors = random.normal(size=(LANES, n, n, n))
-    tensors = sum(tensors.transpose(0, *(1 + np.array(order))) for order in itertools.permutations(range(3)))
-    x = random.normal(size=(n, LANES))
-    entries = np.ascontiguousarray(pack_cubic(tensors).T)
-    result, form = np.empty((n * (n + 1) // 2, LANES)), np.empty(LANES)
-    contract(entries, 0, n, x, 0, result)
-    expected = np.einsum("lijk,kl->lij", tensors, x)
-    np.testing.assert_allclose(result.T, pack(expected), rtol=0, atol=1e-12)
-    cubic_form(entries, 0, n, x, 0, form)
-    np.testing.assert_allclose(form, np.einsum("lij,il,jl->l", expected, x, x), rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("periodic", [True, False])
-def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
-    """Kept polynomials against numpy; two groups of rows, and thetas at cells' ends and beyond a revolution."""
-    random = np.random.default_rng(2)
-    grid = Grid(0.5, 0.25, 7, periodic)
-    table, weights, slots = random.normal(size=(7, 3, 4, 5)), random.normal(size=3), np.array([1, 0, 1])
-    kept = np.empty((10, 4, LANES))
-    values, slopes = np.empty((10, LANES)), np.empty((1, 10, LANES))
-    place, expected, rates = np.empty((1, LANES)), np.empty((10, LANES)), np.empty((10, LANES))
-    for lane in range(LANES):
-        theta = random.uniform(-2.0, 5.0) if periodic else random.uniform(0.5, 2.25)
-        cell, place[0, lane] = locate(theta, grid)
-        assert 0 <= cell < 7 and 0.0 <= place[0, lane] <= 1.0
-        refill(table, cell, weights, slots, 5, lane, kept)
-        s = np.mod((theta - 0.5) / 0.25, 1.0)
-        for group in range(2):
-            chosen = slots == group
-            c = np.einsum("t,tke->ke", weights[chosen], table[int((theta - 0.5) // 0.25) % 7, chosen])
-            expected[5 * group : 5 * group + 5, lane] = c.T @ s ** np.arange(4)
-            rates[5 * group : 5 * group + 5, lane] = c[1:].T @ (np.arange(1, 4) * s ** np.arange(3)) / 0.25
-    evaluate(kept, 0, 10, place, (grid,), values, slopes)
-    np.testing.assert_allclose(values, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(slopes[0], rates, rtol=0, atol=1e-11)
 
 
 def whole(entries: np.ndarray) -> np.ndarray:

@@ -22,8 +22,6 @@ from scenes import slider_crank
 from scipy.integrate import solve_ivp
 
 from pgmp_petsc.dynamics.event_location import EventLocation
-from pgmp_petsc.dynamics.reduced_equations import allocate
-from pgmp_petsc.dynamics.reduced_kernel import interpolate
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import Effect, Motion
@@ -390,19 +388,3 @@ def test_slow_motions_do_without_gyroscopic_forces(speed: float, least: float, m
     kept, left = (bending(speed, keep)[0] for keep in (True, False))
     share = np.abs(left - kept).max() / np.abs(kept).max()
     assert least <= share < most, share
-
-
-@pytest.mark.parametrize("keep", [True, False])
-def test_slopes_of_the_mass_are_evaluated_only_for_gyroscopic_forces(keep: bool) -> None:
-    _, model = bending(1.0, keep)
-    layout = model.terms.layout
-    assert layout.quadratic == keep
-    system = model.batch(samples(model.scene, 1), 1)
-    work = allocate(layout)
-    interpolate(
-        system._equations, 0, 0, 1, np.full((1, layout.n_eta), 0.3), np.ones(1), system._cache, work  # noqa: SLF001
-    )
-    mass = slice(layout.n_rigid, layout.coupling)
-    assert np.abs(work.terms[mass]).max() > 0.0
-    assert work.slopes[:, mass].any() == keep
-    assert work.slopes[:, layout.coupling : layout.stiffness].any() == keep

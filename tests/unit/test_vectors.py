@@ -1,0 +1,168 @@
+"""Samples side by side in registers: arithmetic, polynomials, cells and bordered matrices, each against numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.polynomial import polynomial as series
+
+from pgmp_petsc.dynamics.bordered import eliminate, factorise, solve, substitute
+from pgmp_petsc.dynamics.cells import Grid, locate, refill
+from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
+from pgmp_petsc.dynamics.reduced_terms import pack
+from pgmp_petsc.dynamics.vectors import (
+    LANES,
+    absolute,
+    aligned_zeros,
+    blend,
+    count_lanes,
+    differing,
+    equal,
+    exceeding,
+    first_lane,
+    floor,
+    larger,
+    load,
+    load_rows,
+    polynomial,
+    polynomial_value,
+    spread,
+    square_root,
+    store,
+)
+from pgmp_petsc.runtime.compiled import njit
+
+RANDOM = np.random.default_rng(0)
+
+
+def vectors(values: np.ndarray) -> np.ndarray:
+    """Return an aligned copy of (n, LANES)."""
+    result = aligned_zeros(values.shape)
+    result[:] = values
+    return result
+
+
+@njit(error_model="numpy")
+def computed(x, result):
+    a, b = load(x, 0), load(x, 1)
+    store(result, 0, (a + b) * a - b / (2.0 + a * a))
+    store(result, 1, -a + 3.0)
+    store(result, 2, square_root(absolute(b)))
+    store(result, 3, floor(a))
+    store(result, 4, larger(a, b))
+    store(result, 5, blend(exceeding(a, b), a, spread(7.0)))
+
+
+@njit(error_model="numpy")
+def compared(x):
+    a, b = load(x, 0), load(x, 1)
+    more = exceeding(a, b)
+    return more, differing(a, b), equal(a, b), count_lanes(more), first_lane(more)
+
+
+def test_arithmetic_is_that_of_every_lane() -> None:
+    x, result = vectors(RANDOM.normal(size=(2, LANES))), aligned_zeros((6, LANES))
+    computed(x, result)
+    a, b = x
+    expected = [
+        (a + b) * a - b / (2.0 + a * a), 3.0 - a, np.sqrt(abs(b)), np.floor(a), np.maximum(a, b), np.where(a > b, a, 7.0),
+    ]  # fmt: skip
+    np.testing.assert_allclose(result, expected, rtol=1e-14, atol=1e-14)
+
+
+def test_sets_of_lanes_know_what_is_no_number() -> None:
+    x = vectors(np.array([np.arange(LANES), np.full(LANES, 4.0)], dtype=float))
+    x[0, 6] = np.nan
+    more, other, same, count, first = compared(x)
+    assert (more, other, same, count, first) == (0b11100000 | 0b01000000, 0b11101111, 0b00010000, 3, 5)
+
+
+@njit(error_model="numpy")
+def evaluated(kept, entry, places, like, values):
+    place = load_rows(places, 0, 1, like)
+    value, slopes = polynomial(kept, entry, place)
+    store(values, 0, value)
+    for k in range(len(slopes)):
+        store(values, 1 + k, slopes[k])
+    store(values, 1 + len(slopes), polynomial_value(kept, entry, place))
+
+
+@pytest.mark.parametrize("r", [1, 2, 3])
+def test_polynomials_of_any_number_of_coordinates(r: int) -> None:
+    coefficients, places = RANDOM.normal(size=(2, 4**r, LANES)), vectors(RANDOM.normal(size=(r, LANES)))
+    values = aligned_zeros((2 + r, LANES))
+    evaluated(vectors(coefficients.reshape(-1, LANES)), 1, places, tuple(range(r)), values)
+    for lane in range(LANES):
+        whole = coefficients[1, :, lane].reshape((4,) * r)
+
+        def value(c: np.ndarray) -> float:
+            for s in places[:, lane]:
+                c = series.polyval(s, c)
+            return float(c)
+
+        expected = [value(whole), *(value(series.polyder(whole, axis=k)) for k in range(r)), value(whole)]
+        np.testing.assert_allclose(values[:, lane], expected, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
+    """Two groups of entries, of which the first one of each is left alone; thetas beyond a revolution."""
+    grid = Grid(0.5, 0.25, 7, periodic)
+    table, weights, slots = RANDOM.normal(size=(7, 3, 4, 5)), vectors(RANDOM.normal(size=(3, LANES))), np.array([0, 1, 1])
+    kept = aligned_zeros((2 * 5 * 4, LANES))
+    for lane in range(LANES):
+        theta = RANDOM.uniform(-2.0, 5.0) if periodic else RANDOM.uniform(0.5, 2.25)
+        cell, place = locate(theta, grid)
+        assert 0.0 <= place <= 1.0 and cell == int(np.floor((theta - 0.5) / 0.25)) % 7
+        refill(table, cell, weights, slots, 1, 5, 1 << lane, kept)
+        for group in range(2):
+            chosen = slots == group
+            expected = np.einsum("t,tke->ek", weights[chosen, lane], table[cell, chosen])
+            found = kept.reshape(2, 5, 4, LANES)[group, :, :, lane]
+            np.testing.assert_allclose(found[1:], expected[1:], rtol=0, atol=1e-14)
+            np.testing.assert_array_equal(found[0], 0.0)
+
+
+def packed(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return random positive definite matrices, one a lane, whole (LANES, n, n) and packed (n_packed, LANES)."""
+    factor = RANDOM.normal(size=(LANES, n, n))
+    matrices = factor @ np.swapaxes(factor, 1, 2) + np.eye(n)
+    return matrices, vectors(pack(matrices).T)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 16])
+def test_packed_matrices_are_factorised_and_solved(n: int) -> None:
+    matrices, entries = packed(n)
+    x = RANDOM.normal(size=(n, LANES))
+    product = vectors(np.einsum("lij,jl->il", matrices, x))
+    factorise(entries, n)
+    substitute(entries, n, product, 0)
+    np.testing.assert_allclose(product, x, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("wrong", [-1.0, np.nan])
+def test_a_matrix_that_is_not_positive_definite_spoils_its_own_lane(wrong: float) -> None:
+    _, good = packed(4)
+    bad = vectors(good)
+    bad[5, 3] *= wrong  # the diagonal of row 2
+    factorise(good, 4)
+    factorise(bad, 4)
+    assert np.isnan(bad[5:, 3]).any()
+    others = np.arange(LANES) != 3
+    np.testing.assert_array_equal(bad[:, others], good[:, others])
+
+
+@pytest.mark.parametrize("r", [1, 2, 3])
+@pytest.mark.parametrize("m", [1, 4, 15])
+def test_bordered_matrices_are_solved(m: int, r: int) -> None:
+    matrices, entries = packed(m)
+    whole = RANDOM.normal(size=(LANES, r + m, r + m))
+    whole[:, :r, :r] += 10.0 * m * np.eye(r)
+    whole[:, r:, r:] = matrices
+    parts = (whole[:, :r, :r], np.swapaxes(whole[:, r:, :r], 1, 2), whole[:, :r, r:])
+    matrix = Matrix(entries, *(vectors(part.reshape(LANES, -1).T) for part in parts))
+    x = RANDOM.normal(size=(r + m, LANES))
+    right = vectors(np.einsum("lij,jl->il", whole, x))
+    eliminate(matrix, r, m)
+    solve(matrix, r, m, right, aligned_zeros((r, LANES)))
+    np.testing.assert_allclose(right, x, rtol=1e-9, atol=1e-9)
