@@ -11,8 +11,8 @@ with the auxiliary accelerations A. All coefficients follow from the spectral ra
 samples is one bigger system: samples share time and step, but each has its own Newton iteration, so that no sample
 can change another.
 
-One step of the TS is as many steps of the scheme as go by until somebody wants to see the state, `MOST_AT_ONCE` at the
-most; where an option lets PETSc look at every step, it is one.
+One step of the TS is `MOST_AT_ONCE` steps of the scheme, or one where an option lets PETSc look at the steps. What
+observes a run is shown every step that it wants to see in any case.
 
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
@@ -23,7 +23,7 @@ is allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -59,7 +59,7 @@ class GeneralisedAlpha:
     instants
         Of the start and the ends of all steps, shape (n_steps + 1,), s.
     stops
-        Numbers of the steps at which somebody wants to see the state, 0 and the last one included.
+        Numbers of the steps at which PETSc's TS sees the state, 0 and the last one included.
     n_done
         Steps that are behind it.
     """
@@ -72,6 +72,7 @@ class GeneralisedAlpha:
         n_steps: int,
         alive: np.ndarray,
         stops: np.ndarray,
+        observer: Observer | None,
     ) -> None:
         self.system = system
         self.state = system.start()
@@ -86,16 +87,19 @@ class GeneralisedAlpha:
         self._step = duration / n_steps
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
+        self._observer = observer
+        self._show(0, self.state)
 
     @property
     def n_iterations(self) -> int:
         """Newton corrections done so far, all samples together."""
         return self._stepper.n_iterations
 
-    @property
-    def time(self) -> float:
-        """Where the state is, s: not PETSc's own time, a sum of steps, whose round-off grows over the run."""
-        return float(self.instants[self.n_done])
+    def _show(self, number: int, state: State) -> None:
+        """Show the state after a step to the observer."""
+        if self._observer is not None:
+            # not the TS's own time, a sum of steps: its round-off grows over the run
+            self._observer(number, float(self.instants[number]), state)
 
     def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
         """Advance all living samples to the next stop."""
@@ -106,6 +110,7 @@ class GeneralisedAlpha:
         else:
             for number in range(self.n_done, last):
                 self._advance_one_step(number)
+                self._show(number + 1, self.state)
         self.n_done = last
         u.setArray(self.state.q.ravel())
 
@@ -136,24 +141,36 @@ class GeneralisedAlpha:
         Those that a step is too much for, or that cross an edge in it, take that step with care and go on.
         """
         at, todo = np.full(self._alive.size, self.n_done), self._alive.copy()
+        n_shown = 0 if self._observer is None else last - self.n_done
+        trail = np.empty((n_shown, 3, *self.state.q.shape))
+        trail[:, :, ~todo] = self._now()[:, ~todo]
         while todo.any():
             first = int(at[todo].min())
             together = todo & (at == first)
             ends, scheme = self.instants[first + 1 : last + 1], self._stepper.scheme(self._step)
             beyond = np.zeros((0, at.size), dtype=bool) if self._events is None else self._events.beyond
             moment = self.state, self._auxiliary, self._before
-            outcome, n_steps, n_corrections = self.system.advance(moment, ends, self._step, scheme, together, beyond)
+            outcome, n_steps, n_corrections = self.system.advance(
+                moment, ends, self._step, scheme, together, beyond, trail[first - self.n_done :]
+            )
             self._stepper.n_iterations += n_corrections
             at[together] = first + n_steps[together]
             stopped = together & (outcome != Outcome.DONE)
             for number in np.unique(at[stopped]):
                 there = stopped & (at == number)
                 self._retire(there & (outcome == Outcome.OUTSIDE), Status.LEFT_RANGE, float(self.instants[number + 1]))
-                there &= self._alive
-                if there.any():
-                    self._advance_with_care(number, there)
-                    at[there] += 1
+                stuck = there & self._alive
+                if stuck.any():
+                    self._advance_with_care(number, stuck)
+                trail[number - self.n_done :, :, there] = self._now()[:, there]
+                at[there] += 1
             todo &= self._alive & (at < last)
+        for k, parts in enumerate(trail):
+            self._show(self.n_done + 1 + k, State(*parts, self.state.multipliers))
+
+    def _now(self) -> np.ndarray:
+        """Return positions, velocities and accelerations of all samples together."""
+        return np.array([self.state.q, self.state.v, self.state.a])
 
     def _advance_with_care(self, number: int, samples: np.ndarray) -> None:
         """Advance some samples by one step, in place, with smaller corrections or up to an edge and on."""
@@ -219,15 +236,11 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
     return times
 
 
-def stops_of(n_steps: int, wanted: Collection[int] | None, prefix: str) -> np.ndarray:
-    """Return the numbers of the steps at which the state is looked at: 0, those that are wanted, and the last.
-
-    Where nobody looks there is a stop after `MOST_AT_ONCE` steps, so that a run can be interrupted. None stands for
-    every step, and so does an option that lets PETSc look on.
-    """
-    if wanted is None or looks_on(prefix):
+def stops_of(n_steps: int, prefix: str) -> np.ndarray:
+    """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
+    if looks_on(prefix):
         return np.arange(n_steps + 1)
-    return np.union1d(np.arange(0, n_steps, MOST_AT_ONCE), [0, n_steps, *wanted]).astype(int)
+    return np.append(np.arange(0, n_steps, MOST_AT_ONCE), n_steps)
 
 
 def integrate(
@@ -236,7 +249,6 @@ def integrate(
     alive: np.ndarray | None = None,
     observer: Observer | None = None,
     prefix: str = PREFIX,
-    wanted: Collection[int] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
@@ -249,11 +261,9 @@ def integrate(
     alive
         Samples to integrate at all, shape (n_samples,); all by default.
     observer
-        Called with step number, time and state at the start and after the steps that are `wanted`.
+        Called with step number, time and state at the start and after every step. The state may change afterwards.
     prefix
         Of the options that reach this integration.
-    wanted
-        Numbers of the steps that the observer is called after, at the least; all by default.
 
     Raises
     ------
@@ -268,8 +278,9 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    stops = stops_of(n_steps, () if observer is None else wanted, prefix)
-    stepper = GeneralisedAlpha(system, simulation.spectral_radius, simulation.duration, n_steps, alive, stops)
+    stops = stops_of(n_steps, prefix)
+    radius, duration = simulation.spectral_radius, simulation.duration
+    stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer)
     solution = PETSc.Vec().createMPI((stepper.state.q.size, None), comm=system.comm)
     solution.setArray(stepper.state.q.ravel())
     ts = PETSc.TS().create(comm=system.comm)
@@ -282,8 +293,6 @@ def integrate(
         ts.setMaxTime(2 * simulation.duration)  # the number of steps ends the run, not round-off in their sum
         ts.setMaxSteps(len(stops) - 1)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        if observer is not None:
-            ts.setMonitor(lambda *_: observer(stepper.n_done, stepper.time, stepper.state))
         with petsc_solver(prefix, "time integration"):
             ts.setFromOptions()
         with as_raised():

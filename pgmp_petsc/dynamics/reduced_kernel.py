@@ -157,12 +157,16 @@ class Progress(NamedTuple):
         Newton corrections, all samples together, shape (1,).
     beyond
         Whether the sample is beyond the edges of laws, (n_samples, n_events).
+    trail
+        Positions, velocities and accelerations after every step, (n_steps, 3, n_samples, n_eta), or no steps where
+        nobody wants them.
     """
 
     outcome: np.ndarray
     n_steps: np.ndarray
     n_corrections: np.ndarray
     beyond: np.ndarray
+    trail: np.ndarray
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -487,6 +491,9 @@ def advance(equations, memory, strengths, scheme, step, state, bounds, edges, la
             for lane in range(LANES):
                 if going & (1 << lane):
                     progress.n_steps[block, lane] = number + 1
+            if progress.trail.shape[0] > 0:
+                for part in range(3):
+                    scatter(of_block[part], block, lanes[block], progress.trail[number, part])
         for part, vectors in zip(state, of_block):
             scatter(vectors, block, lanes[block], part)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -242,17 +243,42 @@ class ReducedSystem:
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
-        residual = self.residual(time, state)
-        energies = Energies(*reduced_energy(self._terms, self._values, state.q, state.v))
-        known = self._memory.known[: self.n_samples]
+        return self._energies(self._values, np.full(self.n_samples, time), state, *self._driven(time, state))
+
+    def energies_of_run(self, times: np.ndarray, states: State) -> Energies:
+        """Return energies and powers of a system of one sample at several instants, each a row of the states."""
+        values = {name: value[0] for name, value in self._values.items()}
+        n, n_actions = len(times), len(self._actions.actions)
+        residual, known = np.zeros_like(states.q), np.zeros((n, 4, n_actions))
+        if n_actions or self._motions:
+            for k, time in enumerate(times):
+                one = slice(k, k + 1)
+                at = State(states.q[one], states.v[one], states.a[one], states.multipliers)
+                residual[one], known[one] = self._driven(time, at)
+        return self._energies(values, times, states, residual, known)
+
+    def _driven(self, time: float, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return the residual, where coordinates are prescribed, and what is known of the actions."""
+        residual = np.zeros_like(state.q)
+        if self._motions:
+            residual = self.residual(time, state)
+        else:
+            self._act_on_all(time, state)
+        return residual, self._memory.known[: self.n_samples]
+
+    def _energies(
+        self, values: Mapping[str, Any], times: np.ndarray, state: State, residual: np.ndarray, known: np.ndarray
+    ) -> Energies:
+        energies = Energies(*reduced_energy(self._terms, values, state.q, state.v))
         for action, power, stored in zip(self._actions.actions, known[:, POWER].T, known[:, STORED].T):
             energies.add_power(action.effect, power)
             energies.add_potential(action.effect, stored)
-        loads = load_powers(self._terms, self._values, state.q, state.v)
+        loads = load_powers(self._terms, values, state.q, state.v) if self._load_effects else {}
         for effect in self._load_effects:
-            energies.add_power(effect.name, effect.amplitude(time) * loads[effect.name])
+            amplitudes = np.array([effect.amplitude(float(time)) for time in times])
+            energies.add_power(effect.name, amplitudes * loads[effect.name])
         if self._terms.damping is not None:
-            power = damping_power(self._terms, self._values, state.q, state.v)
+            power = damping_power(self._terms, values, state.q, state.v)
             energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
         for k, motion in self._motions.items():
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
@@ -279,6 +305,7 @@ class ReducedSystem:
         scheme: Scheme,
         samples: np.ndarray,
         beyond: np.ndarray,
+        trail: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Take some samples through several equal steps, each until it is done or something happens to it.
 
@@ -294,6 +321,9 @@ class ReducedSystem:
             Mask, shape (n_samples,).
         beyond
             Whether the edges of laws are crossed, shape (n_events, n_samples).
+        trail
+            Result: positions, velocities and accelerations after every step, (n_steps, 3, n_samples, n_eta), of the
+            samples that are advanced; of no steps where nobody wants them.
 
         Returns
         -------
@@ -310,6 +340,7 @@ class ReducedSystem:
             np.zeros(shape, dtype=np.int64),
             np.zeros(1, dtype=np.int64),
             np.ascontiguousarray(beyond.T),
+            trail,
         )
         state, auxiliary, before = moment
         advance(

@@ -256,8 +256,9 @@ class WatchedRun:
             }
         )
         run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
-        known = run.status == Status.FINE
         errors = self._errors(plain, np.array(corrected))
+        # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
+        known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
 
     def _complete(self, numbers: np.ndarray) -> np.ndarray:

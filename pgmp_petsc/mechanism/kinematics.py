@@ -22,6 +22,7 @@ FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over
 COARSE_STEP = 0.1  # rad; where a tensor grid is to be followed
 LEAST_STEPS = 8
 MOST_COORDINATES = 2
+FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
 REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the range's end
 
 
@@ -228,7 +229,7 @@ class RigidKinematics:
 def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
     """Return where values of one coordinate can be placed."""
     if coordinate.periodic:
-        return np.isfinite(theta)
+        return np.abs(theta) <= FURTHEST
     return (theta >= coordinate.lower - REACH) & (theta <= coordinate.upper + REACH)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.energies import joined
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import State
@@ -202,7 +201,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
 
     def once(attempt: Attempt) -> _Part:
         simulation = attempt.simulation
-        times, etas, energies = [], [], []
+        times, states = [], []
         system = model.batch(values, 1)
         require_settled(system)
         watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
@@ -211,17 +210,18 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
 
             def record(step: int, time: float, state: State) -> None:
                 times.append(time)
-                etas.append(state.q[0].copy())
-                energies.append(system.energies(time, state))
+                states.append((state.q[0].copy(), state.v[0].copy(), state.a[0].copy()))
                 validity.observe(step, time, state)
                 if watched is not None:
                     watched.observe(step, time, state)
                 bar.update(step > 0)
 
             done = integrate(system, simulation, observer=record)
+        history = State(*(np.array(parts) for parts in zip(*states)), np.zeros(0))
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.output_frames_of(np.array(etas))
-        part = _Part.of(model, done, attempt, times, outputs, eta=np.array(etas), energies=energies)
+            outputs = model.output_frames_of(history.q)
+            energies = system.energies_of_run(np.array(times), history)
+        part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         watches = {"watched": watched, "validity": validity, "started": start_remarks(system)}
         return replace(part, recorded={**part.recorded, **watches})
 
@@ -249,7 +249,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
-        balance=with_weights(balance_of(part.time, joined(part.recorded["energies"])), model, eta[0]),
+        balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,
         **described,

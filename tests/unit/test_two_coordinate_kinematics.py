@@ -113,9 +113,9 @@ def test_reach() -> None:
     limited = ("coordinates.theta2.range=[0.2,1.0]", "coordinates.theta2.periodic=false",
                "simulation.initial.theta2.position=0.2")
     kinematics = kinematics_of(double_pendulum(*limited))
-    theta = np.array([[100.0, 0.5], [0.0, 0.18], [0.0, 0.1], [0.0, 1.1], [np.nan, 0.5]])
-    assert kinematics.within_reach(theta).tolist() == [True, True, False, False, False]
-    assert kinematics.within_reach(theta[None]).shape == (1, 5)
+    theta = np.array([[100.0, 0.5], [0.0, 0.18], [0.0, 0.1], [0.0, 1.1], [np.nan, 0.5], [1e20, 0.5]])
+    assert kinematics.within_reach(theta).tolist() == [True, True, False, False, False, False]
+    assert kinematics.within_reach(theta[None]).shape == (1, 6)
     near = np.array([[1.0, 1.04], [1.0, 0.16]])
     np.testing.assert_allclose(kinematics.poses(near), double_pendulum_poses(near), rtol=0, atol=1e-11)
 
