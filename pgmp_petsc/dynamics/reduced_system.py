@@ -89,7 +89,7 @@ class ReducedSystem:
         self._actions = actions or ReducedActions.none(r)
         self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
         of_terms, of_loads = (
-            self._packed(np.broadcast_to(evaluate_weights(w, values), (len(w), n_samples)))
+            self._packed(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T)
             for w in (terms.weights, tables.load_weights)
         )
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
