@@ -238,8 +238,18 @@ def table(results: Sequence[Effectivity], n_samples: int, refinement: int) -> Ta
         error, doubt = f"{100 * item.error:.2g} %", f"{np.nanquantile(item.doubts, 0.95):.2g}"
         rows.append([item.setting, item.torque, item.output, error, doubt, *cells, *shares])
     header = (
-        "reduction", "torque", "output", "true error", "doubt", "least", "5 %", "median", "95 %", "largest",
-        f"within {FACTOR:g}", "surely",
+        "reduction",
+        "torque",
+        "output",
+        "true error",
+        "doubt",
+        "least",
+        "5 %",
+        "median",
+        "95 %",
+        "largest",
+        f"within {FACTOR:g}",
+        "surely",
     )
     words = (
         f"Largest estimated over largest true error of {n_samples} samples; the true one against full-order runs of "
@@ -271,9 +281,7 @@ def print_tables(given: argparse.Namespace) -> None:
 
 def main() -> int:
     """Print the tables as Markdown."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.effectivity", description=__doc__.split("\n")[0]
-    )
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.effectivity", description=__doc__.split("\n")[0])
     parser.add_argument("scene", type=Path, help="a scene with a torque called 'motor'")
     parser.add_argument("--samples", type=int, default=200, metavar="N")
     words = "steps of the reference in one of the scene; even"

@@ -48,8 +48,8 @@ def without_effects(text: str) -> str:
     return text if start < 0 else text[:start] + text[text.index("[reduction]") :]
 
 
-PARAMETER = "[parameters.r1]\nnominal = 5.6e-3\ndistribution = { name = \"norm\", loc = 5.6e-3, scale = 1e-4 }\n"
-PLANE = without_effects(SLIDER_CRANK).replace("[parameters.r1]\nnominal = 5.6e-3\nunit = \"m\"\n", PARAMETER)
+PARAMETER = '[parameters.r1]\nnominal = 5.6e-3\ndistribution = { name = "norm", loc = 5.6e-3, scale = 1e-4 }\n'
+PLANE = without_effects(SLIDER_CRANK).replace('[parameters.r1]\nnominal = 5.6e-3\nunit = "m"\n', PARAMETER)
 ROD = 'mesh = "0.3:1.0:5"\nelement = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = 5.6e-3 }'
 ROD_OF_CELLS = f'mesh = "0.3:1.0:4"\n{SOLID}'
 SPATIAL = PARAMETER + without_effects(IN_SPACE)
@@ -77,8 +77,10 @@ FEATURES = {
     "force that follows": (
         'effects.x={{type="force",point="{last}:tip",direction={down},follows=true,table=[[0.0,0.1],[1.0,1.0]]}}',
     ),
-    "force towards": ('effects.x={{type="force",point="{last}:tip",towards="ground:origin",harmonic='
-                      "{{amplitude=1.0,frequency_hz=3.0}}}}",),  # fmt: skip
+    "force towards": (
+        'effects.x={{type="force",point="{last}:tip",towards="ground:origin",harmonic='
+        "{{amplitude=1.0,frequency_hz=3.0}}}}",
+    ),  # fmt: skip
     "gravity": ('effects.x={{type="gravity",direction={down}}}',),
     "point mass": ('effects.x={{type="point_mass",point="{first}:tip",mass=0.1,inertia=1e-4}}',),
     "damping in a joint": ('effects.x={{type="joint_damping",joint="{drive}",coefficient="strength"}}',),
@@ -94,13 +96,19 @@ FEATURES = {
     "gyroscopic": ('effects.x={{type="gyroscopic",keep=false}}',),
     "second order": ("reduction.second_order=true",),
     "sampling tolerance": ("reduction.sampling_tolerance=0.5", 'reduction.interpolation="spline"'),
-    "static modes": ("reduction.static_modes=true", "reduction.inertia_modes=true", 'effects.x={{type="gravity",'
-                     "direction={down}}}"),  # fmt: skip
+    "static modes": (
+        "reduction.static_modes=true",
+        "reduction.inertia_modes=true",
+        'effects.x={{type="gravity",direction={down}}}',
+    ),  # fmt: skip
     "step by tolerance": ("simulation.tolerance=0.05",),
     "no error indicator": ("simulation.error_indicator=false",),
     "equilibrium": ("initial.equilibrium=true", 'effects.x={{type="gravity",direction={down}}}'),
-    "free equilibrium": ("initial.equilibrium=true", 'initial.coordinates="free"',
-                         'effects.x={{type="gravity",direction={down}}}'),  # fmt: skip
+    "free equilibrium": (
+        "initial.equilibrium=true",
+        'initial.coordinates="free"',
+        'effects.x={{type="gravity",direction={down}}}',
+    ),  # fmt: skip
     "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
     "placement": ("bodies.{first}.placement={{origin={origin}}}",),

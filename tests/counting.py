@@ -14,8 +14,13 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, watched: Iterable[tuple[type, s
     for owner, name in watched:
         original = getattr(owner, name)
 
-        def count(self: object, *args: object, _original: object = original, _name: str = f"{owner.__name__}.{name}",
-                  **given: object) -> object:
+        def count(
+            self: object,
+            *args: object,
+            _original: object = original,
+            _name: str = f"{owner.__name__}.{name}",
+            **given: object,
+        ) -> object:
             counted[_name] += 1
             return _original(self, *args, **given)
 

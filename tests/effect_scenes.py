@@ -237,7 +237,10 @@ def bar(effects: str, duration: float, step: float = STEP, **initial: float) -> 
 
 
 def turning(
-    torque: Callable[[float, float, float], float], time: np.ndarray, position: float = 0.0, velocity: float = 0.0,
+    torque: Callable[[float, float, float], float],
+    time: np.ndarray,
+    position: float = 0.0,
+    velocity: float = 0.0,
     inertia: float = BAR_INERTIA,
 ) -> np.ndarray:
     """Return the angle of a rigid bar under a torque of (t, angle, speed), good to ten digits."""

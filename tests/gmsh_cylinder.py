@@ -29,9 +29,7 @@ def hexahedra() -> tuple[list[int], list[int]]:
     geo = gmsh.model.geo
     centre = geo.addPoint(0, 0, 0)
     angles = [math.pi * (0.25 + 0.5 * i) for i in range(4)]
-    inner, outer = (
-        [geo.addPoint(0, r * math.cos(a), r * math.sin(a)) for a in angles] for r in (0.5 * RADIUS, RADIUS)
-    )
+    inner, outer = ([geo.addPoint(0, r * math.cos(a), r * math.sin(a)) for a in angles] for r in (0.5 * RADIUS, RADIUS))
     following = [1, 2, 3, 0]
     square = [geo.addLine(inner[i], inner[following[i]]) for i in range(4)]
     arcs = [geo.addCircleArc(outer[i], centre, outer[following[i]]) for i in range(4)]

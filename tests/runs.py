@@ -47,7 +47,9 @@ PGMP = ("-m", "pgmp_petsc.cli.main")
 SMALL = ("reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05", "simulation.step=1e-3")
 
 # A quick-return: the crank's pin slides along the rocker, so the line of the joint `pin` turns with a flexible body.
-QUICK_RETURN = HEADER + """
+QUICK_RETURN = (
+    HEADER
+    + """
 [ground.points]
 pivot = [0.0, -0.4]
 [parameters.r1]
@@ -93,6 +95,7 @@ step = 1e-3
 position = 0.3
 velocity = 4.0
 """
+)
 
 
 def quick_return(*overrides: str) -> Scene:
@@ -153,7 +156,10 @@ def paper_rom() -> ReducedOrderModel:
 def accurate_scene(*overrides: str) -> Scene:
     """Return the paper's slider-crank with a reduction that is both smaller and more accurate than the paper's."""
     return paper_scene(
-        "reduction.modes=7", "reduction.static_modes=true", "reduction.angles=48", 'reduction.interpolation="spline"',
+        "reduction.modes=7",
+        "reduction.static_modes=true",
+        "reduction.angles=48",
+        'reduction.interpolation="spline"',
         *overrides,
     )
 

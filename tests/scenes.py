@@ -27,7 +27,9 @@ nu = 0.3
 rho = 7800.0
 """
 
-SLIDER_CRANK = HEADER + """
+SLIDER_CRANK = (
+    HEADER
+    + """
 [parameters.r1]
 nominal = 5.6e-3
 unit = "m"
@@ -63,8 +65,11 @@ table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 modes = 5
 angles = 24
 """
+)
 
-PENDULUM = HEADER + """
+PENDULUM = (
+    HEADER
+    + """
 [bodies.arm]
 mesh = "0.0:1.0:10"
 element = "beam2d"
@@ -81,9 +86,12 @@ periodic = true
 modes = 2
 angles = 6
 """
+)
 
 # ground 1 m, crank 0.3 m, coupler 0.9 m, rocker 0.7 m: the crank turns all the way round (Grashof)
-FOUR_BAR = HEADER + """
+FOUR_BAR = (
+    HEADER
+    + """
 [ground.points]
 pivot = [1.0, 0.0]
 [bodies.crank]
@@ -123,11 +131,14 @@ periodic = true
 modes = 4
 angles = 24
 """
+)
 
 # A rod of 1 m with its ends on the x and the y axis, and a crank of 0.5 m from the origin to its middle. The crank
 # follows from the rod, so one constraint is redundant without being the repetition of another. The angle between crank
 # and rod is twice the rod's angle, so that it is back after half a turn of the rod.
-TRAMMEL = HEADER + """
+TRAMMEL = (
+    HEADER
+    + """
 [bodies.rod]
 mesh = "0.0:1.0:4"
 element = "beam2d"
@@ -161,6 +172,7 @@ periodic = true
 modes = 3
 angles = 16
 """
+)
 
 
 def slider_crank(*overrides: str) -> Scene:

@@ -25,7 +25,9 @@ DENSITY = 7800.0  # of steel, kg/m3
 TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with hinges in space
-SLIDER_CRANK = HEADER + f"""
+SLIDER_CRANK = (
+    HEADER
+    + f"""
 [bodies.crank]
 mesh = "0.0:0.3:2"
 element = "solid3d"
@@ -53,11 +55,14 @@ joint = "crank_hinge"
 modes = 4
 angles = 16
 """
+)
 
 # two bars, the second one hinged to the first about an axis that is neither along it nor at a right angle
 UPPER, LOWER = 0.5, 0.4
 SECOND_AXIS = np.array([0.6, 0.0, 0.8])
-ARM = HEADER + f"""
+ARM = (
+    HEADER
+    + f"""
 [bodies.upper]
 mesh = "0.0:{UPPER}:2"
 element = "solid3d"
@@ -84,6 +89,7 @@ joint = "elbow"
 modes = 3
 angles = 6
 """
+)
 
 # the repository's spatial slider-crank: crank, rod, and the bearing of the crank
 CRANK, ROD, BEARING = 0.1, 0.3, np.array([0.0, 0.1, 0.12])

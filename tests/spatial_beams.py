@@ -6,7 +6,6 @@ body's frame; `lines_of` makes the meshes. Solids of the same scene are bars of 
 
 from __future__ import annotations
 
-import numpy as np
 from scenes import HEADER
 from spatial import TURN, bar
 
@@ -45,7 +44,9 @@ def kinematics_of_beams(scene: Scene) -> RigidKinematics:
 
 
 # the slider-crank of `scenes`, crank 0.3 m and rod 0.7 m, with beams in space
-SLIDER_CRANK = HEADER + f"""
+SLIDER_CRANK = (
+    HEADER
+    + f"""
 [parameters.r1]
 nominal = 5.6e-3
 unit = "m"
@@ -74,9 +75,13 @@ table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 modes = 5
 angles = 24
 """
+)
 
 # one beam on a hinge about the y axis of a section's height
-PENDULUM = HEADER + beam("arm", "0.0:1.0:10") + f"""
+PENDULUM = (
+    HEADER
+    + beam("arm", "0.0:1.0:10")
+    + f"""
 [joints.hinge]
 type = "revolute"
 connect = ["ground:origin", "arm:hinge"]
@@ -88,6 +93,7 @@ joint = "hinge"
 modes = 4
 angles = 6
 """
+)
 
 
 def slider_crank_of_beams(*overrides: str) -> Scene:

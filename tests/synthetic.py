@@ -35,9 +35,7 @@ def record(r1: float = 5.6e-3, seed: int | None = None) -> RunRecord:
     return RunRecord(SCENE, {"r1": r1}, seed, 2, {"eigenproblems": 1.25, "tables": 0.5})
 
 
-def trajectory(
-    model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_times: int = 1001
-) -> Trajectory:
+def trajectory(model: str = "full", r1: float = 5.6e-3, n_frames: int = 60, n_times: int = 1001) -> Trajectory:
     """Return a run that looks like the paper's; the reduced one is wrong by some per cent."""
     time = np.linspace(0.0, 1.0, n_times)
     angle = _angle(time, r1)

@@ -11,7 +11,9 @@ from pgmp_petsc.scene import Scene, scene_from_toml
 UPPER, LOWER = 0.5, 0.4
 FULL_TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
 
-DOUBLE_PENDULUM = HEADER + f"""
+DOUBLE_PENDULUM = (
+    HEADER
+    + f"""
 [bodies.upper]
 mesh = "0.0:{UPPER}:4"
 element = "beam2d"
@@ -42,10 +44,13 @@ table = [[0.0, 0.0], [0.25, 0.5], [1.0, 0.5]]
 modes = 3
 angles = 8
 """
+)
 
 # two driven cranks on a ground of 0.6 m, joined by two couplers that meet at a pin
 BASE, LEFT, RIGHT, COUPLER = 0.6, 0.2, 0.25, 0.6
-FIVE_BAR = HEADER + f"""
+FIVE_BAR = (
+    HEADER
+    + f"""
 [ground.points]
 right = [{BASE}, 0.0]
 [bodies.left]
@@ -97,6 +102,7 @@ joint = "right_hinge"
 modes = 3
 angles = 12
 """
+)
 
 
 def double_pendulum(*overrides: str) -> Scene:

@@ -49,7 +49,7 @@ def published_table(results: PaperResults) -> Table:
         f"{percent(ROUNDING)} of the reference; a mean or standard deviation where it lies within {STANDARD_ERRORS:g} "
         f"standard errors of the reference's, both being samples; a peak within {percent(PEAK_TOLERANCE)}; a support "
         f"within {percent(SUPPORT_TOLERANCE)} of its width (here: from the {percent(TAILS[0])} to the "
-        f"{percent(TAILS[1], 3)} quantile). \"Reference\" is an independent full-order code on the same equations and "
+        f'{percent(TAILS[1], 3)} quantile). "Reference" is an independent full-order code on the same equations and '
         "the same 5 elements a body."
     )
     return Table("The paper's figures and numbers", ("what", "paper", "this program", "verdict"), rows, after=rules)
@@ -66,8 +66,7 @@ def frequency_row(band: Band, results: PaperResults) -> list[str]:
         for table in results.modes.values()
     )
     agrees = all(
-        np.allclose(ranges[factor], reference, rtol=ROUNDING, atol=0.0)
-        for factor, reference in band.reference.items()
+        np.allclose(ranges[factor], reference, rtol=ROUNDING, atol=0.0) for factor, reference in band.reference.items()
     )
     first, last, spacing = band.labels
     low, high = min(r[0] for r in ranges.values()), max(r[1] for r in ranges.values())

@@ -42,9 +42,7 @@ def draw(directory: Path) -> list[Path]:
         If a result file is missing or damaged.
     """
     tables = [ModesTable.read(directory / f"modes_{factor}.h5") for factor in RADII]
-    runs = [
-        Trajectory.read(directory / f"{model}_{factor}.h5") for factor in RADII for model in ("full", "reduced")
-    ]
+    runs = [Trajectory.read(directory / f"{model}_{factor}.h5") for factor in RADII for model in ("full", "reduced")]
     full, reduced = (Ensemble.read(directory / f"montecarlo_{model}.h5") for model in ("full", "reduced"))
     figures = {
         "fig2_frequencies": frequency_bands(tables),

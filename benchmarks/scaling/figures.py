@@ -1,6 +1,6 @@
 """What a build takes over the unknowns of its meshes and over ranks: data in, a `Figure` out.
 
-    python -m benchmarks.scaling.figures results/scaling
+python -m benchmarks.scaling.figures results/scaling
 """
 
 from __future__ import annotations
@@ -131,9 +131,7 @@ def _shared(case: ScalingCase) -> bool:
     return case.ranks_per_angle > 1
 
 
-def _line(
-    axes: Axes, cases: Sequence[ScalingCase], cost: Callable[[ScalingCase], float], **look: object
-) -> None:
+def _line(axes: Axes, cases: Sequence[ScalingCase], cost: Callable[[ScalingCase], float], **look: object) -> None:
     """Draw a cost over the unknowns on logarithmic axes."""
     axes.set_xscale("log")
     axes.set_yscale("log")

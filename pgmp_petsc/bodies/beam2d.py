@@ -72,9 +72,7 @@ def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=Tr
         kyy = (axial * sin * sin + shear * cos * cos) * inv
         kxp = 0.5 * ((axial * cos * gamma + shear * sin * stretch) - n_force * sin - q_force * cos)
         kyp = 0.5 * ((axial * sin * gamma - shear * cos * stretch) + n_force * cos - q_force * sin)
-        kpp = 0.25 * length * (
-            axial * gamma * gamma + shear * stretch * stretch - n_force * stretch - q_force * gamma
-        )
+        kpp = 0.25 * length * (axial * gamma * gamma + shear * stretch * stretch - n_force * stretch - q_force * gamma)
         kb = bending * inv
         tangent[0, k] = kxx
         tangent[1, k] = kxy

@@ -336,7 +336,9 @@ class Body:
             return {}
         lengths, terms = self.mesh.lengths[chosen], self.section.mass_terms()
         if self.is_planar_beam:
-            return {monomial: beam2d.consistent_mass(lengths, *coefficients) for monomial, coefficients in terms.items()}
+            return {
+                monomial: beam2d.consistent_mass(lengths, *coefficients) for monomial, coefficients in terms.items()
+            }
         axes = self.axes[chosen]
         return {
             monomial: beam3d.consistent_mass(lengths, axes, np.array(coefficients))

@@ -84,8 +84,7 @@ class FramedSolid:
         if mesh.dimension == 2:  # the thickness is part of the section
             scaled = [(region.modulus * stretch[1], region.density * stretch[1]) for region in regions]
             regions = tuple(
-                replace(region, modulus=modulus, density=density)
-                for region, (modulus, density) in zip(regions, scaled)
+                replace(region, modulus=modulus, density=density) for region, (modulus, density) in zip(regions, scaled)
             )
         frames = {
             point: replace(frame, arms=frame.arms * stretch, inertia=frame.inertia * stretch[1] ** 2)

@@ -55,9 +55,7 @@ def free_modes(
     if n_modes > n_dofs - n_rigid:
         raise InputError(f"{entry}: {n_modes} modes of {body.name} are asked for; its mesh has {n_dofs - n_rigid}")
     matrices = assemble([alone], range(alone.dofs.size))
-    mass, stiffness = (
-        weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness)
-    )
+    mass, stiffness = (weighted_sum(terms, values)[own][:, own] for terms in (matrices.mass, matrices.stiffness))
     wanted = n_rigid + n_modes
     if n_dofs <= DENSE or wanted >= n_dofs - 1:
         squares, vectors = eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1))

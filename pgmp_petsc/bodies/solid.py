@@ -123,9 +123,7 @@ class Solid:
         scalar = elasticity.mass(elasticity.volumes_of(places, rule), rule)
         return np.einsum("eab,ij->eaibj", scalar, np.eye(self.mesh.dimension))
 
-    def _assemble(
-        self, nodes: range, parts_of: Callable[[Region], Iterable[Part]]
-    ) -> dict[Monomial, sp.csr_matrix]:
+    def _assemble(self, nodes: range, parts_of: Callable[[Region], Iterable[Part]]) -> dict[Monomial, sp.csr_matrix]:
         pattern = BlockPattern(self.mesh.cells, nodes, self.mesh.n_nodes)
         d = self.mesh.dimension
         terms: dict[Monomial, np.ndarray] = {}

@@ -33,8 +33,12 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
 @click.command()
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
-@click.option("-n", "n_samples", required=True, metavar="N", type=click.IntRange(1, MOST_SAMPLES), help="Number of samples.")
-@click.option("--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed.")
+@click.option(
+    "-n", "n_samples", required=True, metavar="N", type=click.IntRange(1, MOST_SAMPLES), help="Number of samples."
+)
+@click.option(
+    "--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed."
+)
 @click.option("--full", is_flag=True, help="Take the full-order model of a SCENE instead of a ROM.h5.")
 @click.option(
     "--ranks-per-sample", default=1, show_default=True, metavar="N", type=click.IntRange(1),
@@ -138,5 +142,7 @@ def _bounds_of_quantiles(ensemble: Ensemble) -> list[str]:
         for probability, (low, high) in zip(s.probabilities, s.quantile_bounds):
             lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
             upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
-            lines.append(f"  {name:24s}{f'{100 * probability:g} %':>9s}  {lower}, {upper} {'' if unit == '1' else unit}".rstrip())
+            lines.append(
+                f"  {name:24s}{f'{100 * probability:g} %':>9s}  {lower}, {upper} {'' if unit == '1' else unit}".rstrip()
+            )
     return lines

@@ -99,7 +99,9 @@ def _wrapped(advice: str) -> list[str]:
     lines = []
     for line in advice.splitlines():
         first = "  " if lines else ""
-        lines += [f"    {line}"] if line.startswith("--") else textwrap.wrap(
-            line, WIDTH, initial_indent=first, subsequent_indent="  "
+        lines += (
+            [f"    {line}"]
+            if line.startswith("--")
+            else textwrap.wrap(line, WIDTH, initial_indent=first, subsequent_indent="  ")
         )
     return lines

@@ -138,9 +138,7 @@ class AlphaStep:
         self.n_iterations += taken.n_iterations
         return taken
 
-    def _iterate(
-        self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int
-    ) -> np.ndarray:
+    def _iterate(self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int) -> np.ndarray:
         """Run Newton's iteration of every living sample to its own convergence; return those that failed.
 
         What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner

@@ -31,9 +31,7 @@ class BodyDampings:
     modal: tuple[ModalDamping, ...]
 
     @classmethod
-    def of(
-        cls, effects: Sequence[Effect], mechanism: Mechanism, bodies: Sequence[Body] | None = None
-    ) -> BodyDampings:
+    def of(cls, effects: Sequence[Effect], mechanism: Mechanism, bodies: Sequence[Body] | None = None) -> BodyDampings:
         """Collect the structural damping of all effects.
 
         `bodies` are the mechanism's with another numbering of their unknowns, where it is not the mechanism's own.

@@ -43,9 +43,7 @@ class EventLocation:
         self.beyond = system.depths(0.0, start) > 0.0
         self.n_located = 0
 
-    def repeat_steps(
-        self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray
-    ) -> np.ndarray:
+    def repeat_steps(self, before: Moment, after: Moment, end: float, step: float, samples: np.ndarray) -> np.ndarray:
         """Repeat the steps that cross edges, in place of `after`; return the samples whose iteration failed.
 
         Parameters

@@ -226,9 +226,7 @@ class FullBatch:
         parts = zip(*((state.q[0], state.v[0], state.multipliers[0], state.turns[0]) for state in states))
         strengths = self._sources.at(np.array(times))
         first = np.zeros(len(states), dtype=np.int64)
-        table = energies_of(
-            self._problem, self._conservative, strengths, first, *(np.array(part) for part in parts)
-        )
+        table = energies_of(self._problem, self._conservative, strengths, first, *(np.array(part) for part in parts))
         return self._names.energies(table[..., 0].T)
 
     def _correct(

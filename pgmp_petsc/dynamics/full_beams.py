@@ -79,7 +79,7 @@ def add_beams(beams, rayleigh, block, q, v, a, gains, fresh, x, place, diagonal,
     gain_v, gain_a, gain_k = gains
     u, rate, moving = np.empty(N_ELEMENT), np.empty(N_ELEMENT), np.empty(N_ELEMENT)
     force, stress, tangent = np.empty(N_ELEMENT), np.empty(6), np.empty(N_ELEMENT * (N_ELEMENT + 1) // 2)
-    density, work, entry = np.empty((N_VECTORS, N_VECTORS)), beam_work(), np.zeros(q.shape[1])
+    density, work = np.empty((N_VECTORS, N_VECTORS)), beam_work()
     for e in range(beams.length.size):
         body = beams.body[e]
         beta, alpha = rayleigh[body]

@@ -313,9 +313,7 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
         diagonal, lower = factors.diagonal[block], factors.lower[block]
         for lane in range(n_lanes):
             scale[lane] = gain_a * typical_mass[block, lane]
-        evaluate(
-            problem, block, amplitudes, angles, 1.0, residual[block], own, gains, scale, fresh, x, diagonal, lower
-        )
+        evaluate(problem, block, amplitudes, angles, 1.0, residual[block], own, gains, scale, fresh, x, diagonal, lower)
         if fresh:
             factorise(pattern.starts, pattern.rows, diagonal, lower)
         substitute(pattern.starts, pattern.rows, diagonal, lower, x)

@@ -177,9 +177,7 @@ class GeneralisedAlpha:
         previous, auxiliary, end = self.state, self._auxiliary, float(self.instants[number + 1])
         state, ahead, lost = self._stepper.advance(previous, auxiliary, end, self._step, samples)
         if self._events is not None:
-            lost |= self._events.repeat_steps(
-                (previous, auxiliary), (state, ahead), end, self._step, samples & ~lost
-            )
+            lost |= self._events.repeat_steps((previous, auxiliary), (state, ahead), end, self._step, samples & ~lost)
         if lost.any():
             self._retire(lost, self.system.reasons(end, previous, lost), end)
         outside = samples & ~lost & self.system.outside(state)

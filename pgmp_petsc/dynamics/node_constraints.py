@@ -279,7 +279,12 @@ def _add_ties(ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, d
         if fresh:
             add_entry(of_linear[e], factor, scale, diagonal, lower)
     for e in range(products.rows.size):
-        number, position, turning, factor = products.rows[e], products.positions[e], ties.turning[e], products.factors[e]
+        number, position, turning, factor = (
+            products.rows[e],
+            products.positions[e],
+            ties.turning[e],
+            products.factors[e],
+        )
         row, at, at_turn = place[n_dofs + number], place[position], place[turning]
         for lane in range(n_lanes):
             along, slope = director(d, products, e, q, lane)

@@ -48,9 +48,7 @@ def reduced_energy(
     return kinetic, strain
 
 
-def least_stiffness(
-    terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray
-) -> np.ndarray:
+def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray) -> np.ndarray:
     """Return the least share of the stiffness at rest that is left in the deformed state, shape (n,).
 
     The lowest eigenvalue of the tangent of the strain energy, ``K + V delta``, beside K: 1 without terms of second

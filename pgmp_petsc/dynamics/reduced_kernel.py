@@ -242,7 +242,14 @@ def interpolate(equations, memory, block, amplitudes, work):
             )  # fmt: skip
             if amplitudes.size > 0:
                 refill(
-                    tables.loads, cells[lane], weights.loads[block], weights.effects, 0, layout.load_end, together, loads
+                    tables.loads,
+                    cells[lane],
+                    weights.loads[block],
+                    weights.effects,
+                    0,
+                    layout.load_end,
+                    together,
+                    loads,
                 )
     evaluate_directly(
         tables.rigid, work.q, equations.fine, equations.weights.terms[block], work.fine, work.rigid, work.rigid_slope

@@ -291,7 +291,9 @@ def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matri
                 slope = load(work.load_slope, k * layout.load_end + r + i)
                 leaning += load(q, r + i) * slope
                 add(turned, k * m + i, -slope)
-        add(balance, k, 0.5 * (bending - twice) - leaning)  # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
+        add(
+            balance, k, 0.5 * (bending - twice) - leaning
+        )  # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
     if loaded:
         for i in range(n):
             add(balance, i, -load(work.load, i))  # - a Q
@@ -519,7 +521,9 @@ def _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
         total = spread(0.0)
         for i in range(m):
             skew = load(skewed, i)
-            add(balance, r + i, -(a_k * skew + v_k * load(driven, i)))  # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
+            add(
+                balance, r + i, -(a_k * skew + v_k * load(driven, i))
+            )  # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
             total += load(a, r + i) * skew
             if fresh:
                 add(matrix.column, k * m + i, -(gain_a * skew))

@@ -1,7 +1,7 @@
 """Rotations by a vector phi, compiled: ``exp(phi)``, and its change ``exp(phi) (spin x .)`` with phi.
 
-    exp(phi) = 1 + a P + b P^2,    spin = (1 - b P + c P^2) phi',    P = phi x,  t = |phi|,
-    a = sin(t) / t,    b = (1 - cos(t)) / t^2,    c = (t - sin(t)) / t^3
+exp(phi) = 1 + a P + b P^2,    spin = (1 - b P + c P^2) phi',    P = phi x,  t = |phi|,
+a = sin(t) / t,    b = (1 - cos(t)) / t^2,    c = (t - sin(t)) / t^3
 """
 
 from __future__ import annotations

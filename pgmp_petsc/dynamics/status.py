@@ -58,5 +58,5 @@ _CURES = {
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
     Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; take the full-order model "
     "(pgmp simulate SCENE --full, pgmp montecarlo SCENE --full), or loads and parameters that bend less",
-    Status.NO_EQUILIBRIUM: "hold the coordinates (initial.coordinates = \"held\"), or look at the loads at time zero",
+    Status.NO_EQUILIBRIUM: 'hold the coordinates (initial.coordinates = "held"), or look at the loads at time zero',
 }

@@ -79,9 +79,7 @@ class Checkpoint:
     def add(self, batch: Batch) -> None:
         """Store a finished batch."""
         arrays = {f"{kind}.{name}": values for kind in NAMED for name, values in getattr(batch, kind).items()}
-        self._folder.put(
-            f"{batch.first:09d}", {"status": batch.status, "failure_time": batch.failure_time, **arrays}
-        )
+        self._folder.put(f"{batch.first:09d}", {"status": batch.status, "failure_time": batch.failure_time, **arrays})
 
     def batches(self) -> list[Batch]:
         """Return all batches in the order of their samples, which are those of the plan, each once.

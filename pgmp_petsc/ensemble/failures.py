@@ -47,8 +47,10 @@ def failure_remarks(
     if n_failed == n:
         return (*remarks, warning("no sample is fine, so the outputs have no statistics"))
     where = _where(failed, parameters, units)
-    bias = f"and are biased: {'; '.join(where)}" if where else (
-        "and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out"
+    bias = (
+        f"and are biased: {'; '.join(where)}"
+        if where
+        else ("and may be biased: no parameter alone tells failed samples from fine ones, which does not rule it out")
     )
     remarks.append(
         warning(

@@ -185,9 +185,7 @@ def _watchers(model: Model) -> list[Watcher]:
     return [*watchers, validity]
 
 
-def _remarks(
-    model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray
-) -> tuple[Remark, ...]:
+def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene = model.scene
     if not isinstance(model, ReducedModel):

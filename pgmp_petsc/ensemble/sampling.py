@@ -36,7 +36,7 @@ def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray
     if not uncertain:
         raise InputError(
             "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
-            "[parameters.r1] distribution = { name = \"norm\", loc = 5.6e-3, scale = 0.56e-3 }"
+            '[parameters.r1] distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }'
         )
     uniform = np.array([_stream(seed, number).random(len(uncertain)) for number in range(first, last)])
     uniform = uniform.reshape(last - first, len(uncertain))

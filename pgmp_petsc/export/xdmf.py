@@ -71,9 +71,7 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
     domain = ElementTree.SubElement(root, "Domain")
     # tells `check_output` that the file is ours to replace
     root.append(ElementTree.Comment(f" written by pgmp_petsc {__version__} "))
-    series = ElementTree.SubElement(
-        domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal"
-    )
+    series = ElementTree.SubElement(domain, "Grid", Name="mechanism", GridType="Collection", CollectionType="Temporal")
     time = take(file, "frames/time", 1)
     for number, instant in enumerate(time):
         name = frame_name(number)

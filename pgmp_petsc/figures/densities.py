@@ -100,7 +100,9 @@ def labels_of(ensembles: Sequence[Ensemble], files: Sequence[Path] = ()) -> list
     """Return each ensemble's model, how many of its samples are fine, and what tells it from the others."""
     kinds = [_label(ensemble) for ensemble in ensembles]
     apart = tell_apart([ensemble.record for ensemble in ensembles], kinds, files)
-    return [text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)]
+    return [
+        text if text.startswith(kind) else ", ".join(filter(None, (kind, text))) for kind, text in zip(kinds, apart)
+    ]
 
 
 def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
@@ -114,9 +116,7 @@ def _notes(ensembles: Sequence[Ensemble], labels: Sequence[str]) -> list[str]:
     return [*failed, *cautions.of_records([ensemble.record for ensemble in ensembles], labels if several else ())]
 
 
-def _draw_quantity(
-    block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]
-) -> None:
+def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, colours: Sequence[str]) -> None:
     """Draw the densities of one quantity and, with two of them, their difference."""
     known = [ensemble.statistics[name] for ensemble in ensembles]
     factor, unit = axis_unit(ensembles[0].units.get(name, "1"), *(s.edges for s in known))
@@ -150,9 +150,7 @@ def _draw_quantity(
     block[-1].set_xlabel(axis_label(name, unit))
 
 
-def _write_moments(
-    axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str
-) -> None:
+def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
     """Write mean and standard deviation with their standard errors above the axes, two lines for each ensemble."""
     shown = "" if unit in ("", "1") else f" {unit}"
     for number, (one, colour) in enumerate(zip(known, colours)):

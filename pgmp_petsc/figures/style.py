@@ -208,4 +208,3 @@ def angle_ticks(axes: Axes, values: np.ndarray, unit: str) -> None:
     if unit == "rad" and abs(values[0]) < 0.05 and abs(values[-1] - 2 * np.pi) < 0.2:
         axes.set_xlim(0.0, 2 * np.pi)
         axes.set_xticks(np.arange(5) * np.pi / 2, ["0", "π/2", "π", "3π/2", "2π"])
-

@@ -136,8 +136,14 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         else:
             axes.set_visible(False)
     panels[0, 0].annotate(
-        "better", (0.02, 0.02), xytext=(0.09, 0.09), xycoords="axes fraction", textcoords="axes fraction",
-        fontsize=8.5, color=QUIET, arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
+        "better",
+        (0.02, 0.02),
+        xytext=(0.09, 0.09),
+        xycoords="axes fraction",
+        textcoords="axes fraction",
+        fontsize=8.5,
+        color=QUIET,
+        arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
     )
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
     top_legend(figure, _keys(study, known), heading(title, study.record), _notes(study))
@@ -228,8 +234,14 @@ def _write(axes: Axes, text: str, x: float, y: float) -> None:
     place = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))[0]
     left = place > RIGHT
     note = axes.annotate(
-        text, (x, y), xytext=(-7 if left else 7, 4), textcoords="offset points", ha="right" if left else "left",
-        fontsize=8.0, color=QUIET, zorder=5,
+        text,
+        (x, y),
+        xytext=(-7 if left else 7, 4),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        fontsize=8.0,
+        color=QUIET,
+        zorder=5,
     )
     note.set_in_layout(False)
 
@@ -326,5 +338,7 @@ def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
 def _notes(study: Tradeoff) -> list[str]:
     """Return what has to be known besides: settings that failed and are not drawn, and warnings."""
     n_failed = int(np.count_nonzero(np.isnan(study.errors).all(axis=1)))
-    failed = [f"{n_failed} of {len(study.families)} settings failed and are not drawn: see pgmp info"] if n_failed else []
+    failed = (
+        [f"{n_failed} of {len(study.families)} settings failed and are not drawn: see pgmp info"] if n_failed else []
+    )
     return [*failed, *cautions.of_records([study.record])]

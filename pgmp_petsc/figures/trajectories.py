@@ -80,7 +80,9 @@ def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
     left, comparisons = list(full), []
     for run in runs:
         if run.model == "reduced":
-            free, taken = ((other for other in others if same_case(run.record, other.record)) for others in (left, full))
+            free, taken = (
+                (other for other in others if same_case(run.record, other.record)) for others in (left, full)
+            )
             partner = next(free, None) or next(taken, None)
             left = [other for other in left if other is not partner]
             comparisons.append(Comparison(partner, run))
@@ -215,9 +217,7 @@ def _draw_errors(axes: Axes, comparisons: Sequence[Comparison], output: str) -> 
     axes.yaxis.set_major_formatter(PLAIN)
     axes.set_ylabel("error (%)")
     if largest:
-        axes.set_title(
-            f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0
-        )
+        axes.set_title(f"at most {max(largest):.2g} % of the full-order maximum", fontsize=8.5, color=QUIET, pad=4.0)
     else:
         axes.set_title("not known: no full-order values, or all are zero", fontsize=8.5, color=QUIET, pad=4.0)
 

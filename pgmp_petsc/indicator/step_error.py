@@ -178,8 +178,17 @@ class StepError:
         exact, missing = np.empty_like(motion[:, :2]), np.empty_like(motion[:, 0])
         modes = (self._squares, self._columns, self._shapes, self._follow)
         advance(
-            self._step, self._number, motion, self._past, modes, self._oscillators, self._modal, self._vibration,
-            self._smooth, exact, missing,
+            self._step,
+            self._number,
+            motion,
+            self._past,
+            modes,
+            self._oscillators,
+            self._modal,
+            self._vibration,
+            self._smooth,
+            exact,
+            missing,
         )
         self._number += len(motion)
         self._motion = motion[-1].copy()

@@ -67,9 +67,7 @@ class Validity:
         self._model, self._system = model, system
         self._n_steps = count_steps(simulation.duration, simulation.step)
         self._part = max(SHORTEST, -(-self._n_steps // (EVERY * N_PARTS)))
-        self._strains = BodyStrains(
-            model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order
-        )
+        self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
         self._weights = [
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))))

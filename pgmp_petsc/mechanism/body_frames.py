@@ -76,9 +76,7 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     return velocities
 
 
-def rigid_curvatures(
-    mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray, curvatures: np.ndarray
-) -> np.ndarray:
+def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
     """Return ``d2 rho / d theta_k d theta_l`` in body frames.
 
     Parameters

@@ -158,8 +158,10 @@ def connections_of(scene: Scene, bodies: Sequence[Body], poses: np.ndarray) -> t
 def _held(scene: Scene, bodies: Sequence[Body]) -> Iterator[tuple[str, str, tuple[Attachment, Attachment]]]:
     """Yield name, kind and attachments of the joints, and of the welds of point masses to rigid bodies."""
     for name, entry in scene.joints.items():
-        yield name, entry.type, tuple(
-            attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect
+        yield (
+            name,
+            entry.type,
+            tuple(attachment_at(scene, bodies, address, f"joints.{name}.connect") for address in entry.connect),
         )
     for name, (effect, index) in welded_masses(scene, bodies).items():
         carrier = attachment_at(scene, bodies, effect.point, f"effects.{name}.point")

@@ -41,9 +41,7 @@ class Connection:
         space from where they are assembled."""
         return angle(*self.axes)
 
-    def body_gradients(
-        self, parts: Sequence[Statement], poses: np.ndarray
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
+    def body_gradients(self, parts: Sequence[Statement], poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return, for each side that moves, its node's unknowns (n_dofs,) and the derivatives (n_parts, n_dofs) of
         statements about the two frames in them, in body frames at poses (n_bodies, n_pose)."""
         space, found = self.a.space, []

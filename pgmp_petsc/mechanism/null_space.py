@@ -86,4 +86,3 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
         shape=(n_dofs, independent.size),
     ).tocsr()
     return NullSpace(matrix, independent, n_redundant, np.sort(np.concatenate(chosen_rows)))
-

@@ -51,9 +51,7 @@ class Space(Protocol):
     def turns(self, step: np.ndarray) -> np.ndarray:
         """Return how far bodies turn, about, with a step of poses (n_bodies, n_pose, n), shape (n_bodies, n), rad."""
 
-    def angle(
-        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
-    ) -> np.ndarray:
+    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the angle between frames of shape (n_pose or more, ...), rad: in the plane frames count turns, in
         space it is nearest to `turned`."""
 
@@ -105,9 +103,7 @@ class Plane:
         """Return the change of the angle."""
         return np.abs(step[:, 2])
 
-    def angle(
-        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
-    ) -> np.ndarray:
+    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the difference of the angles."""
         return b[2] - a[2]
 
@@ -175,9 +171,7 @@ class Spatial:
         """Return the change of the directors."""
         return np.max(np.abs(step[:, 3:]), axis=1)
 
-    def angle(
-        self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
-    ) -> np.ndarray:
+    def angle(self, statement: Statement, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0) -> np.ndarray:
         """Return the statement's value."""
         return statement.value(self.natural(a), self.natural(b), turned)
 

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     Named = dict[str, np.ndarray]
 
 
-def named_groups(
-    mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str
-) -> tuple[Named, Named, dict[str, int]]:
+def named_groups(mesh: meshio.Mesh, kind: str, cells: np.ndarray, received: str) -> tuple[Named, Named, dict[str, int]]:
     """Return groups of faces, regions of cells, and the number of nodes of every other name.
 
     Where a set of cells and a node set have the same name, the faces are those of the set of cells.

@@ -148,8 +148,7 @@ def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension:
     if not finite.all():
         where = int(np.flatnonzero(~finite)[0])
         raise InputError(
-            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers are "
-            "needed"
+            f"{received}: node {used[where]} has the coordinates {points[where].tolist()}; finite numbers are needed"
         )
     if dimension == 3:
         places = np.zeros((len(points), 3))
@@ -159,17 +158,14 @@ def _places(file_points: np.ndarray, used: np.ndarray, received: str, dimension:
     if (out_of_plane > RELATIVE_TOLERANCE * np.ptp(points, axis=0).max()).any():
         where = int(np.argmax(out_of_plane))
         raise InputError(
-            f"{received}: node {used[where]} at {points[where].tolist()} is off the plane z = 0, where "
-            "mechanisms move"
+            f"{received}: node {used[where]} at {points[where].tolist()} is off the plane z = 0, where mechanisms move"
         )
     return np.array(points[:, :2], dtype=float)
 
 
 def _named_points(mesh: meshio.Mesh, used: np.ndarray) -> tuple[dict[str, int], dict[str, int]]:
     """Return the names of single nodes, and for every other named group how many of its nodes are used."""
-    groups: dict[str, np.ndarray] = {
-        name: np.asarray(nodes, dtype=int) for name, nodes in mesh.point_sets.items()
-    }
+    groups: dict[str, np.ndarray] = {name: np.asarray(nodes, dtype=int) for name, nodes in mesh.point_sets.items()}
     names = {int(tag): name for name, (tag, dimension) in mesh.field_data.items() if dimension == 0}
     for block, tags in zip(mesh.cells, mesh.cell_data.get("gmsh:physical", [])):
         if block.type == "vertex":

@@ -104,9 +104,7 @@ class SolidMesh:
     def _without(self, name: str, entry: str, needed: str, known: dict[str, np.ndarray]) -> InputError:
         """Return the error for a name that holds neither faces nor cells."""
         if name not in self.small_groups:
-            return InputError(
-                f'{entry} = "{name}": the mesh has no {needed} of this name{nearest_name(name, known)}'
-            )
+            return InputError(f'{entry} = "{name}": the mesh has no {needed} of this name{nearest_name(name, known)}')
         count = self.small_groups[name]
         held = f"holds {count} nodes but no whole face on the surface of the mesh" if count else "holds nothing"
         return InputError(f'{entry} = "{name}": this name {held}; a {needed} is needed{_known(known)}')

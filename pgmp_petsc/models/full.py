@@ -46,9 +46,7 @@ class FullModel:
 
     name = "full"
 
-    def __init__(
-        self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene
         self.meshes = meshes
         mechanism = Mechanism.from_scene(scene, meshes)

@@ -34,6 +34,7 @@ from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.runtime.matrices import times
 
+
 @dataclass(frozen=True, eq=False)
 class Curvature:
     """Second derivatives at one configuration, local rows, pairs packed as ``np.tril_indices`` orders them.

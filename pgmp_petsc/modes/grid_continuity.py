@@ -104,9 +104,7 @@ class GridBasis:
         return cls(groups, rotations.reshape(-1, m, m), flipped, cosines.min(axis=0).ravel())
 
 
-def _carry(
-    samples: GridNeighbours, groups: Sequence[np.ndarray], start: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _carry(samples: GridNeighbours, groups: Sequence[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotations (*shape, m, m) and which vectors flip, shape (n_axes, m), for given groups."""
     shape, m, n_axes = samples.shape, start.shape[0], len(samples.shape)
     rotations = np.zeros((*shape, m, m))

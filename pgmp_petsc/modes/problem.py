@@ -62,9 +62,7 @@ class ModalProblem:
         If the mesh has fewer flexible modes than asked for.
     """
 
-    def __init__(
-        self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: MPI.Comm
-    ) -> None:
+    def __init__(self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: MPI.Comm) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])

@@ -112,9 +112,7 @@ def _built(
     with timings.phase("points"):
         points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(
-        scene, kinematics, loads, actions_of(effects), patterns, points, group, scramble, checkpoint
-    )
+    setting = _Setting(scene, kinematics, loads, actions_of(effects), patterns, points, group, scramble, checkpoint)
     n_redundant, joined, basis = 0, None, None
     compression: Compression | None = None
     while True:
@@ -208,9 +206,7 @@ class _Setting:
             self._problem() as problem,
             ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
-            sampler = Sampler(
-                problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem)
-            )
+            sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem))
             try:
                 for number, theta in missing.items():
                     store.put(number, self._sample(sampler, theta))
@@ -236,9 +232,7 @@ class _Setting:
         with agreed(world, "second order"):
             if own:
                 with progress(len(own), "second order", world) as bar, self._problem() as problem:
-                    manifold = Manifold(
-                        problem, self.loads, self._static_loads(problem), self.scene.static_stretching
-                    )
+                    manifold = Manifold(problem, self.loads, self._static_loads(problem), self.scene.static_stretching)
                     for place, sample in own.items():
                         chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
                         found[place] = problem.all_rows(chi), tables
@@ -264,9 +258,7 @@ class _Setting:
         return StaticLoads.of(problem, self.patterns, self.scene.reduction)
 
 
-def _stiffness_changes(
-    samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis
-) -> StiffnessChanges | None:
+def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis) -> StiffnessChanges | None:
     influence = joined.tables["influence"]
     if not influence.size:
         return None

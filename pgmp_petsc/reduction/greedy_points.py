@@ -34,9 +34,7 @@ GAIN = 0.9  # a further point leaves less than this of the largest share, or is 
 DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
-def choose_points(
-    scene: Scene, kinematics: RigidKinematics, patterns: Patterns, group: RankGroup
-) -> ParameterPoints:
+def choose_points(scene: Scene, kinematics: RigidKinematics, patterns: Patterns, group: RankGroup) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
 
     Raises

@@ -59,9 +59,7 @@ class Manifold:
         problem = self._problem
         modes = problem.resume(theta, sample.eigenvalues, sample.shape[:, : sample.n_modes])
         static = sample.kept[:, sample.n_modes :]
-        answered = self._curvature.answered_loads(
-            modes, static, self._static_loads.at(problem, modes)
-        )
+        answered = self._curvature.answered_loads(modes, static, self._static_loads.at(problem, modes))
         shape = sample.shape @ combination
         curvature = self._curvature.solve(modes, shape, answered @ combination[: sample.n_kept])
         everywhere = problem.all_rows(curvature.chi)

@@ -34,9 +34,7 @@ class ModeChanges:
     spread: np.ndarray
 
 
-def mode_changes(
-    kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str
-) -> ModeChanges:
+def mode_changes(kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str) -> ModeChanges:
     """Return the tables of changing modes, for one rigid coordinate.
 
     Parameters

@@ -38,9 +38,7 @@ class Reconstruction:
         Global numbers of the nodes wanted.
     """
 
-    def __init__(
-        self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int]
-    ) -> None:
+    def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int]) -> None:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         self._space = kinematics.mechanism.space

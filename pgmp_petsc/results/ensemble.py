@@ -191,9 +191,7 @@ class Ensemble:
                 meanings={int(key): text for key, text in meanings.items()},
                 failure_time=take(file, "failure_time", 1),
                 steps_divided=take(file, "steps_divided", 1),
-                statistics={
-                    name: _read_statistics(group) for name, group in file.get("statistics", {}).items()
-                },
+                statistics={name: _read_statistics(group) for name, group in file.get("statistics", {}).items()},
                 errors=take_named(file, "errors", 1),
                 errors_at_end=take_named(file, "errors_at_end", 1),
                 validity=take_named(file, "validity", 1),

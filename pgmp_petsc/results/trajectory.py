@@ -245,8 +245,7 @@ def _read_frames(file: h5py.File) -> Frames:
         rotations={body: rotation[:, chosen] for body, chosen in of_body.items()},
         nodes={body: nodes[chosen] for body, chosen in of_body.items()},
         cells={
-            body: cells[number_of_body[cells[:, 0]] == number] - of_body[body][0]
-            for number, body in enumerate(bodies)
+            body: cells[number_of_body[cells[:, 0]] == number] - of_body[body][0] for number, body in enumerate(bodies)
         },
         rigid=frozenset(json.loads(file["mesh/body"].attrs.get("rigid", "[]"))),
     )

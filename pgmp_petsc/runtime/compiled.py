@@ -29,7 +29,9 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable], Callabl
             try:
                 dispatcher._cache = _LenientCache(function)
             except (RuntimeError, OSError) as error:  # no locator has a folder
-                _note(f"compiled code is not kept, and every run compiles for a minute or two ({_first(error)}); {CURE}")
+                _note(
+                    f"compiled code is not kept, and every run compiles for a minute or two ({_first(error)}); {CURE}"
+                )
         return dispatcher
 
     return decorate

@@ -142,9 +142,7 @@ def progress(total: int, description: str, comm: MPI.Comm, initial: int = 0) -> 
         return Lines(total, description, sys.stderr, initial)
     from tqdm import tqdm
 
-    return tqdm(
-        total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr
-    )
+    return tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
 
 
 @contextmanager

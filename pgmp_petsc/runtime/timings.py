@@ -22,9 +22,7 @@ class Timings:
         Wall time by default; `time.process_time` is that of this process alone.
     """
 
-    def __init__(
-        self, seconds: Mapping[str, float] | None = None, clock: Callable[[], float] = perf_counter
-    ) -> None:
+    def __init__(self, seconds: Mapping[str, float] | None = None, clock: Callable[[], float] = perf_counter) -> None:
         self._seconds, self._clock = dict(seconds or {}), clock
 
     @contextmanager

@@ -89,8 +89,8 @@ class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
     length: PositiveNumber = Field(description="length (m)")
-    elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = (
-        Field(ge=1, description="number of elements")
+    elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
+        ge=1, description="number of elements"
     )
     start: Number = Field(0.0, description="x of the hinge (m)")
 

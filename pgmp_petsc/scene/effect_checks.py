@@ -88,9 +88,7 @@ def motion_problems(scene: Scene, entry: str, on_joint: Any) -> Iterator[str]:
     cylindrical = isinstance(scene.joints.get(on_joint.joint), Cylindrical)
     motion = getattr(on_joint, "motion", None)
     if cylindrical and motion is None and "motion" in type(on_joint).model_fields:
-        yield problem(
-            f"{entry}.motion", f'missing; {on_joint.joint} is cylindrical: "turning" or "sliding" is needed'
-        )
+        yield problem(f"{entry}.motion", f'missing; {on_joint.joint} is cylindrical: "turning" or "sliding" is needed')
     elif motion is not None and not cylindrical:
         yield problem(f"{entry}.motion", "for cylindrical joints; others have one motion; leave it out", motion)
 
@@ -104,7 +102,12 @@ def _bushing(scene: Scene, entry: str, effect: kinds.Bushing) -> Iterator[str]:
         yield problem(f"{entry}.reference", f"{wanted} for example, is needed {WHERE[n]}", given)
     elif n == 3 and are_parallel(*given):
         yield problem(f"{entry}.reference", "the axes must not be parallel; the second one is at a right angle", given)
-    for key, count in (("stiffness", n), ("damping", n), ("turning_stiffness", TURNS[n]), ("turning_damping", TURNS[n])):
+    for key, count in (
+        ("stiffness", n),
+        ("damping", n),
+        ("turning_stiffness", TURNS[n]),
+        ("turning_damping", TURNS[n]),
+    ):
         numbers = getattr(effect, key)
         if numbers and len(numbers) != count:
             what = "one number is" if count == 1 else f"{count} numbers, one for each axis, are"

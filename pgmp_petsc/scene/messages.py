@@ -88,9 +88,7 @@ def _explain(details: Mapping[str, Any], model: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         (parent,) = _follow(model, location[:-1])[1]
         allowed = list(parent.model_fields)
-        return problem(
-            entry, f"unknown key{_nearest(keys[-1], allowed)} (allowed: {', '.join(allowed)})", received
-        )
+        return problem(entry, f"unknown key{_nearest(keys[-1], allowed)} (allowed: {', '.join(allowed)})", received)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _explain_tag(entry, [_tag(member) for member in members], details)
     if kind == "literal_error":
@@ -177,9 +175,7 @@ def _toml_text(value: object) -> str:
         return (
             "{}"
             if not value
-            else "{ "
-            + ", ".join(f"{_toml_key(str(key))} = {_toml_text(item)}" for key, item in value.items())
-            + " }"
+            else "{ " + ", ".join(f"{_toml_key(str(key))} = {_toml_text(item)}" for key, item in value.items()) + " }"
         )
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(_toml_text, value)) + "]"

@@ -76,7 +76,6 @@ class Reduction(Table):
         "cubic spline, or trigonometric (periodic) and Chebyshev (limited range)",
     )
 
-
     @model_validator(mode="after")
     def _splines_for_adaptive_sampling(self) -> Self:
         if self.sampling_tolerance is not None and self.interpolation != "spline":
@@ -135,9 +134,7 @@ class Simulation(Table):
         strict=True,
         description="estimate the errors of reduced runs from their residual in the full-order equations",
     )
-    initial: dict[str, InitialState] = Field(
-        {}, description="start of each coordinate; 0 at rest where not given"
-    )
+    initial: dict[str, InitialState] = Field({}, description="start of each coordinate; 0 at rest where not given")
 
     @model_validator(mode="after")
     def _step_fits(self) -> Self:

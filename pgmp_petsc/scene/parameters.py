@@ -98,8 +98,7 @@ class Distribution(Table):
         for key in self.arguments:
             if key not in allowed:
                 raise refusal(
-                    f"unknown argument of {self.name}{nearest_name(key, allowed)}"
-                    f" (allowed: {', '.join(allowed)})",
+                    f"unknown argument of {self.name}{nearest_name(key, allowed)} (allowed: {', '.join(allowed)})",
                     key,
                 )
         for key in shapes:
@@ -124,9 +123,7 @@ class Parameter(Table):
     bounds: Interval | None = Field(
         None, description="smallest and largest value; the distribution is truncated to them, renormalised"
     )
-    value: Number | None = Field(
-        None, description="value of a single run (--set); nominal where it is not given"
-    )
+    value: Number | None = Field(None, description="value of a single run (--set); nominal where it is not given")
 
     @property
     def current(self) -> float:
@@ -195,9 +192,7 @@ def _continuous(name: str) -> rv_continuous:
         return distribution
     known = [key for key, value in vars(stats).items() if isinstance(value, stats.rv_continuous)]
     nearest = nearest_name(name, known)
-    examples = (
-        nearest if len(nearest) < 50 else "; known are norm, uniform, lognorm, truncnorm, weibull_min, ..."
-    )
+    examples = nearest if len(nearest) < 50 else "; known are norm, uniform, lognorm, truncnorm, weibull_min, ..."
     raise refusal(f"no continuous distribution of scipy.stats{examples}", "name")
 
 

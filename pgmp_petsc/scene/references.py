@@ -45,9 +45,7 @@ def _bodies(scene: Scene) -> Iterator[str]:
         if name not in connected:
             yield problem(f"bodies.{name}", "no joint connects it with the mechanism; add one, or leave the body out")
         if name == GROUND:
-            yield problem(
-                "bodies.ground", "this name means the points fixed in space; give the body another one"
-            )
+            yield problem("bodies.ground", "this name means the points fixed in space; give the body another one")
         if body.material is not None and body.material not in scene.materials:
             yield _unknown(f"bodies.{name}.material", "material", body.material, scene.materials)
         for region, material in body.regions.items():
@@ -59,14 +57,11 @@ def _joints(scene: Scene) -> Iterator[str]:
     for name, joint in scene.joints.items():
         entry = f"joints.{name}.connect"
         owners = [split_point(point)[0] for point in joint.connect]
-        yield from (
-            line for point in joint.connect for line in _point(scene, entry, point, ground_allowed=True)
-        )
+        yield from (line for point in joint.connect for line in _point(scene, entry, point, ground_allowed=True))
         if owners[0] == owners[1]:
             yield problem(
                 entry,
-                "a joint connects two different bodies, or a body and the ground; "
-                f"both points are on {owners[0]}",
+                f"a joint connects two different bodies, or a body and the ground; both points are on {owners[0]}",
                 joint.connect,
             )
 
@@ -88,8 +83,7 @@ def _coordinates(scene: Scene) -> Iterator[str]:
         if coordinate.joint in taken:
             yield problem(
                 entry,
-                f"coordinates.{taken[coordinate.joint]} has the same joint; each joint may serve one "
-                "coordinate",
+                f"coordinates.{taken[coordinate.joint]} has the same joint; each joint may serve one coordinate",
                 coordinate.joint,
             )
         taken.setdefault(coordinate.joint, name)
@@ -172,9 +166,7 @@ def _point(scene: Scene, entry: str, point: str, ground_allowed: bool) -> Iterat
         yield problem(entry, "a point of a body is needed; the ground does not move", point)
     elif owner == GROUND:
         if name not in scene.ground.positions:
-            yield _unknown(
-                entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions]
-            )
+            yield _unknown(entry, "ground point", point, [f"ground:{known}" for known in scene.ground.positions])
     elif owner not in scene.bodies:
         known = [*scene.bodies, GROUND] if ground_allowed else scene.bodies
         yield problem(entry, f"there is no body '{owner}'{nearest_name(owner, known)}", point)

@@ -37,9 +37,7 @@ class Scene(Table):
     scene: Header = Field(description="table with the scene's name")
     ground: Ground = Field(Ground(), description="points fixed in space")
     parameters: dict[Name, Parameter] = Field({}, description="uncertain quantities by name")
-    materials: dict[Name, Material] = Field(
-        {}, description="a table for each material, [materials.NAME]"
-    )
+    materials: dict[Name, Material] = Field({}, description="a table for each material, [materials.NAME]")
     bodies: dict[Name, Body] = Field(min_length=1, description="a table for each body, [bodies.NAME]")
     joints: dict[Name, Joint] = Field(min_length=1, description="a table for each joint, [joints.NAME]")
     coordinates: dict[Name, Coordinate] = Field(

@@ -104,8 +104,11 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
         found = (*_step_remark(step), *_mesh_remark(bench, trial.n_steps), _cost_remark(bench, step, trial))
     used = step.loads if scene.reduction.tolerance is None else [load.name for load in bench.training.loads]
     selection = Selection(
-        tolerances={name: getattr(scene, name).tolerance for name in ("reduction", "simulation")
-                    if getattr(scene, name).tolerance is not None},
+        tolerances={
+            name: getattr(scene, name).tolerance
+            for name in ("reduction", "simulation")
+            if getattr(scene, name).tolerance is not None
+        },
         allowed=allowed,
         chosen=_entries(scene, chosen, kept=False),
         reasons=ledger.reasons,

@@ -149,8 +149,12 @@ class ReductionChoice:
             "the static answer to a load does the work of many modes" if self._limits.n_static else "no load acts"
         )
         for key in OF_BASIS[1:]:
-            others = [rung for family in self._families for rung in family
-                      if id(rung) in tried and rung.entries[key] != found.entries[key]]
+            others = [
+                rung
+                for family in self._families
+                for rung in family
+                if id(rung) in tried and rung.entries[key] != found.entries[key]
+            ]
             if others:
                 best = min(others, key=error)
                 other = json.dumps(best.entries[key])

@@ -168,11 +168,14 @@ class StepChoice:
             self._note(search.finest, last)
             worst = last.outputs[last.place[1]]
             still = f"the last halving, to {search.finest} steps, still moves {worst} by {last.largest:.2g}"
-            part, hints = "step", [
-                f"{still}: the loads or the start set off vibrations that nothing damps, and their phase has to be "
-                f"kept over the run; more than {search.finest} steps are not tried",
-                "a torque without corners sets off less; simulation.step takes any step as given",
-            ]
+            part, hints = (
+                "step",
+                [
+                    f"{still}: the loads or the start set off vibrations that nothing damps, and their phase has to be "
+                    f"kept over the run; more than {search.finest} steps are not tried",
+                    "a torque without corners sets off less; simulation.step takes any step as given",
+                ],
+            )
             if last.is_round_off:
                 part, hints = "round-off", [f"{still}: {ZERO}"]
             refuse("simulation.tolerance", self.tolerance, part, others | self.allowed, self._ledger, hints)

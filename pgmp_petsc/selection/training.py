@@ -103,9 +103,7 @@ def training_loads(scene: Scene) -> tuple[Load, ...]:
         return tuple(loads)
     phase = np.linspace(0.0, 1.0, N_ROWS)
     pulse = {
-        name: tuple(
-            (float(scene.simulation.duration * x), float(PULSE * peak * np.sin(np.pi * x))) for x in phase
-        )
+        name: tuple((float(scene.simulation.duration * x), float(PULSE * peak * np.sin(np.pi * x))) for x in phase)
         for name, peak in peaks.items()
     }
     gentle = all(_steepness(pulse[name]) <= HASTE * _steepness(own[name]) for name in own)

@@ -89,8 +89,7 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
     remarks = [
         warning(
             f"the scene leaves out {size.kind} ({size.measure}), whose share in the motion of the rigid mechanism is "
-            f"{size.share:.2g}: name it in [effects]"
-            + f"{refused}; compare with pgmp simulate SCENE --full"
+            f"{size.share:.2g}: name it in [effects]" + f"{refused}; compare with pgmp simulate SCENE --full"
         )
         for size in missing
         if size.share > SERIOUS and size.kind != "gravity"

@@ -76,9 +76,11 @@ def _tabulated(
 ) -> ModesTable | None:
     """As `tabulate_modes`, with condensed bodies."""
     own = np.empty((0, scene.reduction.modes))
-    with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"), progress(
-        n_angles ** len(scene.coordinates), "eigenproblems", group.world
-    ) as bar:
+    with (
+        timings.phase("eigenproblems"),
+        agreed(group.world, "eigenproblems"),
+        progress(n_angles ** len(scene.coordinates), "eigenproblems", group.world) as bar,
+    ):
         _check_same_mechanism(scene, rom)
         mechanism = Mechanism.from_scene(scene, meshes)
         kinematics = RigidKinematics(mechanism)

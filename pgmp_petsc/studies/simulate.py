@@ -150,7 +150,9 @@ def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple
         return part, []
     if part.run.status[0] == Status.FINE:
         what = f"with {step} the run stopped at {first[0].failure_time[0]:.6g} s ({status.meaning})"
-        cure = f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine; the step is large for it"
+        cure = (
+            f"it was integrated again with 1/{divisor} of it (steps_divided), which is fine; the step is large for it"
+        )
         return part, [note(f"{what}; {cure}")]
     kept = f"what was computed with {'it' if divisor == 1 else f'1/{divisor} of it'} went furthest and is kept"
     return part, [note(f"the run was tried with steps down to 1/{tried} of {step} before it was given up; {kept}")]
@@ -188,7 +190,11 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         coordinates=recorded["coordinates"],
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
-            model, part, frames, n_ranks, timings,
+            model,
+            part,
+            frames,
+            n_ranks,
+            timings,
             (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started),
         ),
     )
@@ -303,9 +309,7 @@ def _why_stopped(model: FullModel | ReducedModel, part: _Part, reason: str) -> l
     return [warning("; ".join(filter(None, (what, reason or status.cure))))]
 
 
-def lost_definiteness(
-    model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray
-) -> str:
+def lost_definiteness(model: ReducedModel, values: Mapping[str, np.ndarray], time: np.ndarray, eta: np.ndarray) -> str:
     """Return since when the stiffness of a model of second order was indefinite at the end; empty where it was not."""
     looked_at = slice(-LOOK_BACK, None)
     share = least_stiffness(model.terms, values, eta[looked_at])

@@ -219,9 +219,7 @@ class _Study:
             elif not sequence.failure:
                 sequence.add(run.n_steps, measured.history)
 
-    def result(
-        self, record: RunRecord, units: dict[str, str], times: Mapping[Setting, np.ndarray]
-    ) -> Tradeoff:
+    def result(self, record: RunRecord, units: dict[str, str], times: Mapping[Setting, np.ndarray]) -> Tradeoff:
         """Put everything together; the settings stand in the order in which they were asked for, whoever had them."""
         settings = self._asked
         errors = np.array([self._errors(setting) for setting in settings])

@@ -46,8 +46,10 @@ def with_rom(*arguments: str, words: tuple[str, ...]) -> Case:
 
 
 SHORT_ROD = (
-    'bodies.rod.mesh="{folder}/short.vtu"', 'joints.elbow.connect=["crank:tip", "rod:0"]',
-    'joints.slider.connect=["ground:origin", "rod:2"]', 'outputs.slider_position.point="rod:2"',
+    'bodies.rod.mesh="{folder}/short.vtu"',
+    'joints.elbow.connect=["crank:tip", "rod:0"]',
+    'joints.slider.connect=["ground:origin", "rod:2"]',
+    'outputs.slider_position.point="rod:2"',
     'outputs.slider_deformation.point="rod:2"',
 )
 NO_SLIDER = (
@@ -67,24 +69,33 @@ def in_space(override: str, *words: str) -> Case:
 IN_SPACE = {
     "hinge without an axis": in_space(
         'joints.crank_hinge={{type="revolute", connect=["ground:origin", "crank:hinge"]}}',
-        "joints.crank_hinge.axis: missing", "axis (x, y, z)",
+        "joints.crank_hinge.axis: missing",
+        "axis (x, y, z)",
     ),
-    "axis of no length": in_space("joints.crank_hinge.axis=[0.0, 0.0, 0.0]", "joints.crank_hinge.axis = [0.0, 0.0, 0.0]"),
+    "axis of no length": in_space(
+        "joints.crank_hinge.axis=[0.0, 0.0, 0.0]", "joints.crank_hinge.axis = [0.0, 0.0, 0.0]"
+    ),
     "parallel axes": in_space("joints.cross.second_axis=[0.0, 2.0, 0.0]", "joints.cross.second_axis = [0.0, 2.0, 0.0]"),
     "section without an orientation": in_space(
         f'bodies.crank={{{{{BAR}, section={{{{shape="rectangle", width=0.008, height=0.012}}}}}}}}',
-        "bodies.crank.orientation: missing", "orientation = [x, y, z]",
+        "bodies.crank.orientation: missing",
+        "orientation = [x, y, z]",
     ),
     "orientation along the beam": in_space(
-        "bodies.crank.orientation=[1.0, 0.0, 0.0]", "bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0",
+        "bodies.crank.orientation=[1.0, 0.0, 0.0]",
+        "bodies.crank.orientation = [1.0, 0.0, 0.0]: parallel to element 0",
     ),
     "a beam of the plane in space": in_space('bodies.coupler.element="beam2d"', "bodies.coupler", "beam2d", "beam3d"),
     "bushing without a reference": in_space(f"{MOUNT}}}}}", "effects.mount.reference: missing"),
     "bushing of parallel axes": in_space(
-        f"{MOUNT}, reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]}}}}", "effects.mount.reference", "parallel",
+        f"{MOUNT}, reference=[[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]}}}}",
+        "effects.mount.reference",
+        "parallel",
     ),
     "bushing with half a reference": in_space(
-        f"{MOUNT}, reference=[[1.0, 0.0, 0.0]]}}}}", "effects.mount.reference = [[1.0, 0.0, 0.0]]", "two axes",
+        f"{MOUNT}, reference=[[1.0, 0.0, 0.0]]}}}}",
+        "effects.mount.reference = [[1.0, 0.0, 0.0]]",
+        "two axes",
     ),
     "force without a direction": in_space(
         'effects.pull={{type="force", point="coupler:tip", direction=[0.0, 0.0, 0.0], table=[[0.0, 1.0], [1.0, 1.0]]}}',
@@ -92,7 +103,10 @@ IN_SPACE = {
     ),
     # the coupler is 5 m long, and no more than 0.1 + 0.25 m and the distance of the pivots are between its ends
     "joints that contradict each other": in_space(
-        "bodies.coupler.line={{length=5.0, elements=8}}", "joints.", "cannot close at theta = 0 rad", "m remains",
+        "bodies.coupler.line={{length=5.0, elements=8}}",
+        "joints.",
+        "cannot close at theta = 0 rad",
+        "m remains",
     ),
 }
 
@@ -116,18 +130,19 @@ CASES = {
         "bodies.rod.section.radius=-1e-3",
         words=("bodies.rod.section.radius = -0.001", "positive"),
     ),
-    "nominal radius of zero": check(
-        "parameters.r1={{nominal=0.0}}", words=("parameters.r1.nominal = 0.0", "positive")
+    "nominal radius of zero": check("parameters.r1={{nominal=0.0}}", words=("parameters.r1.nominal = 0.0", "positive")),
+    "set radius": Case(
+        ("check", SCENE, "--override", "parameters.r1={{nominal=5e-3}}", "--set", "r1=-1"),
+        ("parameters.r1.value = -1.0", "positive"),
     ),
-    "set radius": Case(("check", SCENE, "--override", "parameters.r1={{nominal=5e-3}}", "--set", "r1=-1"),
-                       ("parameters.r1.value = -1.0", "positive")),
     "E of zero": check("materials.steel.E=0", words=("materials.steel.E = 0", "positive")),
     "negative rho": check("materials.steel.rho=-7800.0", words=("materials.steel.rho = -7800.0", "positive")),
     "nu": check("materials.steel.nu=0.5", words=("materials.steel.nu = 0.5", "less than 0.5")),
     "unknown material": check('bodies.rod.material="stel"', words=("bodies.rod.material", "did you mean 'steel'")),
     "unknown effect": check('effects.motor.type="tork"', words=("effects.motor.type", "torque")),
-    "unknown distribution": check('parameters.r1.distribution.name="nrom"',
-                                  words=("parameters.r1.distribution.name", "nrom")),
+    "unknown distribution": check(
+        'parameters.r1.distribution.name="nrom"', words=("parameters.r1.distribution.name", "nrom")
+    ),
     "too many modes": check("reduction.modes=31", words=("reduction.modes = 31", "only 30 flexible modes")),
     "too many modes, build": build("reduction.modes=31", words=("reduction.modes = 31", "only 30 flexible modes")),
     # meshes and points
@@ -140,45 +155,65 @@ CASES = {
         words=("bodies.crank.mesh", "cells of type triangle"),
     ),
     "not a mesh": check('bodies.crank.mesh="{folder}/words.msh"', words=("bodies.crank.mesh", "meshio cannot read")),
-    "unknown point": check('joints.slider.connect=["ground:origin", "rod:tipp"]',
-                           words=('joints.slider.connect = "tipp"', "did you mean 'tip'")),
-    "unknown body": check('joints.slider.connect=["ground:origin", "rd:tip"]',
-                          words=("joints.slider.connect", "did you mean 'rod'")),
-    "unknown ground point": check('joints.slider.connect=["ground:orign", "rod:tip"]',
-                                  words=("joints.slider.connect", "did you mean 'ground:origin'")),
-    "unknown output point": check('outputs.slider_position.point="rod:top"',
-                                  words=("outputs.slider_position.point", "did you mean 'tip'")),
+    "unknown point": check(
+        'joints.slider.connect=["ground:origin", "rod:tipp"]',
+        words=('joints.slider.connect = "tipp"', "did you mean 'tip'"),
+    ),
+    "unknown body": check(
+        'joints.slider.connect=["ground:origin", "rd:tip"]', words=("joints.slider.connect", "did you mean 'rod'")
+    ),
+    "unknown ground point": check(
+        'joints.slider.connect=["ground:orign", "rod:tip"]',
+        words=("joints.slider.connect", "did you mean 'ground:origin'"),
+    ),
+    "unknown output point": check(
+        'outputs.slider_position.point="rod:top"', words=("outputs.slider_position.point", "did you mean 'tip'")
+    ),
     # mechanisms
     "too short a rod": check(*SHORT_ROD, words=("cannot close at theta = ", "joints.")),
     "too short a rod, build": build(*SHORT_ROD, words=("cannot close at theta = ", "joints.")),
-    "no freedom": check('ground.points.pin=[0.3, 0.0]',
-                        'joints.pin={{type="revolute", connect=["ground:pin", "crank:tip"]}}',
-                        words=("joints: they leave the rigid mechanism 0 degrees of freedom",)),
+    "no freedom": check(
+        "ground.points.pin=[0.3, 0.0]",
+        'joints.pin={{type="revolute", connect=["ground:pin", "crank:tip"]}}',
+        words=("joints: they leave the rigid mechanism 0 degrees of freedom",),
+    ),
     "two degrees of freedom": check(NO_SLIDER, words=("joints: they leave the rigid mechanism 2 degrees of freedom",)),
-    "two coordinates": check('coordinates.second={{joint="elbow", range=[-1.0, 1.0]}}',
-                             words=("they leave the rigid mechanism 1 degrees of freedom", "theta, second")),
+    "two coordinates": check(
+        'coordinates.second={{joint="elbow", range=[-1.0, 1.0]}}',
+        words=("they leave the rigid mechanism 1 degrees of freedom", "theta, second"),
+    ),
     # effects
-    "unknown effect that is like another": check('effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")),
-    "effect on the wrong joint": check('effects.push={{type="torque", joint="slider", table=[[0.0, 1.0]]}}',
-                                       words=('effects.push.joint = "slider"', "a revolute joint is needed")),
+    "unknown effect that is like another": check(
+        'effects.guide={{type="joint_frction"}}', words=("effects.guide.type", "joint_friction")
+    ),
+    "effect on the wrong joint": check(
+        'effects.push={{type="torque", joint="slider", table=[[0.0, 1.0]]}}',
+        words=('effects.push.joint = "slider"', "a revolute joint is needed"),
+    ),
     "contradictory effects": check(
         'effects.hold={{type="prescribed_motion", coordinate="theta", constant_speed={{speed=1.0}}}}',
-        words=('effects.hold.coordinate = "theta": contradicts effects.motor',)),
-    "half of second order": check('effects.shapes={{type="mode_inertia"}}',
-                                  words=("effects.shapes", "geometric_stiffening", "or neither")),
-    "change point": Case(("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
-                         ("coordinates.theta: it does not control", "3.14159 rad", "singular value")),
+        words=('effects.hold.coordinate = "theta": contradicts effects.motor',),
+    ),
+    "half of second order": check(
+        'effects.shapes={{type="mode_inertia"}}', words=("effects.shapes", "geometric_stiffening", "or neither")
+    ),
+    "change point": Case(
+        ("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
+        ("coordinates.theta: it does not control", "3.14159 rad", "singular value"),
+    ),
     "second order of two coordinates": Case(
         ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.second_order=true")),
-        ("reduction.second_order = true: for one rigid coordinate only", "shoulder_angle, elbow_angle")),
+        ("reduction.second_order = true: for one rigid coordinate only", "shoulder_angle, elbow_angle"),
+    ),
     # files
     "no scene": Case(("check", "{folder}/slider_crnk.toml"), ("slider_crnk.toml", "no such scene file")),
     "no TOML": Case(("check", "{folder}/words.msh"), ("words.msh", "not valid TOML")),
     "a model for a scene": Case(("check", ROM), ("rom.h5", "a scene is a TOML file")),
     "a model for a scene, full": Case(("simulate", ROM, "--full", "-o", OUT), ("rom.h5", "a scene is a TOML file")),
     "a scene for a model": Case(("simulate", SCENE, "-o", OUT), ("slider_crank_paper.toml", "needed: a reduced model")),
-    "a scene for a model, ensemble": Case(("montecarlo", SCENE, "-n", "2", "-o", OUT),
-                                          ("slider_crank_paper.toml", "needed: a reduced model")),
+    "a scene for a model, ensemble": Case(
+        ("montecarlo", SCENE, "-n", "2", "-o", OUT), ("slider_crank_paper.toml", "needed: a reduced model")
+    ),
     "no model": Case(("simulate", "{folder}/nothing.h5", "-o", OUT), ("nothing.h5", "does not exist")),
     "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "is damaged: it is cut off")),
     "other version": Case(("simulate", "{folder}/future.h5", "-o", OUT), ("future.h5", "format version 99")),
@@ -191,8 +226,9 @@ CASES = {
     "no directory, build": Case(("build", SCENE, "-o", "{folder}/no/such/out.h5"), ("no/such", "does not exist")),
     "directory for a file": Case(("montecarlo", ROM, "-n", "2", "-o", "{folder}"), ("is a directory",)),
     # the command line
-    "ranks per angle": Case(("build", SCENE, "-o", OUT, "--ranks-per-angle", "4"),
-                            ("--ranks-per-angle = 4", "the number of ranks")),
+    "ranks per angle": Case(
+        ("build", SCENE, "-o", OUT, "--ranks-per-angle", "4"), ("--ranks-per-angle = 4", "the number of ranks")
+    ),
     "ranks per angle, modes": Case(("modes", SCENE, "-o", OUT, "--ranks-per-angle", "4"), ("--ranks-per-angle = 4",)),
     "no samples": Case(("montecarlo", ROM, "-n", "0", "-o", OUT), ("-n", "0")),
     "negative seed": Case(("montecarlo", ROM, "-n", "1", "--seed", "-1", "-o", OUT), ("--seed", "-1")),
@@ -220,21 +256,26 @@ CASES = {
     # models and what they were built from
     "modes of a model": with_rom("--override", "reduction.modes=3", words=("--override reduction", "pgmp build")),
     "section of a model": with_rom(
-        "--override", "bodies.rod.section.radius=1e-3",
+        "--override",
+        "bodies.rod.section.radius=1e-3",
         words=("--override bodies", "pgmp build"),
     ),
     "material of a model": with_rom(
-        "--override", "materials.steel.E=1e9",
+        "--override",
+        "materials.steel.E=1e9",
         words=("--override materials", "pgmp build"),
     ),
-    "nominal of a model": with_rom("--override", "parameters.r1.nominal=5e-3",
-                                   words=("--override parameters.r1.nominal", "pgmp build")),
+    "nominal of a model": with_rom(
+        "--override", "parameters.r1.nominal=5e-3", words=("--override parameters.r1.nominal", "pgmp build")
+    ),
     "effect of a model": with_rom(
-        "--override", 'effects.weight={{type="gravity"}}',
+        "--override",
+        'effects.weight={{type="gravity"}}',
         words=("--override effects", "pgmp build"),
     ),
     "scale of a model": with_rom(
-        "--override", "effects.motor.scale=2.0",
+        "--override",
+        "effects.motor.scale=2.0",
         words=("--override effects.motor", "pgmp build"),
     ),
     "model of another scene": Case(
@@ -250,7 +291,8 @@ CASES = {
         ("--set r1=5e-3", "parameters.r1.distribution", "--override"),
     ),
     "seed that no file can hold": Case(
-        ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT), ("--seed", "9223372036854775807"),
+        ("montecarlo", ROM, "-n", "1", "--seed", "18446744073709551616", "-o", OUT),
+        ("--seed", "9223372036854775807"),
     ),
     "start outside the range": Case(
         ("simulate", "{folder}/limited.h5", "-o", OUT, "--override", "simulation.initial.theta.position=2.0"),
@@ -271,11 +313,31 @@ CASES = {
 }
 ON_THREE_RANKS = (
     *IN_SPACE,
-    "unknown key", "missing mesh", "unknown point", "too short a rod", "too short a rod, build", "two coordinates",
-    "unknown effect", "contradictory effects", "change point", "second order of two coordinates",
-    "too many modes, build", "cut off", "a scene for a model", "no directory", "ranks per angle", "no samples",
-    "unknown parameter", "modes of a model", "nothing to draw", "start outside the range", "model of another scene",
-    "no outputs", "directory, trade-off", "nowhere to take modes", "too many parameter modes",
+    "unknown key",
+    "missing mesh",
+    "unknown point",
+    "too short a rod",
+    "too short a rod, build",
+    "two coordinates",
+    "unknown effect",
+    "contradictory effects",
+    "change point",
+    "second order of two coordinates",
+    "too many modes, build",
+    "cut off",
+    "a scene for a model",
+    "no directory",
+    "ranks per angle",
+    "no samples",
+    "unknown parameter",
+    "modes of a model",
+    "nothing to draw",
+    "start outside the range",
+    "model of another scene",
+    "no outputs",
+    "directory, trade-off",
+    "nowhere to take modes",
+    "too many parameter modes",
 )
 
 
@@ -285,8 +347,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("spoilt")
     rom = folder / "rom.h5"
     rom_of(paper_scene(*SMALL)).write(rom)
-    rom_of(paper_scene(*SMALL, "coordinates.theta.range=[-0.2, 0.45]", "coordinates.theta.periodic=false",
-                       "simulation.duration=0.335")).write(folder / "limited.h5")
+    rom_of(
+        paper_scene(
+            *SMALL,
+            "coordinates.theta.range=[-0.2, 0.45]",
+            "coordinates.theta.periodic=false",
+            "simulation.duration=0.335",
+        )
+    ).write(folder / "limited.h5")
     whole = rom.read_bytes()
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 2])
     for name in ("future", "kind", "empty"):
@@ -364,7 +432,9 @@ def test_a_run_that_leaves_the_range_ends_with_its_reason(mpirun: Callable, fold
     assert done.stderr.count(Status.LEFT_RANGE.meaning) == 1
     assert "Traceback" not in done.stderr
     part = Trajectory.read(path)
-    assert part.status == Status.LEFT_RANGE and part.record.remarks[0].text.startswith("reduced simulation stopped at 0.")
+    assert part.status == Status.LEFT_RANGE and part.record.remarks[0].text.startswith(
+        "reduced simulation stopped at 0."
+    )
     assert part.time.size > 1 and all(np.isfinite(values).all() for values in part.outputs.values())
 
 

@@ -23,10 +23,7 @@ PURPOSES = {
     "montecarlo --full": Purpose.FULL,
 }
 CHOSEN = [
-    (kind, feature)
-    for k, kind in enumerate(KINDS)
-    for f, feature in enumerate(FEATURES)
-    if (f + k) % len(KINDS) == 0
+    (kind, feature) for k, kind in enumerate(KINDS) for f, feature in enumerate(FEATURES) if (f + k) % len(KINDS) == 0
 ]
 
 

@@ -133,7 +133,9 @@ def test_a_reduced_run_says_how_wrong_it_is(folder: Path, rom: Path, reduced: Pa
         assert 0.0 < file["validity/elastic_strain"][()] < 0.01
     path = folder / "silent.h5"
     done = pgmp("simulate", rom, "-o", path, "--override", "simulation.error_indicator=false")
-    assert "note: errors were not estimated: simulation.error_indicator = false switches the estimate off" in done.stdout
+    assert (
+        "note: errors were not estimated: simulation.error_indicator = false switches the estimate off" in done.stdout
+    )
     silent = Trajectory.read(path)
     assert silent.errors is None and silent.record.remarks[0].kind == "note"
     assert silent.validity == Trajectory.read(reduced).validity, "looked at in every run"
@@ -225,8 +227,16 @@ def test_full_order_ensemble(folder: Path, ensemble: Path) -> None:
 
 def test_check_describes_and_writes_nothing(tmp_path: Path) -> None:
     done = pgmp("check", PAPER_SCENE, *SCENE_OPTIONS, cwd=tmp_path)
-    for words in ("scene slider_crank", "crank: 6 nodes, 5 elements", "36 nodal", "1 rigid + 4 flexible",
-                  "motor: torque, 1 load term", "crank_angle (rad)", "memory", "5 constraints"):
+    for words in (
+        "scene slider_crank",
+        "crank: 6 nodes, 5 elements",
+        "36 nodal",
+        "1 rigid + 4 flexible",
+        "motor: torque, 1 load term",
+        "crank_angle (rad)",
+        "memory",
+        "5 constraints",
+    ):
         assert words in done.stdout, words
     assert list(tmp_path.iterdir()) == []
     silent = pgmp("check", PAPER_SCENE, "--override", "effects={}")
@@ -250,8 +260,15 @@ def test_set_and_override_reach_every_command(folder: Path, rom: Path) -> None:
     assert one.time[-1] == other.time[-1] == pytest.approx(0.01)
     assert one.outputs["crank_angle"][-1] == pytest.approx(other.outputs["crank_angle"][-1], rel=0.1)
     uniform = 'parameters.r1.distribution={name="uniform", loc=5e-3, scale=1e-4}'
-    pgmp("montecarlo", rom, "-n", 2, "-o", paths["ensemble"],
-         *overridden("simulation.duration=0.01", "ensemble.bins=3", uniform))
+    pgmp(
+        "montecarlo",
+        rom,
+        "-n",
+        2,
+        "-o",
+        paths["ensemble"],
+        *overridden("simulation.duration=0.01", "ensemble.bins=3", uniform),
+    )
     found = Ensemble.read(paths["ensemble"])
     assert np.all((found.parameters["r1"] >= 5e-3) & (found.parameters["r1"] <= 5.1e-3))
     assert found.statistics["crank_angle"].pdf.shape == (3,)
@@ -314,7 +331,11 @@ def test_options_for_petsc_cannot_change_what_is_computed(folder: Path, rom: Pat
 def test_scenes_without_outputs_frames_or_effects(folder: Path) -> None:
     """Nothing of these is required."""
     bare = (
-        *SMALL, "outputs={}", "effects={}", "simulation.frames=0", "simulation.duration=0.003",
+        *SMALL,
+        "outputs={}",
+        "effects={}",
+        "simulation.frames=0",
+        "simulation.duration=0.003",
         "simulation.initial.theta.velocity=1.0",
     )
     rom = folder / "bare_rom.h5"
@@ -342,8 +363,19 @@ def test_an_ensemble_of_one_sample_warns_of_nothing(folder: Path, rom: Path) -> 
 def test_an_output_named_like_a_parameter_keeps_its_own_statistics(folder: Path, rom: Path) -> None:
     """Either both are told apart in the file, or such a name is refused."""
     path = folder / "named.h5"
-    done = pgmp("montecarlo", rom, "-n", 4, "-o", path, "--override", "simulation.duration=0.003",
-                "--override", 'outputs.r1={type="position", point="rod:tip", axis="x"}', status=None)
+    done = pgmp(
+        "montecarlo",
+        rom,
+        "-n",
+        4,
+        "-o",
+        path,
+        "--override",
+        "simulation.duration=0.003",
+        "--override",
+        'outputs.r1={type="position", point="rod:tip", axis="x"}',
+        status=None,
+    )
     if done.returncode == 2:
         assert "outputs.r1" in done.stderr
         return

@@ -86,7 +86,9 @@ def test_a_choice_without_terms_of_second_order_is_written_as_a_scene() -> None:
     from mpi4py import MPI
 
     slow = ("effects.motor.table=[[0.0,0.0],[1.0,1e-6]]", "simulation.duration=0.01")
-    chosen, _ = choose_effects(*read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD))
+    chosen, _ = choose_effects(
+        *read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
+    )
     assert tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
 
 

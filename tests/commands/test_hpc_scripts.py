@@ -340,7 +340,11 @@ def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "variables", "message"),
     [
-        ("build.slurm", {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3}, "ROM = rom.h5: all jobs of the array would write this file"),
+        (
+            "build.slurm",
+            {"SLURM_ARRAY_JOB_ID": 9, "SLURM_ARRAY_TASK_ID": 3},
+            "ROM = rom.h5: all jobs of the array would write this file",
+        ),
         ("montecarlo.pbs", {"PBS_ARRAY_INDEX": 3}, "OUTPUT = many.h5: all jobs of the array would write this file"),
         ("montecarlo.slurm", {"OUTPUT": "m%a.h5"}, "OUTPUT = m%a.h5: %a is the index in a job array, and this job is"),
         ("montecarlo.slurm", {"SEED": "-1"}, "SEED = -1: needed: a whole number, 0 or more"),
@@ -408,7 +412,9 @@ def test_what_starts_the_ranks_is_found(checkout: Path) -> None:
     assert "started with 'mpirun'" in out and "$ mpirun -n 2 .venv" in out
     executable(checkout / "bin" / "mpirun", "echo no such host >&2\nexit 1\n")
     _, err = run(checkout, "build.slurm", 2, PLUGINS="cray", **given)
-    assert "build.slurm: nothing starts 2 rank(s) in one MPI; tried:\nsrun: not built with SLURM's PMI\nmpirun: no" in err
+    assert (
+        "build.slurm: nothing starts 2 rank(s) in one MPI; tried:\nsrun: not built with SLURM's PMI\nmpirun: no" in err
+    )
     assert "say how with LAUNCH" in err
 
 

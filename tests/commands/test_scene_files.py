@@ -93,8 +93,9 @@ def test_without_permission(folder: Path, capfd: pytest.CaptureFixture[str]) -> 
 
 
 def test_null_characters(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert "scene.name: a text with characters" in message_of(capfd, "check",
-        SCENE, *overridden('scene.name="a\\u0000"'))
+    assert "scene.name: a text with characters" in message_of(
+        capfd, "check", SCENE, *overridden('scene.name="a\\u0000"')
+    )
     message = message_of(capfd, "check", SCENE, *overridden('bodies.crank.mesh="a\\u0000.msh"'))
     assert "bodies.crank.mesh: a text with characters" in message
 

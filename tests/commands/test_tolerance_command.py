@@ -11,34 +11,52 @@ from runs import IN_TURN, PAPER_SCENE, PGMP, overridden, pgmp
 
 RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 NO_MORE = "inertia_modes=false, parameter_modes=0"
-PLAIN = f"modes=4, static_modes=true, {NO_MORE}, second_order=false, angles=48, interpolation=\"spectral\""
+PLAIN = f'modes=4, static_modes=true, {NO_MORE}, second_order=false, angles=48, interpolation="spectral"'
 SHORT = "simulation={duration=0.1, step=1e-3}"
 # by what stands in the way: overrides, and words of the message
 REFUSED = {
     "basis": (
         ("reduction={tolerance=6e-3, modes=2, static_modes=false, %s, second_order=false}" % NO_MORE, SHORT),
-        ("reduction.tolerance = 0.006: cannot be met, the basis stands in the way", "basis: at best 0.",
-         "allowed 0.0021",
-         "the mesh itself leaves more than the tolerance: cells cut in two would move slider_deformation by 0.01",
-         "slider_deformation, load '", "half the load leaves", "can be met by this part",
-         "kept as given: reduction.modes = 2, reduction.static_modes = false, reduction.inertia_modes = false, "
-         "reduction.parameter_modes = 0, reduction.second_order = false"),
+        (
+            "reduction.tolerance = 0.006: cannot be met, the basis stands in the way",
+            "basis: at best 0.",
+            "allowed 0.0021",
+            "the mesh itself leaves more than the tolerance: cells cut in two would move slider_deformation by 0.01",
+            "slider_deformation, load '",
+            "half the load leaves",
+            "can be met by this part",
+            "kept as given: reduction.modes = 2, reduction.static_modes = false, reduction.inertia_modes = false, "
+            "reduction.parameter_modes = 0, reduction.second_order = false",
+        ),
     ),
     "all modes of the mesh": (
-        ("reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=48, "
-         "interpolation=\"spectral\"}", "simulation={duration=0.05, step=1e-3}"),
+        (
+            "reduction={tolerance=1e-4, modes=30, static_modes=false, second_order=false, angles=48, "
+            'interpolation="spectral"}',
+            "simulation={duration=0.05, step=1e-3}",
+        ),
         ("cannot be met, the basis stands in the way", "these are all flexible modes that the meshes have"),
     ),
     "angles": (
-        ("reduction={tolerance=1e-3, modes=7, static_modes=true, inertia_modes=false, parameter_modes=0, "
-         "second_order=false, angles=16, interpolation=\"spline\"}", "simulation={duration=0.4, step=2e-3}"),
-        ("the basis stands in the way", "interpolation: at best 0.", "part of the basis's error",
-         "reduction.angles = 16"),
+        (
+            "reduction={tolerance=1e-3, modes=7, static_modes=true, inertia_modes=false, parameter_modes=0, "
+            'second_order=false, angles=16, interpolation="spline"}',
+            "simulation={duration=0.4, step=2e-3}",
+        ),
+        (
+            "the basis stands in the way",
+            "interpolation: at best 0.",
+            "part of the basis's error",
+            "reduction.angles = 16",
+        ),
     ),
     "different errors of time integration": (
         ("reduction={tolerance=1e-4, %s}" % PLAIN, "simulation={duration=0.3, step=5e-3}", RIGID),
-        ("reduction.tolerance = 0.0001: cannot be met, the time step stands in the way", "with 60 steps",
-         "take a smaller simulation.step, or let simulation.tolerance choose it"),
+        (
+            "reduction.tolerance = 0.0001: cannot be met, the time step stands in the way",
+            "with 60 steps",
+            "take a smaller simulation.step, or let simulation.tolerance choose it",
+        ),
     ),
     "round-off": (
         ("reduction={tolerance=1e-8, %s}" % PLAIN, SHORT, RIGID, "effects.motor.table=[[0.0, 0.0], [0.05, 1e-7]]"),
@@ -46,8 +64,12 @@ REFUSED = {
     ),
     "step": (
         ("simulation={tolerance=1e-3, duration=0.1, step=1e-3}",),
-        ("simulation.tolerance = 0.001: cannot be met, the time step stands in the way", "step: at best 0.00",
-         "allowed 0.0005", "simulation.step = 0.001 is kept as given; leave it out to have it chosen"),
+        (
+            "simulation.tolerance = 0.001: cannot be met, the time step stands in the way",
+            "step: at best 0.00",
+            "allowed 0.0005",
+            "simulation.step = 0.001 is kept as given; leave it out to have it chosen",
+        ),
     ),
     "no outputs": (
         ("reduction={tolerance=1e-3}", "outputs={}"),
@@ -81,12 +103,18 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     """A build says it, `info` shows the attempts, a run takes the chosen step or another for a tolerance of its own."""
     rom, run = tmp_path / "rom.h5", tmp_path / "run.h5"
     given = f"reduction={{tolerance=1e-2, {PLAIN}}}"
-    said = pgmp("build", PAPER_SCENE, "-o", rom,
-                *overridden(given, "simulation={tolerance=1e-2, duration=0.1}", RIGID)).stdout
-    for words in ("chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.01",
-                  "kept as given: reduction.modes = 4", "the step was found with 'own'", "simulation.step = 0.00156",
-                  "trained on r1 = 0.0056", "no part of the tolerance: cells cut in two",
-                  "processor time of a sample"):
+    said = pgmp(
+        "build", PAPER_SCENE, "-o", rom, *overridden(given, "simulation={tolerance=1e-2, duration=0.1}", RIGID)
+    ).stdout
+    for words in (
+        "chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.01",
+        "kept as given: reduction.modes = 4",
+        "the step was found with 'own'",
+        "simulation.step = 0.00156",
+        "trained on r1 = 0.0056",
+        "no part of the tolerance: cells cut in two",
+        "processor time of a sample",
+    ):
         assert words in said, said
     told = pgmp("info", rom).stdout
     for words in ("  basis, allowed 0.005", "  step, allowed 0.005", "modes = 4, static_modes = true, inertia_modes"):
@@ -96,7 +124,7 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     assert "simulation.tolerance = 0.001: simulation.step = " in again
     too_long = overridden("simulation={tolerance=1e-4, duration=0.1, step=4e-3}")
     refused = pgmp("simulate", rom, "-o", run, *too_long, status=2)
-    assert 'the time step stands in the way\n  step: at best' in refused.stderr
+    assert "the time step stands in the way\n  step: at best" in refused.stderr
     assert 'model = "reduced"' in refused.stderr
 
 
@@ -110,7 +138,7 @@ def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> N
     two = mpirun(2, *PGMP, *command, "-o", tmp_path / "two.h5").stdout
 
     def chosen(text: str) -> list[str]:
-        lines = text[text.index("chosen for"):].splitlines()
+        lines = text[text.index("chosen for") :].splitlines()
         return [line for line in lines if "processor time" not in line]
 
     assert chosen(one) == chosen(two)
@@ -118,7 +146,14 @@ def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> N
 
 def test_parameter_modes_that_are_given_and_cannot_be_are_bad_input(tmp_path: Path) -> None:
     done = pgmp(
-        "build", PAPER_SCENE, "-o", tmp_path / "rom.h5", "--override", "reduction={tolerance=1e-2, parameter_modes=9}",
-        "--override", "simulation.duration=0.1", status=2,
+        "build",
+        PAPER_SCENE,
+        "-o",
+        tmp_path / "rom.h5",
+        "--override",
+        "reduction={tolerance=1e-2, parameter_modes=9}",
+        "--override",
+        "simulation.duration=0.1",
+        status=2,
     )
     assert "reduction.parameter_modes = 9" in done.stderr and "independent at every configuration" in done.stderr

@@ -50,8 +50,19 @@ TEXTS = (
         "K",
     "m**9**9", "-", "%", "N" * 200 + "/x.msh", "1e400", "true",
 )  # fmt: skip
-STRUCTURES: tuple[Any, ...] = (True, False, [], {}, [[]], [1], [1, 2], [0.0, 1.0], [1, 2, 3], [[0, 1], [1,
-    2]], {"a": 1})
+STRUCTURES: tuple[Any, ...] = (
+    True,
+    False,
+    [],
+    {},
+    [[]],
+    [1],
+    [1, 2],
+    [0.0, 1.0],
+    [1, 2, 3],
+    [[0, 1], [1, 2]],
+    {"a": 1},
+)
 BYTES = (b"\0", b"\xff", b"\xef\xbb\xbf", b"[", b"]", b"\n", b'"', b"=", b"9" * 5000)
 
 
@@ -206,8 +217,9 @@ def _swap(data: dict[str, Any], rng: random.Random) -> None:
 def _rename(data: dict[str, Any], rng: random.Random) -> None:
     tables = [p for p in _places(data) if isinstance(p[0], dict) and isinstance(p[1], str)] or [({"a": 0}, "a")]
     holder, key = rng.choice(tables)
-    name = rng.choice((key[:-1] or "x", key + "s", key.upper(), "", "a b", "a.b", "/", "..", "x" * 300, "ground",
-        "time"))
+    name = rng.choice(
+        (key[:-1] or "x", key + "s", key.upper(), "", "a b", "a.b", "/", "..", "x" * 300, "ground", "time")
+    )
     holder[name] = holder.pop(key)
 
 

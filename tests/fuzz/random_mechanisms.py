@@ -98,7 +98,9 @@ def _link(
 ) -> Link:
     height = length / np.exp(rng.uniform(math.log(15.0), math.log(100.0)))
     material = str(rng.choice(sorted(MATERIALS)))
-    return Link(name, length, 2 * int(rng.integers(2, 5)), material, height, height * rng.uniform(0.8, 3.0), origin, angle)
+    return Link(
+        name, length, 2 * int(rng.integers(2, 5)), material, height, height * rng.uniform(0.8, 3.0), origin, angle
+    )
 
 
 def _hinge(name: str, one: str, other: str) -> str:
@@ -118,7 +120,9 @@ def _double_pendulum(rng: np.random.Generator) -> Drawing:
     first = _link(rng, "arm", rng.uniform(0.3, 1.0))
     second = _link(rng, "forearm", rng.uniform(0.3, 1.0), (first.length, 0.0))
     joints = [_hinge("base", "ground:origin", "arm:hinge"), _hinge("elbow", "arm:tip", "forearm:hinge")]
-    return Drawing("double_pendulum", [first, second], joints, [_coordinate("theta", "base"), _coordinate("phi", "elbow")])
+    return Drawing(
+        "double_pendulum", [first, second], joints, [_coordinate("theta", "base"), _coordinate("phi", "elbow")]
+    )
 
 
 def _four_bar(rng: np.random.Generator) -> Drawing:
@@ -179,10 +183,16 @@ def _add_effects(drawing: Drawing, rng: np.random.Generator) -> None:
     chances = {
         "motor": (0.8, motor),
         "weight": (0.5, 'type = "gravity"'),
-        "push": (0.2, f'type = "force"\npoint = "{last}:middle"\ndirection = [0.3, 1.0]\n'
-                 f"harmonic = {{ amplitude = {mass * rng.uniform(0.5, 10.0):.4g}, frequency_hz = {rng.uniform(1, 8):.3g} }}"),
+        "push": (
+            0.2,
+            f'type = "force"\npoint = "{last}:middle"\ndirection = [0.3, 1.0]\n'
+            f"harmonic = {{ amplitude = {mass * rng.uniform(0.5, 10.0):.4g}, frequency_hz = {rng.uniform(1, 8):.3g} }}",
+        ),
         "tool": (0.3, f'type = "point_mass"\npoint = "{last}:tip"\nmass = {mass * rng.uniform(0.05, 0.5):.4g}'),
-        "bearing": (0.3, f'type = "joint_damping"\njoint = "base"\ncoefficient = {inertia * rng.uniform(0.1, 2.0):.4g}'),
+        "bearing": (
+            0.3,
+            f'type = "joint_damping"\njoint = "base"\ncoefficient = {inertia * rng.uniform(0.1, 2.0):.4g}',
+        ),
         "rubbing": (0.15, f'type = "joint_friction"\njoint = "base"\nlimit = {0.2 * torque:.4g}\nspeed = 0.05'),
         "spring": (0.2, f'type = "spring_damper"\njoint = "base"\nstiffness = {inertia * rng.uniform(1.0, 50.0):.4g}'),
         "material": (0.4, f'type = "structural_damping"\nstiffness = {rng.uniform(1e-5, 3e-4):.3g}'),

@@ -46,7 +46,10 @@ def test_it_ends_with_status_one_and_names_the_models_limit(command: tuple) -> N
     failed = ensemble.status != Status.FINE
     assert status == 1 and 5 < failed.sum() < N - 5
     np.testing.assert_array_equal(ensemble.status[failed], Status.BROKE_DOWN)
-    assert f"{failed.sum()} of {N} samples failed (status 6): its deformation left what the reduced model holds for" in output
+    assert (
+        f"{failed.sum()} of {N} samples failed (status 6): its deformation left what the reduced model holds for"
+        in output
+    )
 
 
 def test_it_says_that_mean_and_deviation_are_biased_and_where(command: tuple) -> None:
@@ -76,7 +79,9 @@ def test_the_bounds_of_quantiles_hold_for_what_the_failed_samples_would_have_bee
         whole[failed] = found
         statistics = ensemble.statistics[name]
         quantiles = np.quantile(whole, statistics.probabilities)
-        assert np.all(statistics.quantile_bounds[:, 0] <= quantiles) and np.all(quantiles <= statistics.quantile_bounds[:, 1])
+        assert np.all(statistics.quantile_bounds[:, 0] <= quantiles) and np.all(
+            quantiles <= statistics.quantile_bounds[:, 1]
+        )
         assert np.isfinite(statistics.quantile_bounds).any()
     assert "whatever the failed ones would have been" in output and "no bound above" in output
 

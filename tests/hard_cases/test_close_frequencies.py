@@ -127,6 +127,7 @@ def test_blades_that_bend_by_their_weight_do_so_in_both_models() -> None:
 
 def test_a_basis_that_cuts_a_pair_in_two_is_noticed() -> None:
     """8 modes hold half of the second pair, and which half is chance; ``pgmp build`` warns of such a cosine."""
+
     def cut(modes: ModeSet) -> ModeSet:
         spoilt = turned(1, modes)
         return replace(spoilt, eigenvalues=spoilt.eigenvalues[:8], flexible=spoilt.flexible[:, :8])
@@ -194,8 +195,11 @@ def test_half_as_many_angles_are_enough_for_the_lowest_mode() -> None:
 
 def test_adaptive_sampling_finds_the_angles_that_close_modes_need() -> None:
     scene = accurate(
-        f"parameters.r1.nominal={MEETING_R1}", "reduction.sampling_tolerance=1e-2", *run_for(0.5, 1e-3),
-        *start(0.5, 4.0), angles=24,
+        f"parameters.r1.nominal={MEETING_R1}",
+        "reduction.sampling_tolerance=1e-2",
+        *run_for(0.5, 1e-3),
+        *start(0.5, 4.0),
+        angles=24,
     )
     rom = rom_of(scene)
     assert 48 < rom.tables.samples.n < 192

@@ -87,6 +87,7 @@ def test_a_reduced_model_with_massless_rotations(monkeypatch: pytest.MonkeyPatch
     scene = accurate(*run_for(0.1, 1e-3), *start(0.5), angles=48)
     found = {}
     for share in (0.0, 1e-9):
+
         def scaled(cls: type, *arguments: object, share: float = share) -> BeamSection:
             section = of(cls, *arguments)
             return replace(section, rotary_density=section.rotary_density * share)

@@ -31,7 +31,8 @@ def test_the_rigid_velocities_at_dead_centres_are_those_of_the_closed_form(theta
 # half of the angle's errors and more are the two models' different errors of time integration
 @pytest.mark.parametrize("centre", [0.0, np.pi], ids=["outer", "inner"])
 @pytest.mark.parametrize(
-    ("torque", "rise", "speed", "angle", "bent"), [(0.02, 0.5, 1.0, 4e-5, 1e-3), (6.0, 0.03, 17.0, 6e-5, 1.5e-2)],
+    ("torque", "rise", "speed", "angle", "bent"),
+    [(0.02, 0.5, 1.0, 4e-5, 1e-3), (6.0, 0.03, 17.0, 6e-5, 1.5e-2)],
     ids=["slowly", "fast"],
 )
 def test_driven_through_a_dead_centre(

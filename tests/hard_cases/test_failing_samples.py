@@ -86,8 +86,11 @@ def test_an_ensembles_batch_with_samples_that_are_not_physical(name: str) -> Non
 
 
 def test_bounds_truncate_and_lose_no_sample() -> None:
-    model = model_of("reduced", 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=5.6e-4}',
-                     "parameters.r1.bounds=[5.3e-3, 6.0e-3]")
+    model = model_of(
+        "reduced",
+        'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=5.6e-4}',
+        "parameters.r1.bounds=[5.3e-3, 6.0e-3]",
+    )
     batch = run_batch(model, 3, 0, N)
     np.testing.assert_array_equal(batch.status, Status.FINE)
     assert np.all((batch.parameters["r1"] >= 5.3e-3) & (batch.parameters["r1"] <= 6.0e-3))
@@ -151,8 +154,11 @@ def test_a_part_ends_where_an_output_is_no_finite_number() -> None:
 
 def test_samples_are_the_same_in_batches_of_any_size() -> None:
     """With neighbours that fail, or need smaller steps, or are no trouble: to the last bit."""
-    model = model_of("reduced", 'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}',
-                     'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=2e3}}')
+    model = model_of(
+        "reduced",
+        'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}',
+        'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=2e3}}',
+    )
     n = 20
     whole = run_batch(model, 1, 0, n)
     assert {Status.FINE} < set(whole.status) and 0 < np.sum(whole.numerics["steps_divided"] > 1) < n

@@ -47,7 +47,8 @@ def far() -> tuple[Outputs, Outputs]:
 
 # measured: 1.9e-4 and 1.6 %; 4e-5 and 0.08 %; 2e-5 and 0.14 %; 2e-5 and 0.2 %; 2e-5 and 0.5 %
 @pytest.mark.parametrize(
-    ("k", "angle", "bent"), [(0, 4e-4, 3e-2), (1, 8e-5, 3e-3), (2, 5e-5, 3e-3), (3, 5e-5, 4e-3), (4, 5e-5, 1e-2)],
+    ("k", "angle", "bent"),
+    [(0, 4e-4, 3e-2), (1, 8e-5, 3e-3), (2, 5e-5, 3e-3), (3, 5e-5, 4e-3), (4, 5e-5, 1e-2)],
     ids=[f"{share:+d} sigma" for share in SHARES],
 )
 def test_parameters_far_from_the_nominal_ones(far: tuple[Outputs, Outputs], k: int, angle: float, bent: float) -> None:

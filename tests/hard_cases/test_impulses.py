@@ -21,8 +21,12 @@ IMPULSE = 0.1  # N m s, on a beam of 1 m and 0.6 kg
 
 
 BEAM = (
-    "bodies.arm.section.radius=5e-3", "reduction.modes=4", "reduction.static_modes=true", "reduction.angles=16",
-    'outputs.angle={type="angle", joint="hinge"}', 'outputs.tip={type="rotation", point="arm:tip"}',
+    "bodies.arm.section.radius=5e-3",
+    "reduction.modes=4",
+    "reduction.static_modes=true",
+    "reduction.angles=16",
+    'outputs.angle={type="angle", joint="hinge"}',
+    'outputs.tip={type="rotation", point="arm:tip"}',
 )
 
 
@@ -114,9 +118,9 @@ def test_an_impulse_on_the_slider_crank_turns_it_as_if_it_were_rigid() -> None:
     kinematics = kinematics_of(scene)
     poses = kinematics.poses(balance.angle)
     rates = kinematics.rates(poses)
-    rigid = np.array([
-        kinematics.mechanism.place_rates(poses[..., k], rates[..., k])[:, 0] for k in range(balance.angle.size)
-    ])
+    rigid = np.array(
+        [kinematics.mechanism.place_rates(poses[..., k], rates[..., k])[:, 0] for k in range(balance.angle.size)]
+    )
     inertia = np.einsum("ki,ij,kj->k", rigid, beams.mass(), rigid)
     after = balance.time > 0.25
     # time to turn from 1/4 s to the end: integral of sqrt(I / 2 E) d theta

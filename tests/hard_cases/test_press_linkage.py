@@ -102,9 +102,7 @@ def main_ends_well(*command: object) -> None:
     assert not end.value.code
 
 
-def test_a_full_order_run_that_fails_keeps_its_part_too(
-    capfd: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_full_order_run_that_fails_keeps_its_part_too(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A torque that no step of this length follows; the file says so, and every command reads it."""
     table = "effects.motor.table=[[0.0, 0.0], [0.004, 0.0], [0.005, 1e9]]"
     path = tmp_path / "run.h5"

@@ -71,7 +71,9 @@ def long_run(radius: float, torque: float) -> tuple[np.ndarray, np.ndarray, np.n
     21 steps are no divisor of a revolution, so that all positions are seen.
     """
     scene = small(
-        f"effects.motor.table=[[0.0, {torque}]]", f"simulation.spectral_radius={radius}", *start(0.0, SPEED),
+        f"effects.motor.table=[[0.0, {torque}]]",
+        f"simulation.spectral_radius={radius}",
+        *start(0.0, SPEED),
         # the mean speed is 0.773 of that at the outer dead centre, where it starts and the inertia is small
         *run_for(1.3 * REVOLUTIONS * TURN / SPEED, TURN / SPEED / STEPS_PER_TURN),
     )

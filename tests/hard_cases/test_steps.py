@@ -57,7 +57,8 @@ def test_constraints_do_not_drift(name: str, step: float) -> None:
 # 0.4 s in steps of 10 to 0.6 ms: the turn of 1.06 rad; 1 ms in steps of 4 to 1 us: the hinge's own fast vibration
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize(
-    ("duration", "steps", "peak"), [(0.4, (1e-2, 5e-3, 2.5e-3, 1.25e-3), 1.0), (1e-3, (8e-6, 4e-6, 2e-6, 1e-6), 2.0)],
+    ("duration", "steps", "peak"),
+    [(0.4, (1e-2, 5e-3, 2.5e-3, 1.25e-3), 1.0), (1e-3, (8e-6, 4e-6, 2e-6, 1e-6), 2.0)],
     ids=["large", "small"],
 )
 def test_second_order_is_seen_over_four_decades(
@@ -91,6 +92,8 @@ def test_a_large_step_converges_or_is_recorded(name: str, speed: float) -> None:
 @pytest.mark.parametrize("name", MODELS)
 def test_a_motion_that_a_large_step_loses_is_kept_by_a_small_one(name: str) -> None:
     """100 rad/s: both models give up in steps of 10 ms (1 rad each), neither in steps of 0.5 ms."""
-    status = [run_model(model_of(name, accurate(*run_for(0.1, step), *start(0.3, 100.0))))[1].status[0]
-              for step in (1e-2, 5e-4)]
+    status = [
+        run_model(model_of(name, accurate(*run_for(0.1, step), *start(0.3, 100.0))))[1].status[0]
+        for step in (1e-2, 5e-4)
+    ]
     assert status == [Status.NOT_CONVERGED, Status.FINE]

@@ -51,7 +51,7 @@ def run(case: str, comm: MPI.Comm) -> object:
     if case == "root_fails":
         return on_root(comm, fail_with, InputError("missing"))
     if case == "root_unpicklable":
-        return type(on_root(comm, lambda: (lambda: None))).__name__
+        return type(on_root(comm, lambda: lambda: None)).__name__
     if case == "timings":
         timings = Timings({"all": 1.0 + comm.rank, f"only {comm.rank}": 0.5})
         return sorted(timings.maximum(comm).as_dict().items())

@@ -46,7 +46,9 @@ PART = (
     "simulation.initial.theta.position=0.2",
 )
 LIMITED = (
-    "coordinates.theta1.range=[0.2,1.4]", "coordinates.theta1.periodic=false", "simulation.initial.theta1.position=0.2",
+    "coordinates.theta1.range=[0.2,1.4]",
+    "coordinates.theta1.periodic=false",
+    "simulation.initial.theta1.position=0.2",
 )
 CASES = {
     "plain": lambda: slider_crank(FEW),
@@ -66,12 +68,8 @@ CASES = {
         "reduction.modes=3",
     ),
     "extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, FINE),
-    "extended_reflected": lambda: four_bar(
-        *UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FINE
-    ),
-    "extended_adaptive": lambda: slider_crank(
-        UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW
-    ),
+    "extended_reflected": lambda: four_bar(*UNCERTAIN_BAR, SPLINE, "reduction.parameter_modes=1", FINE),
+    "extended_adaptive": lambda: slider_crank(UNCERTAIN, *EXTENDED, SPLINE, "reduction.sampling_tolerance=0.3", FEW),
     "curved_extended": lambda: slider_crank(UNCERTAIN, *EXTENDED, SECOND, SPLINE, FINE),
     "two": lambda: over(double_pendulum(GRAVITY), (7, 8)),
     "two_static": lambda: over(double_pendulum(GRAVITY, STATIC, "reduction.inertia_modes=true", *LIMITED), (5, 7)),

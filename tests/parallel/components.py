@@ -28,11 +28,18 @@ def run(directory: Path, kind: str) -> None:
     everywhere = np.concatenate(comm.allgather(recovery))
     same = comm.allreduce(float(np.ptp(comm.allgather(component.probes), axis=0).max()), op=MPI.MAX)
     if comm.rank == 0:
-        terms = {f"{name}_{weight}": matrix for name in ("mass", "stiffness") for weight, matrix in
-                 getattr(component, name).items()}
+        terms = {
+            f"{name}_{weight}": matrix
+            for name in ("mass", "stiffness")
+            for weight, matrix in getattr(component, name).items()
+        }
         np.savez(
-            directory / f"{kind}_{comm.size}.npz", fields=component.fields, probes=component.probes,
-            recovery=everywhere, difference=same, **terms,
+            directory / f"{kind}_{comm.size}.npz",
+            fields=component.fields,
+            probes=component.probes,
+            recovery=everywhere,
+            difference=same,
+            **terms,
         )
 
 

@@ -213,8 +213,21 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
     """A distribution ten times too wide, without bounds, gives negative radii; others are as they would be alone."""
     path = folder / f"wide_{n_ranks}.h5"
     wide = 'parameters.r1={nominal=5.6e-3, unit="m", distribution={name="norm", loc=5.6e-3, scale=5.6e-3}}'
-    done = mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *BATCHES, *overridden(wide), "-o", path,
-                  check_status=1)
+    done = mpirun(
+        n_ranks,
+        *PGMP,
+        "montecarlo",
+        rom,
+        "-n",
+        N,
+        "--seed",
+        SEED,
+        *BATCHES,
+        *overridden(wide),
+        "-o",
+        path,
+        check_status=1,
+    )
     found = Ensemble.read(path)
     values = found.parameters["r1"]
     outside = values <= 0.0
@@ -233,8 +246,11 @@ def test_unphysical_samples_are_recorded_and_not_integrated(
 
 def test_samples_that_cannot_be_integrated_are_recorded(folder: Path) -> None:
     """A torque of up to 1e12 Nm; those samples that survive are as they are among their like."""
-    push = (*SMALL, 'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=1e12}}',
-            'effects.motor.scale="push"')
+    push = (
+        *SMALL,
+        'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=1e12}}',
+        'effects.motor.scale="push"',
+    )
     scene = paper_scene(*push)
     path, rom = folder / "pushed.h5", folder / "pushed_rom.h5"
     rom_of(scene).write(rom)
@@ -283,7 +299,11 @@ def test_groups_of_ranks_share_samples(mpirun: Callable, folder: Path) -> None:
 def test_groups_that_cannot_be(mpirun: Callable, folder: Path, rom: Path, ranks: int) -> None:
     for source, given, said in (
         ((rom,), 2, "--ranks-per-sample = 2: samples of a reduced model are small; leave it out"),
-        ((PAPER_SCENE, "--full"), 4, f"--ranks-per-sample = 4: allowed are 1 to {ranks}, the number of ranks of this run"),
+        (
+            (PAPER_SCENE, "--full"),
+            4,
+            f"--ranks-per-sample = 4: allowed are 1 to {ranks}, the number of ranks of this run",
+        ),
     ):
         words = ("montecarlo", *source, "-n", 2, "-o", folder / "no.h5", "--ranks-per-sample", given)
         done = mpirun(ranks, *PGMP, *words, check_status=2)

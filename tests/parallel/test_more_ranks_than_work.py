@@ -131,7 +131,9 @@ def test_seven_ranks(mpirun: Callable, folder: Callable, tmp_path: Path) -> None
     """Each command in a start of its own: nothing of another one may help it to end."""
     modes, samples = tmp_path / "modes.h5", tmp_path / "three.h5"
     mpirun(7, *PGMP, "modes", BEAMS, *FEW, "-o", modes)
-    np.testing.assert_allclose(ModesTable.read(modes).full_hz, ModesTable.read(folder(1) / "modes.h5").full_hz, rtol=1e-8)
+    np.testing.assert_allclose(
+        ModesTable.read(modes).full_hz, ModesTable.read(folder(1) / "modes.h5").full_hz, rtol=1e-8
+    )
     mpirun(7, *PGMP, "montecarlo", folder(1) / "rom.h5", "-n", 3, "-o", samples)
     close(Ensemble.read(samples).outputs, Ensemble.read(folder(1) / "three.h5").outputs)
 

@@ -1,6 +1,6 @@
 """Measure a small trade-off study on all ranks and print its errors. Used by test_tradeoff.py.
 
-    tradeoff.py tiny|least [OVERRIDE ...]
+tradeoff.py tiny|least [OVERRIDE ...]
 """
 
 from __future__ import annotations

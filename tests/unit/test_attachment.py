@@ -23,11 +23,15 @@ SIDES = {
 }
 LINE, TURNED = triad(np.array([3.0, 4.0])), triad(np.array([np.cos(0.4), np.sin(0.4)]))
 JOINTS = {
-    "revolute": joint("revolute", np.eye(2), np.eye(2)).statements, "fixed": joint("fixed", np.eye(2), TURNED).statements,
-    "line": joint("point_on_line", LINE, LINE).statements, "angle": (angle(np.eye(2), TURNED),),
+    "revolute": joint("revolute", np.eye(2), np.eye(2)).statements,
+    "fixed": joint("fixed", np.eye(2), TURNED).statements,
+    "line": joint("point_on_line", LINE, LINE).statements,
+    "angle": (angle(np.eye(2), TURNED),),
 }
 # a rigid bar welded at its tip to a second one, which carries a mass at its middle; a flexible one beyond
-WELDED = BAR + """
+WELDED = (
+    BAR
+    + """
 [bodies.arm]
 line = { length = 0.5, elements = 2 }
 element = "beam2d"
@@ -42,6 +46,7 @@ type = "point_mass"
 point = "arm:tip"
 mass = 0.3
 """
+)
 
 
 def unknowns() -> np.ndarray:

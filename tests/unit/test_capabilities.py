@@ -60,7 +60,9 @@ def test_the_step_of_rigid_mechanisms_is_not_chosen_by_a_tolerance(purpose: Purp
 
 @pytest.mark.parametrize("purpose", [Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF])
 def test_rigid_mechanisms_have_nothing_to_reduce(purpose: Purpose) -> None:
-    with pytest.raises(InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"):
+    with pytest.raises(
+        InputError, match="all are rigid, so there is nothing to reduce; run pgmp simulate SCENE --full"
+    ):
         check_capabilities(scene_of("all rigid in the plane"), purpose)
 
 

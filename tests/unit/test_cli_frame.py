@@ -129,7 +129,10 @@ def test_standard_output_on_a_full_disk(parallel_scripts):
     with open("/dev/full", "w", encoding="utf-8") as full:
         done = subprocess.run(
             [sys.executable, parallel_scripts / "commands.py", "fine"],
-            stdout=full, stderr=subprocess.PIPE, text=True, timeout=TIMEOUT_SECONDS,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=TIMEOUT_SECONDS,
         )
     assert done.returncode == 1
     assert done.stderr.splitlines() == [

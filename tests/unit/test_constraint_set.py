@@ -13,8 +13,13 @@ from pgmp_petsc.mechanism.constraints import constraint_hessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
-SCENES = {"slider_crank": slider_crank, "pendulum": pendulum, "four_bar": four_bar, "trammel": trammel,
-          "quick_return": quick_return}
+SCENES = {
+    "slider_crank": slider_crank,
+    "pendulum": pendulum,
+    "four_bar": four_bar,
+    "trammel": trammel,
+    "quick_return": quick_return,
+}
 
 
 @pytest.fixture(params=SCENES)

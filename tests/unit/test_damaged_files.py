@@ -1,6 +1,6 @@
 """Random damage to results and pieces: one message, never a traceback, a hang, a crash, or wrong numbers.
 
-    PGMP_FUZZ=10 .venv/bin/python -m pytest tests/unit/test_damaged_files.py        ten times as many cases
+PGMP_FUZZ=10 .venv/bin/python -m pytest tests/unit/test_damaged_files.py        ten times as many cases
 """
 
 from __future__ import annotations

@@ -17,7 +17,10 @@ from pgmp_petsc.reduction.rom import ReducedOrderModel
 SPLINE = 'reduction.interpolation="spline"'
 UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-3, scale=5.6e-4}}'
 EXTENDED = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.parameter_modes=2"
+    "reduction.modes=3",
+    "reduction.static_modes=true",
+    "reduction.inertia_modes=true",
+    "reduction.parameter_modes=2",
 )
 
 

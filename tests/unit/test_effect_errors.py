@@ -74,8 +74,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "two functions": (
         (f'effects.e={{type="torque", joint="hinge", table=[[0, 1]], {WAVE}}}',),
-        ("effects.e.harmonic = { amplitude = 1, frequency_hz = 1 }: exactly one of table, harmonic is needed; "
-         "table and harmonic are given",),
+        (
+            "effects.e.harmonic = { amplitude = 1, frequency_hz = 1 }: exactly one of table, harmonic is needed; "
+            "table and harmonic are given",
+        ),
     ),
     "no direction": (
         (f'effects.e={{type="force", point="rod:tip", {WAVE}}}',),
@@ -193,8 +195,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "damping of a weld": (
         ('effects.e={type="joint_damping", joint="weld", coefficient=1}',),
-        ('effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
-         "(allowed: hinge, elbow, slider)",),
+        (
+            'effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
+            "(allowed: hinge, elbow, slider)",
+        ),
     ),
     "friction in no joint": (
         ('effects.e={type="joint_friction", joint="slidr", limit=1, speed=1}',),
@@ -206,8 +210,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "a spring on a weld": (
         ('effects.e={type="spring_damper", joint="weld", stiffness=1}',),
-        ('effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
-         "(allowed: hinge, elbow, slider)",),
+        (
+            'effects.e.joint = "weld": a revolute or point_on_line joint is needed, this one is a fixed '
+            "(allowed: hinge, elbow, slider)",
+        ),
     ),
     "unknown parameter": (
         ('effects.e={type="spring_damper", joint="hinge", stiffness="q"}',),
@@ -277,23 +283,29 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ),
     ),
     "a pulse between steps": (
-        ('effects.e={type="force", point="rod:tip", direction=[1, 0], table=[[0.5002, 0], [0.5004, 100], [0.5006, 0]]}',
-         "simulation.step=1e-3"),
-        ("effects.e.table: has an impulse of 0.02 N s, but 0 with a force read every 0.001 s; take a smaller "
-         "simulation.step, or a pulse that lasts several steps",),
+        (
+            'effects.e={type="force", point="rod:tip", direction=[1, 0], table=[[0.5002, 0], [0.5004, 100], [0.5006, 0]]}',
+            "simulation.step=1e-3",
+        ),
+        (
+            "effects.e.table: has an impulse of 0.02 N s, but 0 with a force read every 0.001 s; take a smaller "
+            "simulation.step, or a pulse that lasts several steps",
+        ),
     ),
     # damping
     "damping of no body": (
         ('effects.e={type="structural_damping", mass=1, bodies=["rd"]}',),
-        ('effects.e.bodies = ["rd"]: there is no body \'rd\'; did you mean \'rod\'?',),
+        ("effects.e.bodies = [\"rd\"]: there is no body 'rd'; did you mean 'rod'?",),
     ),
     "damping of a rigid body": (
         ('effects.e={type="structural_damping", mass=1, bodies=["rod", "crank"]}',),
         ('effects.e.bodies = ["rod", "crank"]: crank is rigid; only flexible bodies have structural damping',),
     ),
     "damped twice": (
-        ('effects.e={type="structural_damping", mass=1, bodies=["rod"]}',
-         'effects.f={type="structural_damping", ratios=[0.1], bodies=["rod"]}'),
+        (
+            'effects.e={type="structural_damping", mass=1, bodies=["rod"]}',
+            'effects.f={type="structural_damping", ratios=[0.1], bodies=["rod"]}',
+        ),
         ("effects.f: effects.e damps rod too; give all the damping of a body in one effect",),
     ),
     # prescribed motion
@@ -379,8 +391,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "no elements": (("bodies.rod.line.elements=0",), ("bodies.rod.line.elements = 0: must be at least 1",)),
     "flexible without rotary inertia": (
         ("bodies.crank.flexible=true",),
-        ('bodies.crank.section = { shape = "coefficients", axial = 1.0, shear = 1.0, bend ...: a flexible body needs '
-         "section.rotary_density above 0",),
+        (
+            'bodies.crank.section = { shape = "coefficients", axial = 1.0, shear = 1.0, bend ...: a flexible body needs '
+            "section.rotary_density above 0",
+        ),
     ),
 }
 
@@ -427,7 +441,8 @@ IN_THE_MESH = {
     "force": (f'effects.e={{type="force", point="rod:midle", direction=[1, 0], {WAVE}}}', "effects.e.point"),
     "towards": (f'effects.e={{type="force", point="rod:tip", towards="crank:midle", {WAVE}}}', "effects.e.towards"),
     "spring": (
-        'effects.e={type="spring_damper", points=["ground:wall", "rod:midle"], stiffness=1, rest=1}', "effects.e.points"
+        'effects.e={type="spring_damper", points=["ground:wall", "rod:midle"], stiffness=1, rest=1}',
+        "effects.e.points",
     ),
     "joint": ('joints.weld.connect=["rod:tip", "block:hing"]', "joints.weld.connect"),
 }

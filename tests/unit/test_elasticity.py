@@ -140,7 +140,8 @@ def test_the_force_is_the_gradient_of_the_energy(kind: str) -> None:
     expected = difference(lambda x: compiled_elements.strain_energy(x, geometry, lame), now)
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12 * np.abs(force).max())
     np.testing.assert_allclose(
-        compiled_elements.strain_energy(now, geometry, lame), energy_of(strains(now, geometry), geometry.volumes, lame),
+        compiled_elements.strain_energy(now, geometry, lame),
+        energy_of(strains(now, geometry), geometry.volumes, lame),
         rtol=1e-13,
     )
 
@@ -188,7 +189,9 @@ def test_large_rigid_motion_gives_no_force_and_turns_what_there_is(kind: str, an
         compiled_elements.forces(after, geometry, lame), expected, rtol=0, atol=1e-12 * np.abs(force).max()
     )
     np.testing.assert_allclose(
-        compiled_elements.strain_energy(after, geometry, lame), compiled_elements.strain_energy(now, geometry, lame), rtol=1e-12
+        compiled_elements.strain_energy(after, geometry, lame),
+        compiled_elements.strain_energy(now, geometry, lame),
+        rtol=1e-12,
     )
 
 

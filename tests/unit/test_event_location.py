@@ -15,7 +15,9 @@ CONTACT = np.pi * np.sqrt(BAR_INERTIA / STIFFNESS)  # half a period of the sprin
 def bouncing(step: float, duration: float, upper: float = GAP, stiffness: object = STIFFNESS, more: str = "") -> Scene:
     """Return a bar that turns freely between stops at ``-GAP`` and `upper`."""
     value = f'"{stiffness}"' if isinstance(stiffness, str) else stiffness
-    return scene_of(BAR, f"""
+    return scene_of(
+        BAR,
+        f"""
 [effects.stop]
 type = "end_stop"
 joint = "hinge"
@@ -29,7 +31,8 @@ spectral_radius = 1.0
 [simulation.initial.theta]
 velocity = {SPEED}
 {more}
-""")
+""",
+    )
 
 
 def exact(time: float) -> float:

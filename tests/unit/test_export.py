@@ -112,7 +112,7 @@ def test_a_system_that_fails_to_write(exported, monkeypatch):
     assert [path.name for path in exported[1].parent.iterdir()] == ["t.xdmf"]
 
 
-@pytest.mark.parametrize("name", ["a b/run 1.h5", "Größe/läuft.h5", "a&b/<run>'s \"x\".h5"])
+@pytest.mark.parametrize("name", ["a b/run 1.h5", "Größe/läuft.h5", 'a&b/<run>\'s "x".h5'])
 def test_paths_with_spaces_and_signs(tmp_path, monkeypatch, name):
     (tmp_path / name).parent.mkdir()
     (tmp_path / "for paraview").mkdir()

@@ -63,6 +63,9 @@ def test_an_ensemble_without_any_fine_sample() -> None:
 def test_smaller_steps_are_noted() -> None:
     status, divisors = np.array([0, 0, 0, 2, 0, 3]), np.array([1, 2, 4, 8, 2, 1])
     saved, given_up = (remark.text for remark in step_remarks(status, divisors, 1e-3))
-    assert saved.startswith("3 of 6 samples failed with simulation.step = 0.001 s") and "2 with 1/2 of it, 1 with 1/4" in saved
+    assert (
+        saved.startswith("3 of 6 samples failed with simulation.step = 0.001 s")
+        and "2 with 1/2 of it, 1 with 1/4" in saved
+    )
     assert given_up.startswith("1 of the samples that failed were tried with steps down to 1/8")
     assert step_remarks(np.zeros(3), np.ones(3), 1e-3) == ()

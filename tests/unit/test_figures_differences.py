@@ -98,7 +98,9 @@ def test_one_result_needs_no_words_and_models_are_told() -> None:
     assert tell_apart([record(), replace(record(), scene_toml="no TOML")]) != ["", ""]
     assert short_names([Path("x/a.h5"), Path("y/b.h5")]) == ["a.h5", "b.h5"]
     many = record(E=1.0, modes=1, step=1.0, velocity=1.0)
-    assert all(text.endswith(name) for text, name in zip(tell_apart([many, record()], files=[Path("a"), Path("b")]), "ab"))
+    assert all(
+        text.endswith(name) for text, name in zip(tell_apart([many, record()], files=[Path("a"), Path("b")]), "ab")
+    )
 
 
 def test_runs_of_one_case_differ_in_the_model_and_its_resolution_alone() -> None:
@@ -171,7 +173,12 @@ def test_the_path_ends_where_the_run_does() -> None:
 def test_warnings_of_results_are_in_their_pictures() -> None:
     of = replace(record(), remarks=(warning("the step is too long"), note("no estimate"), *map(warning, "abcd")))
     shown = texts(trajectories([Comparison(None, run(of=of))]))
-    assert shown[1:] == ["warning: the step is too long", "warning: a", "warning: b", "and 2 more warnings: see pgmp info"]
+    assert shown[1:] == [
+        "warning: the step is too long",
+        "warning: a",
+        "warning: b",
+        "and 2 more warnings: see pgmp info",
+    ]
     long = replace(synthetic.modes_table(), record=replace(record(), remarks=(warning("too long " * 60),)))
     figure = frequencies([long])
     assert "".join(texts(figure)).endswith("…")

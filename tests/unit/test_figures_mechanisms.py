@@ -48,7 +48,10 @@ def planar_table(n: int = 6, n_modes: int = 3, reduced: float | None = 1.0002):
     theta = np.array(np.meshgrid(np.linspace(0, 1, n), np.linspace(2, 4, n + 1), indexing="ij")).reshape(2, -1)
     full = 100.0 * np.arange(1, n_modes + 1) + (theta[0] + 0.1 * theta[1])[:, None]
     return replace(
-        synthetic.modes_table(), theta=theta, full_hz=full, coordinate_units=PLANE,
+        synthetic.modes_table(),
+        theta=theta,
+        full_hz=full,
+        coordinate_units=PLANE,
         reduced_hz=None if reduced is None else full * reduced,
     )
 
@@ -57,7 +60,9 @@ def planar_run():
     """Return a run over two coordinates."""
     run = synthetic.trajectory(n_frames=3)
     return replace(
-        run, coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]), coordinate_units=PLANE,
+        run,
+        coordinates=np.column_stack([run.coordinates[:, 0], np.sin(run.time)]),
+        coordinate_units=PLANE,
         record=replace(run.record, scene_toml=RANGES),
     )
 
@@ -158,8 +163,12 @@ def test_rigid_bodies_are_hollow():
 def test_a_point_mass_is_a_square_and_pins_at_rest_stand_on_the_ground():
     run = synthetic.trajectory(n_frames=5)
     frames = run.frames
-    bob = {"positions": frames.positions["rod"][:, -1:], "rotations": frames.rotations["rod"][:, -1:],
-           "nodes": np.zeros((1, 2)), "cells": np.empty((0, 2), dtype=int)}
+    bob = {
+        "positions": frames.positions["rod"][:, -1:],
+        "rotations": frames.rotations["rod"][:, -1:],
+        "nodes": np.zeros((1, 2)),
+        "cells": np.empty((0, 2), dtype=int),
+    }
     with_bob = {name: {**getattr(frames, name), "bob": value} for name, value in bob.items()}
     figure = mechanism(replace(run, frames=replace(frames, **with_bob, rigid=frozenset({"bob"}))), n_instants=4)
     markers = [line.get_marker() for line in visible(figure)[0].lines]

@@ -53,8 +53,14 @@ def test_total_costs_count_the_build() -> None:
 def test_keys_name_what_is_there() -> None:
     everything = legend_texts(online_costs(synthetic.tradeoff()))
     assert everything == [
-        "the scene as it is", "reduced", "static modes", "full order", "full order, more cells",
-        "response surface (runs)", "best for the time", "error of the mesh itself",
+        "the scene as it is",
+        "reduced",
+        "static modes",
+        "full order",
+        "full order, more cells",
+        "response surface (runs)",
+        "best for the time",
+        "error of the mesh itself",
     ]
     study = synthetic.tradeoff(surfaces=False, refined=False)
     second = np.arange(len(study.families)) == 1

@@ -41,7 +41,7 @@ def tie_of(places: np.ndarray, frame: FaceFrame) -> FrameTies:
     return FrameTies(SimpleNamespace(dimension=2, n_dofs=n_dofs, bodies=(body,), frame=lambda node: np.arange(N_TIES)))
 
 
-def jacobian_of(tie: FrameTiess, q: np.ndarray) -> np.ndarray:
+def jacobian_of(tie: FrameTies, q: np.ndarray) -> np.ndarray:
     """Return the Jacobian from its entries, shape (3, n, ...)."""
     full = np.zeros((N_TIES, *q.shape))
     np.add.at(full, tie.jacobian_pattern, tie.jacobian_values(q))

@@ -37,8 +37,7 @@ def test_the_frequencies_of_a_free_beam(n_elements: int) -> None:
 
 
 def test_the_error_of_frequencies_falls_at_second_order() -> None:
-    wrong = [free_modes(beam(n, **SLENDER), {}, 1, "e")[0][0] / FREE_FREE[0] ** 2 - 1
-             for n in (8, 16, 32)]
+    wrong = [free_modes(beam(n, **SLENDER), {}, 1, "e")[0][0] / FREE_FREE[0] ** 2 - 1 for n in (8, 16, 32)]
     np.testing.assert_allclose(np.log2(np.array(wrong[:-1]) / wrong[1:]), 2.0, atol=0.1)
 
 

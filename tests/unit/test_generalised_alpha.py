@@ -83,9 +83,13 @@ def two_masses(n_samples: int = 1, **options: object) -> LinearSystem:
     """Return two damped masses under a constant force that start out of equilibrium, each sample from elsewhere."""
     share = 1.0 + 0.1 * np.arange(n_samples)[:, None]
     return LinearSystem(
-        mass=np.diag([1.0, 2.0]), damping=np.array([[0.3, -0.1], [-0.1, 0.1]]),
-        stiffness=np.array([[30.0, -10.0], [-10.0, 10.0]]), force=lambda time: np.array([1.0, -2.0]),
-        q=share * [0.4, -0.3], v=share * [1.0, 2.0], **options,
+        mass=np.diag([1.0, 2.0]),
+        damping=np.array([[0.3, -0.1], [-0.1, 0.1]]),
+        stiffness=np.array([[30.0, -10.0], [-10.0, 10.0]]),
+        force=lambda time: np.array([1.0, -2.0]),
+        q=share * [0.4, -0.3],
+        v=share * [1.0, 2.0],
+        **options,
     )
 
 
@@ -147,15 +151,22 @@ def run(system: object, radius: float, step: float, duration: float = 1.0, **opt
 def amplification(scheme: Scheme, omega_h: float) -> np.ndarray:
     """Return the matrix of a step of ``q'' = -omega^2 q`` on (q, h q', h^2 q'', h^2 A), from the scheme's equations."""
     s = scheme
-    left = np.array([
-        [1.0, 0.0, 0.0, -s.beta],
-        [0.0, 1.0, 0.0, -s.gamma],
-        [0.0, 0.0, -(1 - s.alpha_f), 1 - s.alpha_m],
-        [omega_h**2, 0.0, 1.0, 0.0],
-    ])
-    right = np.array([
-        [1.0, 1.0, 0.0, 0.5 - s.beta], [0.0, 1.0, 0.0, 1 - s.gamma], [0.0, 0.0, s.alpha_f, -s.alpha_m], [0.0] * 4,
-    ])
+    left = np.array(
+        [
+            [1.0, 0.0, 0.0, -s.beta],
+            [0.0, 1.0, 0.0, -s.gamma],
+            [0.0, 0.0, -(1 - s.alpha_f), 1 - s.alpha_m],
+            [omega_h**2, 0.0, 1.0, 0.0],
+        ]
+    )
+    right = np.array(
+        [
+            [1.0, 1.0, 0.0, 0.5 - s.beta],
+            [0.0, 1.0, 0.0, 1 - s.gamma],
+            [0.0, 0.0, s.alpha_f, -s.alpha_m],
+            [0.0] * 4,
+        ]
+    )
     return np.linalg.solve(left, right)
 
 
@@ -244,7 +255,12 @@ def test_a_constant_acceleration_is_integrated_exactly(radius: float) -> None:
 @pytest.mark.parametrize(
     ("duration", "step", "expected"),
     [
-        (1.0, 1e-3, 1000), (1.0, 0.3, 4), (0.3, 0.1, 3), (0.05, 1e-3, 50), (1e-3, 1e-3, 1), (0.7, 0.1, 7),
+        (1.0, 1e-3, 1000),
+        (1.0, 0.3, 4),
+        (0.3, 0.1, 3),
+        (0.05, 1e-3, 50),
+        (1e-3, 1e-3, 1),
+        (0.7, 0.1, 7),
         (1.0, 0.9999, 2),
     ],
 )

@@ -194,9 +194,7 @@ def test_the_same_slider_twice_changes_nothing(crank_slider: RigidKinematics) ->
 
 def test_the_unit_of_length_does_not_matter() -> None:
     scale = 1e-4  # a mechanism of micrometres
-    kinematics = kinematics_of(
-        slider_crank('bodies.crank.mesh="0.0:3e-5:5"', 'bodies.rod.mesh="3e-5:1e-4:5"')
-    )
+    kinematics = kinematics_of(slider_crank('bodies.crank.mesh="0.0:3e-5:5"', 'bodies.rod.mesh="3e-5:1e-4:5"'))
     expected = slider_crank_poses(THETA) * np.array([scale, scale, 1.0])[:, None]
     np.testing.assert_allclose(kinematics.poses(THETA), expected, rtol=0, atol=1e-11)
 

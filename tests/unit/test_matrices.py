@@ -56,9 +56,7 @@ def test_the_weighted_sum_is_the_matrix_of_a_scene_of_numbers(matrices: AffineMa
     plain = assemble(numbers.bodies, range(numbers.n_dofs))
     for affine, single in ((matrices.mass, plain.mass), (matrices.stiffness, plain.stiffness)):
         assert set(single) == {ONE}
-        np.testing.assert_allclose(
-            weighted_sum(affine, VALUES).toarray(), single[ONE].toarray(), rtol=1e-13, atol=0
-        )
+        np.testing.assert_allclose(weighted_sum(affine, VALUES).toarray(), single[ONE].toarray(), rtol=1e-13, atol=0)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 17])

@@ -103,9 +103,7 @@ def test_a_torque_on_the_ground_hinge_loads_one_node() -> None:
 
 
 def test_a_torque_between_bodies_has_its_reaction() -> None:
-    scene = slider_crank(
-        'effects.motor.joint="elbow"', 'effects.motor.scale="gain"', "parameters.gain.nominal=1.0"
-    )
+    scene = slider_crank('effects.motor.joint="elbow"', 'effects.motor.scale="gain"', "parameters.gain.nominal=1.0")
     (load,) = all_loads(scene)
     assert load.weight == Monomial((("gain", 1),))
     assert (load.vector[17], load.vector[20]) == (-1.0, 1.0)

@@ -22,9 +22,7 @@ LINE_OF_THREE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 1.0, 0.0]]
 
 def written(tmp_path: Path, points: list, cells: list, suffix: str = "vtu", **data: object) -> Path:
     path = tmp_path / f"mesh.{suffix}"
-    meshio.Mesh(
-        np.array(points, dtype=float), [(kind, np.array(rows)) for kind, rows in cells], **data
-    ).write(path)
+    meshio.Mesh(np.array(points, dtype=float), [(kind, np.array(rows)) for kind, rows in cells], **data).write(path)
     return path
 
 
@@ -35,9 +33,7 @@ def test_shipped_meshes_run_from_hinge_to_tip(body: str, hinge: float, tip: floa
     # The file holds 16 significant digits, so coordinates are exact to a few units in the last place.
     np.testing.assert_allclose(mesh.nodes[:, 0], np.linspace(hinge, tip, n_elements + 1), rtol=0, atol=1e-15)
     np.testing.assert_array_equal(mesh.nodes[:, 1], 0.0)
-    np.testing.assert_array_equal(
-        mesh.cells, np.column_stack([np.arange(n_elements), np.arange(1, n_elements + 1)])
-    )
+    np.testing.assert_array_equal(mesh.cells, np.column_stack([np.arange(n_elements), np.arange(1, n_elements + 1)]))
     assert mesh.points == {"hinge": 0, "tip": n_elements}
     assert (mesh.n_nodes, mesh.n_cells) == (n_elements + 1, n_elements)
     np.testing.assert_allclose(mesh.lengths, (tip - hinge) / n_elements, rtol=0, atol=1e-15)
@@ -45,9 +41,7 @@ def test_shipped_meshes_run_from_hinge_to_tip(body: str, hinge: float, tip: floa
 
 @pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="gmsh's Python module is not installed")
 def test_make_meshes_writes_what_is_shipped(tmp_path: Path) -> None:
-    subprocess.run(
-        [sys.executable, ROOT / "scripts" / "make_meshes", "-o", tmp_path, "-n", "5", "3"], check=True
-    )
+    subprocess.run([sys.executable, ROOT / "scripts" / "make_meshes", "-o", tmp_path, "-n", "5", "3"], check=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "crank_3.msh",
         "crank_5.msh",
@@ -124,9 +118,7 @@ def test_gmsh_groups_of_several_or_no_line_nodes_are_explained(tmp_path: Path) -
 
 @pytest.fixture
 def mesh() -> LineMesh:
-    return LineMesh(
-        np.array(LINE_OF_THREE)[:, :2], np.array([[0, 1], [1, 2]]), {"hinge": 0, "tip": 2, "7": 1}
-    )
+    return LineMesh(np.array(LINE_OF_THREE)[:, :2], np.array([[0, 1], [1, 2]]), {"hinge": 0, "tip": 2, "7": 1})
 
 
 @pytest.mark.parametrize(("name", "node"), [("hinge", 0), ("tip", 2), ("1", 1), ("2", 2), ("7", 1)])

@@ -48,8 +48,14 @@ def test_a_rigid_mechanism_gives_the_closed_forms_over_several_turns() -> None:
     found = outputs.evaluate(rigid_frames(kinematics, outputs, theta))
     tilt = -np.arcsin(CRANK / ROD * np.sin(theta))
     expected = {
-        "crank": theta, "elbow": tilt - theta, "tilt": tilt, "x": slider(theta), "y": 0.4 * CRANK * np.sin(theta),
-        "moved": slider(theta) - slider(np.array([START])), "bent": 0 * theta, "bent_y": 0 * theta,
+        "crank": theta,
+        "elbow": tilt - theta,
+        "tilt": tilt,
+        "x": slider(theta),
+        "y": 0.4 * CRANK * np.sin(theta),
+        "moved": slider(theta) - slider(np.array([START])),
+        "bent": 0 * theta,
+        "bent_y": 0 * theta,
     }
     assert list(found) == list(expected)
     for name, values in expected.items():
@@ -60,7 +66,14 @@ def test_a_rigid_mechanism_gives_the_closed_forms_over_several_turns() -> None:
 def test_units_and_nodes() -> None:
     _, kinematics, outputs = prepared()
     assert outputs.units == {
-        "crank": "rad", "elbow": "rad", "tilt": "rad", "x": "m", "y": "m", "moved": "m", "bent": "m", "bent_y": "m"
+        "crank": "rad",
+        "elbow": "rad",
+        "tilt": "rad",
+        "x": "m",
+        "y": "m",
+        "moved": "m",
+        "bent": "m",
+        "bent_y": "m",
     }
     mechanism = kinematics.mechanism
     needed = {mechanism.node(point, "") for point in ("crank:hinge", "crank:2", "crank:tip", "rod:hinge", "rod:tip")}

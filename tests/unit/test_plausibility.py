@@ -19,7 +19,7 @@ SOLID = ROOT / "scenes" / "slider_crank_solid2d.toml"
 DRIVEN = ROOT / "scenes" / "spinning_beam.toml"
 R1 = "parameters.r1.distribution"
 STOP = 'effects.stop={type="end_stop", joint="crank_hinge", stiffness=100.0, '
-Q = 'parameters.q={nominal=0.1, distribution='
+Q = "parameters.q={nominal=0.1, distribution="
 
 #: Overrides of a scene, the entry that is named, and words of the reason; each is refused.
 REFUSED = {

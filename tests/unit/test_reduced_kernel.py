@@ -315,8 +315,12 @@ def test_the_scale_measures_displacements() -> None:
 def test_only_a_limited_range_can_be_left() -> None:
     turning = reduced_model(slider_crank("reduction.angles=8", "reduction.modes=2"))
     limited = reduced_model(
-        slider_crank("reduction.angles=8", "reduction.modes=2", "coordinates.theta.range=[-0.1, 1.0]",
-                     "coordinates.theta.periodic=false")
+        slider_crank(
+            "reduction.angles=8",
+            "reduction.modes=2",
+            "coordinates.theta.range=[-0.1, 1.0]",
+            "coordinates.theta.periodic=false",
+        )
     )
     for model, expected in ((turning, [False] * 3), (limited, [True, False, True])):
         system = system_of(model, 3)

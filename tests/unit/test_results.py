@@ -78,9 +78,11 @@ def test_names_of_the_contract(tmp_path):
         with h5py.File(tmp_path / name) as file:
             bare = []
             file.visititems(
-                lambda path, item: bare.append(path)
-                if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
-                else None
+                lambda path, item: (
+                    bare.append(path)
+                    if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
+                    else None
+                )
             )
             assert bare == []
 

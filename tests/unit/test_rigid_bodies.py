@@ -55,7 +55,9 @@ def test_a_rigid_body_has_the_mass_of_the_flexible_one_in_rigid_motions() -> Non
 
 
 def test_a_mass_on_a_rigid_body_away_from_its_centre_is_a_particle_with_a_weld() -> None:
-    scene = scene_of(BAR, """
+    scene = scene_of(
+        BAR,
+        """
 [parameters.m]
 nominal = 2.0
 [effects.bob]
@@ -67,7 +69,8 @@ inertia = 0.3
 type = "point_mass"
 point = "bar:middle"
 mass = 0.5
-""")
+""",
+    )
     mechanism = mechanism_with_lines(scene)
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     mass = weighted_sum(matrices.mass, {"m": 3.0}).toarray()

@@ -193,9 +193,11 @@ def test_every_dataset_has_its_unit(path: Path) -> None:
     with h5py.File(path) as file:
         lacking: list[str] = []
         file.visititems(
-            lambda name, item: lacking.append(name)
-            if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
-            else None
+            lambda name, item: (
+                lacking.append(name)
+                if isinstance(item, h5py.Dataset) and not {"unit", "description"} <= set(item.attrs)
+                else None
+            )
         )
     assert lacking == []
 
@@ -209,7 +211,9 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 def test_a_file_that_was_cut_off_is_refused(path: Path, share: float) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(InputError, match=r"is damaged: it is cut off after \d+ (of \d+ )?bytes; build it again with pgmp build"):
+    with pytest.raises(
+        InputError, match=r"is damaged: it is cut off after \d+ (of \d+ )?bytes; build it again with pgmp build"
+    ):
         ReducedOrderModel.read(path)
 
 

@@ -13,9 +13,10 @@ from pgmp_petsc.scene import Scene
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 YOUNG = (
-    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.05, scale=2.1e11}}', 'materials.steel.E="E"',
+    'parameters.E={nominal=2.1e11, distribution={name="lognorm", s=0.05, scale=2.1e11}}',
+    'materials.steel.E="E"',
 )
-FIXED = 'parameters.rho={nominal=7800.0}'
+FIXED = "parameters.rho={nominal=7800.0}"
 
 
 @pytest.fixture
@@ -90,7 +91,8 @@ def bounded(low: float, high: float, name: str = '"norm", loc=0.0, scale=1.0') -
     """Return a scene with a standard normal parameter of a load between bounds."""
     nominal = min(max(0.0, low), high)
     return slider_crank(
-        f"parameters.s={{nominal={nominal}, bounds=[{low}, {high}], distribution={{name={name}}}}}", 'effects.motor.scale="s"'
+        f"parameters.s={{nominal={nominal}, bounds=[{low}, {high}], distribution={{name={name}}}}}",
+        'effects.motor.scale="s"',
     )
 
 

@@ -58,10 +58,7 @@ ENTRIES = [
     ("coordinates.theta.periodic=1", "coordinates.theta.periodic = 1: true or false is needed"),
     (
         "coordinates.theta.range=[0, 1]",
-        (
-            "coordinates.theta.range = [0, 1]: the range of a periodic coordinate is 2 pi = 6.283185307179586"
-            " long"
-        ),
+        ("coordinates.theta.range = [0, 1]: the range of a periodic coordinate is 2 pi = 6.283185307179586 long"),
     ),
     (
         "coordinates.theta.range=[1, 1]",
@@ -118,7 +115,7 @@ ENTRIES = [
     (
         "outputs.a.type='speed'",
         'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
-        'displacement, deformation)',
+        "displacement, deformation)",
     ),
     (
         "bodies.crank.section.shape=1",
@@ -152,10 +149,7 @@ ENTRIES = [
     ),
     (
         "parameters.r1.distribution.sale=2",
-        (
-            "parameters.r1.distribution.sale = 2: unknown argument of norm; "
-            "did you mean 'scale'? (allowed: loc, scale)"
-        ),
+        ("parameters.r1.distribution.sale = 2: unknown argument of norm; did you mean 'scale'? (allowed: loc, scale)"),
     ),
     (
         "parameters.r1.distribution.name='normm'",
@@ -178,10 +172,7 @@ ENTRIES = [
     ),
     (
         "parameters.r1.distribution={name='beta', a=-1, b=2}",
-        (
-            'parameters.r1.distribution = { name = "beta", a = -1, b = 2 }: scipy.stats refuses these'
-            " arguments of beta"
-        ),
+        ('parameters.r1.distribution = { name = "beta", a = -1, b = 2 }: scipy.stats refuses these arguments of beta'),
     ),
     (
         "parameters.r1.distribution.loc=1",
@@ -226,10 +217,7 @@ ENTRIES = [
     ),
     (
         "joints.elbow.connect=['ground:orign', 'rod:hinge']",
-        (
-            'joints.elbow.connect = "ground:orign": there is no such ground point; did you mean'
-            " 'ground:origin'?"
-        ),
+        ("joints.elbow.connect = \"ground:orign\": there is no such ground point; did you mean 'ground:origin'?"),
     ),
     (
         "joints.elbow.connect=['crank:tip', 'crank:hinge']",
@@ -284,10 +272,7 @@ ENTRIES = [
     ),
     (
         "outputs.slider_position.point='ground:origin'",
-        (
-            'outputs.slider_position.point = "ground:origin": a point of a body is needed; the ground does'
-            " not move"
-        ),
+        ('outputs.slider_position.point = "ground:origin": a point of a body is needed; the ground does not move'),
     ),
     (
         "simulation.initial.thet={}",
@@ -329,9 +314,7 @@ def test_a_body_may_not_be_called_ground() -> None:
 
 
 def test_a_value_of_a_run_outside_the_bounds() -> None:
-    with pytest.raises(
-        InputError, match=r"^parameters.r1.value = 0.5: must lie inside the parameter's bounds"
-    ):
+    with pytest.raises(InputError, match=r"^parameters.r1.value = 0.5: must lie inside the parameter's bounds"):
         load_scene(SLIDER_CRANK, settings=["r1=0.5"])
 
 

@@ -132,7 +132,8 @@ def test_defaults(tmp_path: Path) -> None:
 
 def test_every_entry_is_read(tmp_path: Path) -> None:
     scene = scene_from_toml(
-        MINIMAL + """
+        MINIMAL
+        + """
     [ground.points]
     wall = [1.0, 2.0]
     [parameters.load]

@@ -88,7 +88,10 @@ def test_the_middle_is_of_seven_coordinates_or_eight() -> None:
 def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
     entries = [family[0].entries for family in families_of({}, UNCERTAIN)]
     assert [(entry["inertia_modes"], entry["parameter_modes"], entry["second_order"]) for entry in entries] == [
-        (False, 0, False), (True, 2, False), (False, 0, True), (True, 2, True)
+        (False, 0, False),
+        (True, 2, False),
+        (False, 0, True),
+        (True, 2, True),
     ]
     assert [family[0].entries["parameter_modes"] for family in families_of({}, PAPER)] == [0, 0, 0, 0]
     assert [family[0].entries["parameter_modes"] for family in families_of({"modes": 28}, UNCERTAIN)] == [0, 0]

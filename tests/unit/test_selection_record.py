@@ -75,9 +75,13 @@ def test_in_words() -> None:
     lines = SELECTION.lines()
     assert lines[0] == "chosen for reduction.tolerance = 0.01 and simulation.tolerance = 0.02"
     for words in (
-        "  reduction.modes = 7: leave 0.002", "  reduction.static_modes = true",
-        '  kept as given: reduction.interpolation = "spline"', "    modes = 4: no convergence",
-        "    modes = 7: 0.002 (x, load 'own', r = 1)", "  trained on r = 1, 2", "  no torque acts",
+        "  reduction.modes = 7: leave 0.002",
+        "  reduction.static_modes = true",
+        '  kept as given: reduction.interpolation = "spline"',
+        "    modes = 4: no convergence",
+        "    modes = 7: 0.002 (x, load 'own', r = 1)",
+        "  trained on r = 1, 2",
+        "  no torque acts",
     ):
         assert words in lines
     assert not any("modes = 4" in line for line in SELECTION.lines(attempts=False))

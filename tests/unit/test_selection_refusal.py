@@ -126,8 +126,11 @@ def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
         choice(bench).run()
     message = str(raised.value)
     for words in (
-        "reduction.tolerance = 0.01: cannot be met, the basis stands in the way", "basis: at best 0.03, allowed 0.0035",
-        "x, load 'quick'", "half the load leaves 0.0075", "too large for the terms of first and second order",
+        "reduction.tolerance = 0.01: cannot be met, the basis stands in the way",
+        "basis: at best 0.03, allowed 0.0035",
+        "x, load 'quick'",
+        "half the load leaves 0.0075",
+        "too large for the terms of first and second order",
         "the mesh itself leaves more than the tolerance: cells cut in two would move x by 0.02",
         "a tolerance of 9.0e-02",
     ):
@@ -170,8 +173,11 @@ def test_the_limit_of_the_step(round_off: float, part: str, words: str) -> None:
         step.finish({"basis": 1e-4})
     message = str(raised.value)
     for expected in (
-        f"simulation.tolerance = 0.001: cannot be met, {part} stands in the way", "step: at best 0.002, allowed 0.0005",
-        'model = "reduced"', "basis: not looked at any more", words,
+        f"simulation.tolerance = 0.001: cannot be met, {part} stands in the way",
+        "step: at best 0.002, allowed 0.0005",
+        'model = "reduced"',
+        "basis: not looked at any more",
+        words,
         "the last halving, to 51200 steps, still moves x by 0.002",
     ):
         assert expected in message, message

@@ -29,8 +29,9 @@ def vibrating(n_steps: int) -> np.ndarray:
     right = np.array([[1, 1, 0, 0.5 - s.beta], [0, 1, 0, 1 - s.gamma], [0, 0, 0, 0], [0, 0, s.alpha_f, -s.alpha_m]])
     values = np.linalg.eigvals(np.linalg.solve(left, right))
     root = max(values, key=lambda value: (abs(value), value.imag))
-    return smooth(n_steps) + SHARE * np.real(np.abs(root) ** (INSTANTS / step) * np.exp(
-        1j * np.abs(np.angle(root)) * INSTANTS / step))
+    return smooth(n_steps) + SHARE * np.real(
+        np.abs(root) ** (INSTANTS / step) * np.exp(1j * np.abs(np.angle(root)) * INSTANTS / step)
+    )
 
 
 def searched(motion: Callable[[int], np.ndarray], allowed: float, most: int, first: int = 32) -> StepSearch:

@@ -30,7 +30,9 @@ def tried(*fates: tuple[Status, ...]) -> tuple[list[Attempt], object]:
 
 
 def test_only_those_that_failed_are_tried_again_with_half_the_step() -> None:
-    attempts, outcome = tried((Status.FINE,), (LOST, Status.FINE), (LOST, LOST, Status.FINE), (LOST,), (Status.UNPHYSICAL,))
+    attempts, outcome = tried(
+        (Status.FINE,), (LOST, Status.FINE), (LOST, LOST, Status.FINE), (LOST,), (Status.UNPHYSICAL,)
+    )
     assert [attempt.samples.tolist() for attempt in attempts] == [[0, 1, 2, 3, 4], [1, 2, 3], [2, 3], [3]]
     assert [attempt.divisor for attempt in attempts] == list(DIVISORS)
     assert attempts[0].simulation.step == SIMULATION.step  # as it is: to the last bit

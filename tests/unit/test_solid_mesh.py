@@ -220,9 +220,7 @@ def test_sets_of_element_cards(tmp_path: Path) -> None:
         ("", "", "*NSET, NSET=all\n left\n", 'the set "all" is made from other sets'),
     ],
 )
-def test_sets_of_abaqus_that_meshio_misreads(
-    first: str, second: str, end: str, message: str, tmp_path: Path
-) -> None:
+def test_sets_of_abaqus_that_meshio_misreads(first: str, second: str, end: str, message: str, tmp_path: Path) -> None:
     path = plates(tmp_path, first, second, end)
     with pytest.raises(InputError, match=message) as caught:
         read_solid_mesh(path, 2, ENTRY)

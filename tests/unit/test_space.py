@@ -142,9 +142,7 @@ def test_velocities_and_accelerations_are_those_of_placed_points(name: str) -> N
     )
     turn = space.rotation(pose)[:d, :d]
     velocity = at_points(space.velocity_field(pose, rate[:, None])[:, 0], points)
-    acceleration = at_points(
-        space.acceleration_field(pose, rate[:, None], curvature[:, None, None])[:, 0, 0], points
-    )
+    acceleration = at_points(space.acceleration_field(pose, rate[:, None], curvature[:, None, None])[:, 0, 0], points)
     np.testing.assert_allclose(velocity @ turn.T, slope, rtol=0, atol=FIRST)
     np.testing.assert_allclose(acceleration @ turn.T, bend, rtol=0, atol=SECOND)
 

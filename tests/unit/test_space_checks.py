@@ -17,7 +17,7 @@ MOUNT = "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffne
 GUIDE = "joints.elbow={type='cylindrical', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}"
 SPRINGY = "effects.more={type='spring_damper', joint='elbow', stiffness=1.0"
 FRAME = "two axes of three numbers, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] for example, is needed in space"
-CIRCLE = "{ shape = \"circle\", radius = 0.01 }"
+CIRCLE = '{ shape = "circle", radius = 0.01 }'
 
 # A scene of the repository, one override of it, and the one line that it is answered with.
 ENTRIES = [
@@ -367,9 +367,7 @@ def test_an_effect_on_a_cylindrical_joint_says_on_which_of_its_motions() -> None
     scene = ROOT / "scenes" / f"{SPACE}.toml"
     with pytest.raises(InputError) as caught:
         load_scene(scene, [GUIDE, SPRINGY + "}"])
-    assert str(caught.value) == (
-        'effects.more.motion: missing; elbow is cylindrical: "turning" or "sliding" is needed'
-    )
+    assert str(caught.value) == ('effects.more.motion: missing; elbow is cylindrical: "turning" or "sliding" is needed')
     for motion in ("turning", "sliding"):
         assert load_scene(scene, [GUIDE, f"{SPRINGY}, motion='{motion}'}}"]).effects["more"].motion == motion
 
@@ -431,7 +429,10 @@ def test_what_only_beams_have_is_refused_before_a_build(scene: str, override: st
     loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
     with pytest.raises(InputError) as caught:
         check_capabilities(loaded, Purpose.BUILD)
-    assert str(caught.value) == f"{entry}: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
+    assert (
+        str(caught.value)
+        == f"{entry}: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
+    )
 
 
 def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
@@ -439,4 +440,7 @@ def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
     loaded = load_scene(ROOT / "scenes" / f"{PLANE}.toml", overrides)
     with pytest.raises(InputError) as caught:
         check_capabilities(loaded, Purpose.BUILD)
-    assert str(caught.value) == "effects.a: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
+    assert (
+        str(caught.value)
+        == "effects.a: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
+    )

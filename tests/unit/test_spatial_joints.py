@@ -84,9 +84,7 @@ def test_the_number_of_constraints(kind: str, joint: Joint) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_frames_that_obey_a_joint_leave_no_residual(kind: str, seed: int) -> None:
     axes = axes_of(seed + 20)
-    np.testing.assert_allclose(
-        residual(make_joint(kind, *axes), *obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON
-    )
+    np.testing.assert_allclose(residual(make_joint(kind, *axes), *obeying(kind, axes, seed)), 0.0, rtol=0, atol=EPSILON)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -343,9 +341,7 @@ def test_the_derivatives_of_the_angle_everywhere() -> None:
         ahead, behind = z.copy(), z.copy()
         ahead[i] += step
         behind[i] -= step
-        slope = (TURN.value(ahead[:12], ahead[12:]) - TURN.value(behind[:12], behind[12:])) / (
-            2 * step
-        )
+        slope = (TURN.value(ahead[:12], ahead[12:]) - TURN.value(behind[:12], behind[12:])) / (2 * step)
         # round-off over the step, 1e-10
         np.testing.assert_allclose(gradient[i], slope, rtol=0, atol=1e-9)
     one = TURN.gradient(a[:, 3], b[:, 3]), TURN.hessian(a[:, 3], b[:, 3])

@@ -141,4 +141,3 @@ def test_a_reference_that_fails_ends_the_study() -> None:
     mad = "effects.motor.table=[[0.0, 1e9]]"
     with pytest.raises(RunError, match=r"the full-order reference: 8 of 8 samples failed, the first \(r1 = 0.004297\)"):
         study(small_scene(LIMITED, mad), replace(TINY, surfaces=0, tensor_modes=()))
-

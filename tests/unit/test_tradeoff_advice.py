@@ -134,7 +134,7 @@ def test_nothing_could_be_measured() -> None:
 
 def test_a_poor_mesh_and_a_poor_reference_are_named() -> None:
     study = synthetic.tradeoff()
-    mesh, = (piece for piece in advise(study) if "meshes" in piece)
+    (mesh,) = (piece for piece in advise(study) if "meshes" in piece)
     assert "off by 0.002 % in crank_angle and 1 % in slider_deformation, against cells cut into 4" in mesh
     assert not [piece for piece in advise(study) if "not settled" in piece]
     moved = np.array([[1e-8, 1e-3], [1.0, 1.0]])

@@ -57,8 +57,11 @@ def test_histories_have_their_instants_in_common(make) -> None:
 
 
 def test_a_sample_that_fails_is_named() -> None:
-    limited = scene("coordinates.theta.range=[0.0, 2.0]", "coordinates.theta.periodic=false",
-                    "simulation.initial.theta.velocity=200.0")
+    limited = scene(
+        "coordinates.theta.range=[0.0, 2.0]",
+        "coordinates.theta.periodic=false",
+        "simulation.initial.theta.velocity=200.0",
+    )
     model = reduced_model(limited)
     message = r"2 of 2 samples failed, the first \(r1 = 0.005\) at 0.01.* s: a coordinate left"
     with pytest.raises(RunError, match=message):

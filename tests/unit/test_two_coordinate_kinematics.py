@@ -110,8 +110,11 @@ def test_a_branching_chain() -> None:
 
 
 def test_reach() -> None:
-    limited = ("coordinates.theta2.range=[0.2,1.0]", "coordinates.theta2.periodic=false",
-               "simulation.initial.theta2.position=0.2")
+    limited = (
+        "coordinates.theta2.range=[0.2,1.0]",
+        "coordinates.theta2.periodic=false",
+        "simulation.initial.theta2.position=0.2",
+    )
     kinematics = kinematics_of(double_pendulum(*limited))
     theta = np.array([[100.0, 0.5], [0.0, 0.18], [0.0, 0.1], [0.0, 1.1], [np.nan, 0.5], [1e20, 0.5]])
     assert kinematics.within_reach(theta).tolist() == [True, True, False, False, False, False]
@@ -188,8 +191,10 @@ def test_an_isolated_singular_configuration_is_found_between_the_points_of_the_g
 ) -> None:
     # couplers as long as the elbows are apart at most: they stretch only where the cranks point away from each other
     scene = five_bar(
-        f'bodies.first.mesh="0.0:{coupler}:4"', f'bodies.second.mesh="0.0:{coupler}:4"',
-        *limited("theta1", 2.71, upper), *limited("theta2", -0.43, 0.41),
+        f'bodies.first.mesh="0.0:{coupler}:4"',
+        f'bodies.second.mesh="0.0:{coupler}:4"',
+        *limited("theta1", 2.71, upper),
+        *limited("theta2", -0.43, 0.41),
     )
     if not refused:
         kinematics_of(scene)
@@ -203,9 +208,12 @@ def test_an_isolated_singular_configuration_is_found_between_the_points_of_the_g
 def test_a_singular_configuration_around_which_the_branch_turns() -> None:
     # cranks that reach each other: where their elbows meet, the pin may be anywhere
     equal = (
-        'bodies.left.mesh="0.0:0.3:2"', 'bodies.right.mesh="0.0:0.3:2"',
-        *limited("theta1", -0.43, 0.41), *limited("theta2", 2.71, 3.55),
-        "bodies.left.placement.angle=0.3", "bodies.right.placement.angle=2.8",
+        'bodies.left.mesh="0.0:0.3:2"',
+        'bodies.right.mesh="0.0:0.3:2"',
+        *limited("theta1", -0.43, 0.41),
+        *limited("theta2", 2.71, 3.55),
+        "bodies.left.placement.angle=0.3",
+        "bodies.right.placement.angle=2.8",
         "bodies.first.placement={origin=[0.29,0.09],angle=1.5}",
         "bodies.second.placement={origin=[0.31,0.1],angle=1.6}",
     )

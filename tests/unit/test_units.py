@@ -14,8 +14,7 @@ from pgmp_petsc.scene.units import SI, measure
 
 SLIDER_CRANK = Path(__file__).resolve().parents[2] / "scenes" / "slider_crank.toml"
 MILLIMETRES = (
-    'parameters.r1={nominal=5.6, unit="mm", bounds=[1, 12], '
-    'distribution={name="norm", loc=5.6, scale=0.56}, value=6}'
+    'parameters.r1={nominal=5.6, unit="mm", bounds=[1, 12], distribution={name="norm", loc=5.6, scale=0.56}, value=6}'
 )
 
 

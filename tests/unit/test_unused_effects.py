@@ -60,8 +60,10 @@ def test_a_load_is_no_action(calls: Counter) -> None:
 
 
 def test_only_what_is_there_is_built() -> None:
-    bare, damped = (line_model(scene_of(BEAM, SHORT + text)) for text in (
-        "", '[effects.e]\ntype = "structural_damping"\nstiffness = 1e-3\nmass = 1.0\n'))
+    bare, damped = (
+        line_model(scene_of(BEAM, SHORT + text))
+        for text in ("", '[effects.e]\ntype = "structural_damping"\nstiffness = 1e-3\nmass = 1.0\n')
+    )
     for model, any_damping in ((bare, False), (damped, True)):
         batch = model.batch({}, 1)
         problem = batch._problem  # noqa: SLF001

@@ -131,9 +131,7 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
     values = {name: np.array([value]) for name, value in scene.nominal.items()}
     of_loads, of_mass, of_stiffness = (
         np.atleast_2d(evaluate_weights(weights, values).T).reshape(1, -1)
-        for weights in (
-            rom.tables.load_weights, rom.tables.mass_weights, rom.tables.stiffness_weights
-        )
+        for weights in (rom.tables.load_weights, rom.tables.mass_weights, rom.tables.stiffness_weights)
     )
     v, a, amplitudes = np.array([[31.0]]), np.array([[-400.0]]), np.arange(2.0, 2.0 + len(loads))
     third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))

@@ -108,7 +108,11 @@ def test_polynomials_of_any_number_of_coordinates(r: int) -> None:
 def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
     """Two groups of entries, of which the first one of each is left alone; thetas beyond a revolution."""
     grid = Grid(0.5, 0.25, 7, periodic)
-    table, weights, slots = RANDOM.normal(size=(7, 3, 4, 5)), vectors(RANDOM.normal(size=(3, LANES))), np.array([0, 1, 1])
+    table, weights, slots = (
+        RANDOM.normal(size=(7, 3, 4, 5)),
+        vectors(RANDOM.normal(size=(3, LANES))),
+        np.array([0, 1, 1]),
+    )
     kept = aligned_zeros((2 * 5 * 4, LANES))
     for lane in range(LANES):
         theta = RANDOM.uniform(-2.0, 5.0) if periodic else RANDOM.uniform(0.5, 2.25)

@@ -144,7 +144,9 @@ def test_frequencies_of_two_materials_at_other_values_of_a_parameter(known: str)
     assert np.abs(found[0] / found[1] - 1).max() > 1e-3
 
 
-HINGED = HEADER + """
+HINGED = (
+    HEADER
+    + """
 [bodies.arm]
 mesh = "none"
 element = "solid2d"
@@ -163,6 +165,7 @@ type = "gravity"
 duration = 0.1
 step = 2e-3
 """
+)
 
 
 def test_a_bar_that_a_single_frame_holds() -> None:
@@ -316,9 +319,7 @@ def test_frequencies_with_a_scaled_cross_section() -> None:
 def test_the_reduced_run_with_a_scaled_cross_section_is_that_of_the_full_order_model(scale: float) -> None:
     """The basis is that of the nominal section; the full-order model takes the scale of the run or of the sample."""
     scene, meshes = timed(0.1, 1e-3, *SCALED), solid_meshes("quad8", 20)
-    run_of = scene.model_copy(
-        update={"parameters": {"s": scene.parameters["s"].model_copy(update={"value": scale})}}
-    )
+    run_of = scene.model_copy(update={"parameters": {"s": scene.parameters["s"].model_copy(update={"value": scale})}})
     full = simulate_full(FullModel(run_of, meshes), MPI.COMM_SELF)
     reduced = simulate_reduced(ReducedModel(run_of, build_rom(scene, meshes, alone())), MPI.COMM_SELF)
     # a basis of the other section is 1.1e-4 and 1.2 % off, that of the nominal one for itself 3e-6 and 0.8 %

@@ -26,7 +26,8 @@ def test_the_decay_of_a_mode(name: str) -> None:
     text, decay = DECAYS[name]
     step = 5e-4
     scene = scene_of(
-        SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{text}\n' + run_of(0.3, step),
+        SPINNER,
+        f'[effects.loss]\ntype = "structural_damping"\n{text}\n' + run_of(0.3, step),
     )
     # beyond the rotation about the hinge and the first symmetric mode with the middle held: found by its symmetry
     for number in range(1, 4):
@@ -50,7 +51,8 @@ def test_the_decay_of_a_mode(name: str) -> None:
 @pytest.mark.parametrize("damping", ["stiffness = 1e-2", "ratios = [0.1, 0.1, 0.1]"])
 def test_a_rotation_is_not_damped(damping: str) -> None:
     scene = scene_of(
-        SPINNER, f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0),
+        SPINNER,
+        f'[effects.loss]\ntype = "structural_damping"\n{damping}\n' + run_of(2.0, 5e-3, 0.8, velocity=3.0),
     )
     run = recorded(scene)
     turned = run.angle[-1] - run.angle[0]
@@ -100,20 +102,20 @@ WEIGHT = '[effects.weight]\ntype = "gravity"\n'
 BALANCED = {
     "torque": '[effects.e]\ntype = "torque"\njoint = "hinge"\nharmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n',
     "fixed force": '[effects.e]\ntype = "force"\npoint = "bar:tip"\ndirection = [1, 2]\n'
-                   "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n",
+    "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n",
     "following force": '[effects.e]\ntype = "force"\npoint = "bar:tip"\ndirection = [1, 2]\nfollows = true\n'
-                       "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n",
+    "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n",
     "pulling force": '[effects.e]\ntype = "force"\npoint = "bar:tip"\ntowards = "ground:anchor"\n'
-                     "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n[ground.points]\nanchor = [0.5, 2.0]\n",
+    "harmonic = { amplitude = 3.0, frequency_hz = 1.0 }\n[ground.points]\nanchor = [0.5, 2.0]\n",
     "gravity": "",
     "point mass": '[effects.e]\ntype = "point_mass"\npoint = "bar:tip"\nmass = 0.7\n',
     "joint damping": '[effects.e]\ntype = "joint_damping"\njoint = "hinge"\ncoefficient = 0.4\n',
     "joint friction": '[effects.e]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.4\nspeed = 0.5\n',
     "spring on a joint": '[effects.e]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 5.0\ndamping = 0.2\n',
     "spring between points": '[effects.e]\ntype = "spring_damper"\npoints = ["ground:anchor", "bar:tip"]\n'
-                             "stiffness = 9.0\ndamping = 0.2\nrest = 1.0\n[ground.points]\nanchor = [0.5, 2.0]\n",
+    "stiffness = 9.0\ndamping = 0.2\nrest = 1.0\n[ground.points]\nanchor = [0.5, 2.0]\n",
     "prescribed motion": '[effects.e]\ntype = "prescribed_motion"\ncoordinate = "theta"\n'
-                         "harmonic = { amplitude = 1.0, frequency_hz = 1.0 }\n",
+    "harmonic = { amplitude = 1.0, frequency_hz = 1.0 }\n",
     "end stop": '[effects.e]\ntype = "end_stop"\njoint = "hinge"\nlower = -0.6\nstiffness = 100.0\ndamping = 0.1\n',
 }
 FLEXIBLE = {
@@ -129,8 +131,13 @@ def test_the_balance_of_energy_holds_at_second_order(name: str) -> None:
     for step in (4e-3, 2e-3) if name in FLEXIBLE else (1e-2, 5e-3):
         if name in FLEXIBLE:
             # a soft beam, so that steps resolve all of its modes that take part
-            soft = ("bodies.beam.line.elements=2", "bodies.beam.section.axial=400.0", "bodies.beam.section.shear=400.0",
-                    "bodies.beam.section.bending=10.0", "bodies.beam.section.rotary_density=0.05")
+            soft = (
+                "bodies.beam.line.elements=2",
+                "bodies.beam.section.axial=400.0",
+                "bodies.beam.section.shear=400.0",
+                "bodies.beam.section.bending=10.0",
+                "bodies.beam.section.rotary_density=0.05",
+            )
             scene = scene_of(SPINNER, FLEXIBLE[name] + WEIGHT + run_of(0.5, step, velocity=2.0), *soft)
             _, shape = linear_mode(scene, (3, 4), 1)
             run = run_distributed(scene, shape)

@@ -18,8 +18,10 @@ from pgmp_petsc.scene import load_scene
 def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
     """In the plane of rotation, in units of sqrt(EI / rho A L^4), from a short free vibration."""
     scene = scene_of(
-        CANTILEVER, "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
-        f"effects.hold.constant_speed.speed={spin}.0", "bodies.beam.line.elements=16",
+        CANTILEVER,
+        "[simulation]\nduration = 2.5\nstep = 5e-3\nspectral_radius = 0.6\n",
+        f"effects.hold.constant_speed.speed={spin}.0",
+        "bodies.beam.line.elements=16",
     )
     _, shape = linear_mode(scene, [0, 1, 2], 0)
     run = run_batch(scene, 1, 1e-3 * shape)
@@ -35,7 +37,9 @@ def test_the_frequency_of_a_rotating_beam(spin: float, expected: float) -> None:
 
 
 def test_the_beam_of_simo_and_vu_quoc_ends_stretched() -> None:
-    scene = scene_of(CANTILEVER.split("[effects.hold]")[0], """
+    scene = scene_of(
+        CANTILEVER.split("[effects.hold]")[0],
+        """
 [effects.motor]
 type = "prescribed_motion"
 coordinate = "theta"
@@ -44,9 +48,14 @@ spin_up = { speed = 6.0, time = 15.0 }
 duration = 18.0
 step = 1.5e-2
 spectral_radius = 0.6
-""", "bodies.beam.line={ length = 10.0, elements = 6 }", "bodies.beam.section.axial=2.8e7",
-        "bodies.beam.section.shear=1e7", "bodies.beam.section.bending=1.4e4", "bodies.beam.section.line_density=1.2",
-        "bodies.beam.section.rotary_density=6e-4")
+""",
+        "bodies.beam.line={ length = 10.0, elements = 6 }",
+        "bodies.beam.section.axial=2.8e7",
+        "bodies.beam.section.shear=1e7",
+        "bodies.beam.section.bending=1.4e4",
+        "bodies.beam.section.line_density=1.2",
+        "bodies.beam.section.rotary_density=6e-4",
+    )
     run = recorded(scene)
     angle = run.angle
     tip = run.point("beam:tip")
@@ -88,7 +97,10 @@ direction = [0.0, 1.0]
 table = [[0.0, 1.0], [1.0, 1.0]]
 """ + run_of(0.5, 5e-3)
     clamped = recorded(scene_of(CANTILEVER, push))
-    welded = recorded(scene_of(CANTILEVER.replace('"ground:origin", "beam:hinge"', '"ground:origin", "hub:hinge"'), """
+    welded = recorded(
+        scene_of(
+            CANTILEVER.replace('"ground:origin", "beam:hinge"', '"ground:origin", "hub:hinge"'),
+            """
 [bodies.hub]
 line = { length = 0.2, elements = 1 }
 element = "beam2d"
@@ -98,13 +110,19 @@ placement = { angle = 0.7 }
 [joints.weld]
 type = "fixed"
 connect = ["hub:hinge", "beam:hinge"]
-""" + push, "effects.hold.constant_speed.start=0.7"))
+"""
+            + push,
+            "effects.hold.constant_speed.start=0.7",
+        )
+    )
     np.testing.assert_allclose(welded.point("beam:tip"), clamped.point("beam:tip"), rtol=0, atol=1e-9)
     np.testing.assert_allclose(welded.balance.strain, clamped.balance.strain, rtol=0, atol=1e-9)
     assert np.abs(clamped.point("beam:tip")[:, 1]).max() > 0.3
 
 
-EVERYTHING = CANTILEVER.split("[effects.hold]")[0] + """
+EVERYTHING = (
+    CANTILEVER.split("[effects.hold]")[0]
+    + """
 [ground.points]
 anchor = [0.4, 0.9]
 [bodies.pendant]
@@ -177,7 +195,9 @@ joint = "hub"
 lower = -0.05
 stiffness = 300.0
 damping = 0.2
-""" + run_of(0.2, STEP, 0.8)
+"""
+    + run_of(0.2, STEP, 0.8)
+)
 
 ON_RANKS = """
 import sys

@@ -27,13 +27,19 @@ from scipy.special import ellipk
 
 
 def test_a_harmonic_torque() -> None:
-    run = recorded(bar("""
+    run = recorded(
+        bar(
+            """
 [effects.motor]
 type = "torque"
 joint = "hinge"
 harmonic = { amplitude = 0.7, frequency_hz = 2.0, phase = 0.4, mean = 0.2 }
 scale = 1.5
-""", 0.5, velocity=0.3))
+""",
+            0.5,
+            velocity=0.3,
+        )
+    )
     rate, t = 4.0 * np.pi, run.time
     swing = -0.7 / rate**2 * (np.sin(rate * t + 0.4) - np.sin(0.4)) + 0.7 * np.cos(0.4) / rate * t
     expected = 0.3 * t + 1.5 / BAR_INERTIA * (swing + 0.2 * t**2 / 2)
@@ -44,27 +50,39 @@ scale = 1.5
 @pytest.mark.parametrize("point", ["bar:tip", "bar:middle", "bar:hinge"])
 def test_a_force_that_keeps_its_direction(point: str) -> None:
     """On the centre of mass it is a load, elsewhere an action; in the hinge it does nothing."""
-    run = recorded(bar(f"""
+    run = recorded(
+        bar(
+            f"""
 [effects.push]
 type = "force"
 point = "{point}"
 direction = [3.0, 4.0]
 table = [[0.0, 0.0], [0.5, 2.0]]
-""", 0.5, velocity=0.3))
+""",
+            0.5,
+            velocity=0.3,
+        )
+    )
     arm = {"bar:tip": 1.0, "bar:middle": 0.5, "bar:hinge": 0.0}[point]
     expected = turning(lambda t, a, _: 4.0 * t * arm * (0.8 * np.cos(a) - 0.6 * np.sin(a)), run.time, 0.0, 0.3)
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=1e-5)
 
 
 def test_a_force_that_turns_with_its_body() -> None:
-    run = recorded(bar("""
+    run = recorded(
+        bar(
+            """
 [effects.jet]
 type = "force"
 point = "bar:tip"
 direction = [1.0, 1.0]
 follows = true
 harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }
-""", 0.5, position=0.4))
+""",
+            0.5,
+            position=0.4,
+        )
+    )
     expected = 0.4 + np.sqrt(0.5) * 2.0 / BAR_INERTIA * run.time**2 / 2
     # the centre of mass goes round at up to 2 rad/s: (w h)^2 / 12 of half a turn
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=2e-6)
@@ -72,7 +90,10 @@ harmonic = { amplitude = 0.0, frequency_hz = 1.0, mean = 2.0 }
 
 
 def test_a_force_towards_a_point() -> None:
-    run = recorded(scene_of(BAR, """
+    run = recorded(
+        scene_of(
+            BAR,
+            """
 [ground.points]
 anchor = [0.3, 1.4]
 [effects.rope]
@@ -80,7 +101,10 @@ type = "force"
 point = "bar:tip"
 towards = "ground:anchor"
 table = [[0.0, 0.5], [0.5, 1.5]]
-""" + run_of(0.5)))
+"""
+            + run_of(0.5),
+        )
+    )
 
     def torque(t: float, angle: float, _: float) -> float:
         x, y = np.cos(angle), np.sin(angle)
@@ -92,7 +116,10 @@ table = [[0.0, 0.5], [0.5, 1.5]]
 
 def test_a_following_force_at_the_tip_of_a_flexible_beam() -> None:
     """Statics: the tip of a cantilever under a small following couple of forces bends as under a fixed one."""
-    run = recorded(scene_of(CANTILEVER, """
+    run = recorded(
+        scene_of(
+            CANTILEVER,
+            """
 [effects.push]
 type = "force"
 point = "beam:tip"
@@ -102,7 +129,10 @@ table = [[0.0, 0.0], [10.0, 0.03], [20.0, 0.03]]
 [effects.loss]
 type = "structural_damping"
 stiffness = 0.1
-""" + run_of(20.0, 0.1, 0.5)))
+"""
+            + run_of(20.0, 0.1, 0.5),
+        )
+    )
     # F L^3 / 3 EI; elements of second order, (1 / 8)^2 / 4, and finite rotations 1e-4
     assert run.point("beam:tip")[-1, 1] == pytest.approx(0.01, rel=6e-3)
 
@@ -113,9 +143,19 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
     swing = np.pi / 2 + start
     period = 4.0 * np.sqrt(2.0 / (3.0 * G)) * ellipk(np.sin(swing / 2.0) ** 2)
     scene = scene_of(
-        BAR, '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start),
-        *(("bodies.bar.flexible=true", "bodies.bar.section.axial=1e5", "bodies.bar.section.shear=1e5",
-           "bodies.bar.section.bending=1e3", "bodies.bar.section.rotary_density=1e-5") if flexible else ()),
+        BAR,
+        '[effects.weight]\ntype = "gravity"' + run_of(period, 2e-3, 0.8, position=start),
+        *(
+            (
+                "bodies.bar.flexible=true",
+                "bodies.bar.section.axial=1e5",
+                "bodies.bar.section.shear=1e5",
+                "bodies.bar.section.bending=1e3",
+                "bodies.bar.section.rotary_density=1e-5",
+            )
+            if flexible
+            else ()
+        ),
     )
     run = recorded(scene)
     middle = run.angle[len(run.time) // 2]
@@ -129,7 +169,10 @@ def test_the_period_of_a_pendulum(flexible: bool) -> None:
 
 
 def test_a_mass_on_a_rigid_bar_away_from_its_centre() -> None:
-    run = recorded(scene_of(BAR, """
+    run = recorded(
+        scene_of(
+            BAR,
+            """
 [parameters.m]
 nominal = 0.5
 value = 0.8
@@ -142,22 +185,27 @@ type = "point_mass"
 point = "bar:tip"
 mass = "m"
 inertia = 0.05
-""" + run_of(0.6)))
-    expected = turning(
-        lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), run.time, inertia=BAR_INERTIA + 0.8 + 0.05
+"""
+            + run_of(0.6),
+        )
     )
+    expected = turning(lambda t, a, w: -(0.5 + 0.8) * 9.0 * np.cos(a), run.time, inertia=BAR_INERTIA + 0.8 + 0.05)
     # (w h)^2 / 12 of the turn, w up to 4 rad/s, and the same again by the circle that its centre makes
     np.testing.assert_allclose(run.angle, expected, rtol=0, atol=4e-5)
 
 
 def test_a_mass_at_the_tip_of_a_cantilever() -> None:
     ratio = 0.5
-    scene = scene_of(CANTILEVER, f"""
+    scene = scene_of(
+        CANTILEVER,
+        f"""
 [effects.bob]
 type = "point_mass"
 point = "beam:tip"
 mass = {ratio}
-""" + run_of(2.5, 5e-3))
+"""
+        + run_of(2.5, 5e-3),
+    )
     omega, shape = linear_mode(scene, [0, 1, 2], 0)
     root = brentq(
         lambda k: 1 + np.cosh(k) * np.cos(k) + ratio * k * (np.cos(k) * np.sinh(k) - np.sin(k) * np.cosh(k)), 1.0, 1.8
@@ -190,9 +238,9 @@ def coasting(time: np.ndarray, speed: float, braking: float, scale: float) -> np
 
 
 def test_joint_friction_stops_a_bar() -> None:
-    run = recorded(bar(
-        '[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0
-    ))
+    run = recorded(
+        bar('[effects.rub]\ntype = "joint_friction"\njoint = "hinge"\nlimit = 0.5\nspeed = 0.1', 0.8, velocity=1.0)
+    )
     speed = run.rates[:, 0, 2]
     # it stops at J w / limit = 0.667 s; the rate of the end, limit / J speed = 15 / s, leaves (15 h)^2 / 12 of 0.1
     # rad/s, 1e-5
@@ -226,14 +274,17 @@ def test_friction_of_a_sliding_joint() -> None:
 
 
 def test_a_spring_on_a_sliding_joint() -> None:
-    run = block(f"""
+    run = block(
+        f"""
 [effects.spring]
 type = "spring_damper"
 joint = "slide"
 stiffness = 100.0
 damping = 2.0
 rest = {START}
-""", 0.5)
+""",
+        0.5,
+    )
     damped = np.sqrt(100.0 - 1.0)
     expected = START + 0.5 / damped * np.exp(-run.time) * np.sin(damped * run.time)
     # (omega h)^2 / 12 of omega t, 1.7e-4 of 0.05 m
@@ -243,33 +294,39 @@ rest = {START}
 
 def test_a_stop_of_a_sliding_joint() -> None:
     stiffness, place = 2500.0, START + 0.05
-    run = block(f"""
+    run = block(
+        f"""
 [effects.stop]
 type = "end_stop"
 joint = "slide"
 upper = {place}
 stiffness = {stiffness}
-""", 0.4)
+""",
+        0.4,
+    )
     x, arrival, contact = run.point("rod:tip")[:, 0], 0.1, np.pi / np.sqrt(stiffness)
     free = run.time < arrival
     back = run.time > arrival + contact
     np.testing.assert_allclose(x[free], START + 0.5 * run.time[free], rtol=0, atol=BARS)
     # (omega h)^2 / 12 of the time of contact at 0.5 m/s, 3e-5
-    np.testing.assert_allclose(
-        x[back], place - 0.5 * (run.time[back] - arrival - contact), rtol=0, atol=4e-5 + BARS
-    )
+    np.testing.assert_allclose(x[back], place - 0.5 * (run.time[back] - arrival - contact), rtol=0, atol=4e-5 + BARS)
     assert x.max() == pytest.approx(place + 0.5 / np.sqrt(stiffness), abs=1e-5)
 
 
 def test_a_spring_on_a_joint() -> None:
-    run = recorded(bar("""
+    run = recorded(
+        bar(
+            """
 [effects.spring]
 type = "spring_damper"
 joint = "hinge"
 stiffness = 40.0
 damping = 0.6
 rest = 0.2
-""", 0.5))
+""",
+            0.5,
+        )
+    )
     omega, decay = np.sqrt(40.0 / BAR_INERTIA), 0.3 / BAR_INERTIA
     damped = np.sqrt(omega**2 - decay**2)
     turned = np.cos(damped * run.time) + decay / damped * np.sin(damped * run.time)
@@ -279,7 +336,10 @@ rest = 0.2
 
 @pytest.mark.parametrize("order", [("ground:anchor", "bar:tip"), ("bar:tip", "ground:anchor")])
 def test_a_spring_between_two_points(order: tuple[str, str]) -> None:
-    run = recorded(scene_of(BAR, f"""
+    run = recorded(
+        scene_of(
+            BAR,
+            f"""
 [ground.points]
 anchor = [0.3, 1.4]
 [effects.spring]
@@ -288,7 +348,10 @@ points = ["{order[0]}", "{order[1]}"]
 stiffness = 20.0
 damping = 0.7
 rest = 0.9
-""" + run_of(0.6)))
+"""
+            + run_of(0.6),
+        )
+    )
 
     def torque(t: float, angle: float, speed: float) -> float:
         x, y = np.cos(angle), np.sin(angle)
@@ -304,7 +367,9 @@ rest = 0.9
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 def test_a_bar_that_falls_on_a_stop(damping: float) -> None:
     stiffness, lower = 2000.0, -0.5
-    run = recorded(bar(f"""
+    run = recorded(
+        bar(
+            f"""
 [effects.weight]
 type = "gravity"
 [effects.stop]
@@ -313,7 +378,11 @@ joint = "hinge"
 lower = {lower}
 stiffness = {stiffness}
 damping = {damping}
-""", 0.64, STEP))
+""",
+            0.64,
+            STEP,
+        )
+    )
 
     def torque(t: float, angle: float, speed: float) -> float:
         depth = lower - angle

@@ -198,9 +198,12 @@ def test_the_decay_of_a_mode(name: str) -> None:
         return np.array(columns).T
 
     stiffness, damping, mass = (slopes(kind) for kind in range(3))
-    first_order = np.block([
-        [np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
-    ])
+    first_order = np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
+        ]
+    )
     roots = np.linalg.eigvals(first_order)
     expected = 7.8532**2  # of a free beam; 8 elements: (k h)^2 / 8
     mode = roots[np.argmin(np.abs(roots - 1j * expected))]
@@ -367,6 +370,7 @@ def test_only_what_is_there_is_built_and_evaluated(calls: Counter, kind: str) ->
 
 
 # --- the inertia forces quadratic in the velocities ------------------------------------------------------------------
+
 
 def bending(speed: float, keep: bool) -> tuple[np.ndarray, ReducedModel]:
     """Return the bending of a slider-crank's rod at a constant speed of the crank (rad/s) over time, and the model."""

@@ -154,8 +154,13 @@ def test_a_mechanism_that_turns_fast(accurate_rom: ReducedOrderModel) -> None:
 def test_the_error_of_modes_that_are_missing(modes: int) -> None:
     """A third of the deformation or more: the estimate solves the same full-order equations, on the same steps here."""
     overrides = (
-        *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
-        "simulation.duration=0.02", "simulation.step=1e-4", "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
+        *SEEN,
+        f"reduction.modes={modes}",
+        "reduction.angles=32",
+        'reduction.interpolation="spectral"',
+        "simulation.duration=0.02",
+        "simulation.step=1e-4",
+        "effects.motor.table=[[0.0, 0.0], [0.02, 0.5]]",
     )
     values = samples(slider_crank(*overrides), 3, r1=np.array([0.9, 1.0, 1.1]) * RADIUS)
     ratios, shares = effectivity(slider_crank, overrides, None, values, refinement=4)
@@ -169,8 +174,13 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
     found = {}
     for modes in (2, 30):
         scene = slider_crank(
-            *SEEN, f"reduction.modes={modes}", "reduction.angles=32", 'reduction.interpolation="spectral"',
-            "simulation.duration=0.01", "simulation.step=2e-5", "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
+            *SEEN,
+            f"reduction.modes={modes}",
+            "reduction.angles=32",
+            'reduction.interpolation="spectral"',
+            "simulation.duration=0.01",
+            "simulation.step=2e-5",
+            "effects.motor.table=[[0.0, 0.0], [0.01, 0.05]]",
         )
         found[modes] = estimated(reduced_model(scene), samples(scene, 1), 1).largest["angle"][0]
     assert found[30] < 2e-3 * found[2]
@@ -179,7 +189,8 @@ def test_a_complete_basis_with_small_steps_has_hardly_an_error() -> None:
 def test_a_joint_that_turns_with_a_flexible_body() -> None:
     """The quick-return: constraints that are not linear in the nodes, gravity, a start in motion."""
     overrides = (
-        SEEN[0], 'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
+        SEEN[0],
+        'outputs.bent={type="deformation", point="rocker:4", axis="x"}',
         "effects.motor.table=[[0.0, 0.0], [0.05, 0.1], [1.0, 0.1]]",
     )
     values = samples(quick_return(), 4, r1=np.linspace(0.85, 1.15, 4) * RADIUS)

@@ -28,18 +28,20 @@ MOVING = ("simulation.initial.theta.position=0.3", "simulation.initial.theta.vel
 # 8 digits (slider_crank_5el.json of the project's reference data, an explicit Runge-Kutta code on the
 # constraint-eliminated equations, checked against a second code).
 # Time (s), crank angle (rad), slider position (m), slider deformation (m).
-REFERENCE = np.array([
-    [0.1, 0.0146048750845, 0.999955017948, 7.24190967305e-07],
-    [0.2, 0.115185039442, 0.997173860733, 1.14673349999e-05],
-    [0.3, 0.365664082301, 0.971942681681, 4.48716055117e-05],
-    [0.4, 0.724014468419, 0.896026991043, 8.02983183648e-05],
-    [0.5, 1.12990719629, 0.773403914697, 9.79715585098e-05],
-    [0.6, 1.60404591462, 0.622647915996, 8.67961527389e-05],
-    [0.7, 2.24599866669, 0.472198234699, 4.63629473779e-05],
-    [0.8, 3.24477907595, 0.400907500378, -5.81380815223e-06],
-    [0.9, 4.35037428378, 0.534994389961, -7.57351617255e-05],
-    [1.0, 5.28277488032, 0.814768388572, -8.91202658466e-05],
-])
+REFERENCE = np.array(
+    [
+        [0.1, 0.0146048750845, 0.999955017948, 7.24190967305e-07],
+        [0.2, 0.115185039442, 0.997173860733, 1.14673349999e-05],
+        [0.3, 0.365664082301, 0.971942681681, 4.48716055117e-05],
+        [0.4, 0.724014468419, 0.896026991043, 8.02983183648e-05],
+        [0.5, 1.12990719629, 0.773403914697, 9.79715585098e-05],
+        [0.6, 1.60404591462, 0.622647915996, 8.67961527389e-05],
+        [0.7, 2.24599866669, 0.472198234699, 4.63629473779e-05],
+        [0.8, 3.24477907595, 0.400907500378, -5.81380815223e-06],
+        [0.9, 4.35037428378, 0.534994389961, -7.57351617255e-05],
+        [1.0, 5.28277488032, 0.814768388572, -8.91202658466e-05],
+    ]
+)
 
 
 @lru_cache(maxsize=2)
@@ -159,10 +161,14 @@ def test_constraints_hold_at_every_step(name: str) -> None:
 def hanging(position: float, n_steps: int, duration: float) -> Scene:
     """Return a stiff beam of 1 m that swings under gravity; position from the lowest point."""
     return pendulum(
-        GRAVITY, 'bodies.arm.mesh="0.0:1.0:2"', "bodies.arm.section.radius=0.05",
+        GRAVITY,
+        'bodies.arm.mesh="0.0:1.0:2"',
+        "bodies.arm.section.radius=0.05",
         'outputs.x={type="position", point="arm:tip", axis="x"}',
-        f"simulation.initial.phi.position={position - np.pi / 2}", f"simulation.duration={duration}",
-        f"simulation.step={duration / n_steps}", "simulation.spectral_radius=0.8",
+        f"simulation.initial.phi.position={position - np.pi / 2}",
+        f"simulation.duration={duration}",
+        f"simulation.step={duration / n_steps}",
+        "simulation.spectral_radius=0.8",
     )
 
 
@@ -188,7 +194,10 @@ def test_a_stiff_hinged_beam_is_a_physical_pendulum(amplitude: float) -> None:
 def free(step: float, radius: float = 1.0) -> Scene:
     """Return the slider-crank without loads, spinning from an undeformed start that is no equilibrium."""
     return slider_crank(
-        "effects={}", "simulation.initial.theta.velocity=12.0", "simulation.duration=0.2", f"simulation.step={step}",
+        "effects={}",
+        "simulation.initial.theta.velocity=12.0",
+        "simulation.duration=0.2",
+        f"simulation.step={step}",
         f"simulation.spectral_radius={radius}",
     )
 

@@ -212,8 +212,11 @@ THIRD = (
         ),
         (("reduction.tolerance=0.01",), "reduction.tolerance = 0.01: for one rigid coordinate only"),
         (("simulation.tolerance=0.01",), "simulation.tolerance = 0.01: for one rigid coordinate only"),
-        (THIRD, "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken. "
-         "reduction.angles = 8 along each would make 8^3 = 512 configurations: about 0.00"),
+        (
+            THIRD,
+            "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken. "
+            "reduction.angles = 8 along each would make 8^3 = 512 configurations: about 0.00",
+        ),
     ],
 )
 def test_what_is_for_fewer_coordinates_is_refused(overrides: tuple[str, ...], message: str) -> None:

@@ -20,10 +20,14 @@ YOUNG, DENSITY, DURATION = 2e7, 7800.0, 0.02
 CRANK_RADIUS, ROCKER_RADIUS = 0.02, 0.015
 CELLS, LENGTHS = (2, 2), (0.2, 0.8)
 SOFT = (
-    f"materials.steel.E={YOUNG}", f"parameters.r1.nominal={CRANK_RADIUS}",
+    f"materials.steel.E={YOUNG}",
+    f"parameters.r1.nominal={CRANK_RADIUS}",
     f"bodies.rocker.section.radius={ROCKER_RADIUS}",
-    'bodies.crank.mesh="0.0:0.2:2"', 'bodies.rocker.mesh="0.0:0.8:2"', 'joints.pin.connect=["rocker:1", "crank:tip"]',
-    f"simulation.duration={DURATION}", "simulation.initial.theta.velocity=10.0",
+    'bodies.crank.mesh="0.0:0.2:2"',
+    'bodies.rocker.mesh="0.0:0.8:2"',
+    'joints.pin.connect=["rocker:1", "crank:tip"]',
+    f"simulation.duration={DURATION}",
+    "simulation.initial.theta.velocity=10.0",
 )
 TIP, ROCKER, LINE = 3 * 2, 3 * 3, 3 * 4  # first unknowns of the crank's tip, the rocker's hinge and its middle
 
@@ -94,11 +98,15 @@ def test_second_order_on_a_flexible_mechanism_with_a_turning_line(radius: float)
     expected = reference()
     kept = 3 if radius < 1.0 else 2  # undamped multipliers: see test_generalised_alpha
     found = [at_end(n_steps, radius) for n_steps in (200, 400, 800)]
-    errors = np.array([
-        [np.abs(np.abs(one) - np.abs(two)).max() if k == 2 else np.abs(one - two).max()
-         for k, (one, two) in enumerate(zip(state, expected))][:kept]
-        for state in found
-    ])
+    errors = np.array(
+        [
+            [
+                np.abs(np.abs(one) - np.abs(two)).max() if k == 2 else np.abs(one - two).max()
+                for k, (one, two) in enumerate(zip(state, expected))
+            ][:kept]
+            for state in found
+        ]
+    )
     orders = np.log2(errors[:-1] / errors[1:])
     assert np.all(np.abs(orders[-1] - 2.0) < 0.2), (errors, orders)
     # extrapolated, both formulations meet: what is left is of fourth order

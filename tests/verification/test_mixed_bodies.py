@@ -78,7 +78,9 @@ def test_a_reduced_run_is_that_of_the_full_order_model(crank: str) -> None:
         np.testing.assert_allclose(reduced.outputs[name], values, rtol=0, atol=limit * np.abs(values).max())
 
 
-PENDULUM = HEADER + f"""
+PENDULUM = (
+    HEADER
+    + f"""
 [bodies.upper]
 mesh = "none"
 element = "beam2d"
@@ -121,6 +123,7 @@ type = "deformation"
 point = "lower:right"
 axis = "y"
 """
+)
 
 
 def test_a_double_pendulum_of_a_beam_and_a_bar_of_cells() -> None:

@@ -42,9 +42,7 @@ def dense_pencil(kinematics: RigidKinematics, theta: float) -> tuple[np.ndarray,
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
     null = scipy.linalg.null_space(constraints)
-    return tuple(
-        null.T @ weighted_sum(terms, VALUES).toarray() @ null for terms in (matrices.stiffness, matrices.mass)
-    )
+    return tuple(null.T @ weighted_sum(terms, VALUES).toarray() @ null for terms in (matrices.stiffness, matrices.mass))
 
 
 def petsc_matrix(dense: np.ndarray) -> object:
@@ -202,9 +200,7 @@ def rotor(n_blades: int, n_cells: int) -> RigidKinematics:
     angles = 0.1 + 2 * np.pi / n_blades * np.arange(n_blades)
     radii = np.arange(1, n_cells + 1) / n_cells
     blades = [radii[:, None] * [np.cos(angle), np.sin(angle)] for angle in angles]
-    cells = [
-        [0 if i == 0 else k * n_cells + i, k * n_cells + i + 1] for k in range(n_blades) for i in range(n_cells)
-    ]
+    cells = [[0 if i == 0 else k * n_cells + i, k * n_cells + i + 1] for k in range(n_blades) for i in range(n_cells)]
     mesh = LineMesh(np.vstack([np.zeros((1, 2)), *blades]), np.array(cells), {"hinge": 0, "tip": n_cells})
     return RigidKinematics(Mechanism.from_scene(pendulum("bodies.arm.section.radius=5e-3"), {"arm": mesh}))
 
@@ -255,9 +251,7 @@ def test_a_missing_eigenvalue_is_noticed(
     assert "eps_ncv may help" in str(error.value)
 
 
-def test_a_large_residual_is_noticed(
-    pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_residual_is_noticed(pencil: tuple, solver: ShiftInvertSolver, monkeypatch: pytest.MonkeyPatch) -> None:
     a, b, _ = pencil
     fetch = ShiftInvertSolver._fetch
 
@@ -308,7 +302,9 @@ def test_an_option_that_petsc_refuses_is_bad_input(pencil: tuple, options: objec
 
     options["pgmp_modes_count_mat_mumps_icntl_14"] = "x"  # read at the factorisation, which knows its prefix
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
-    with pytest.raises(InputError, match="^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no"):
+    with pytest.raises(
+        InputError, match="^PETSc options -pgmp_modes_count_mat_mumps_icntl_14 x: Input string x has no"
+    ):
         solver.solve(*pencil[:2], 1, 5, "here")
     solver.close()
 
@@ -319,7 +315,9 @@ def test_a_krylov_method_that_stops_early_is_noticed(pencil: tuple, options: obj
     for name, value in (("ksp_type", "cg"), ("ksp_max_it", 1), ("pc_type", "none"), ("ksp_error_if_not_converged", 0)):
         options[f"pgmp_modes_st_{name}"] = value
     solver = ShiftInvertSolver(PETSc.COMM_SELF, -1e-3, "pgmp_modes_")
-    with pytest.raises(RunError, match="with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid"):
+    with pytest.raises(
+        RunError, match="with the shift -0.001: .*DIVERGED_ITS|stopped after 1 iterations with the resid"
+    ):
         solver.factor(*pencil[:2])
         solver.apply_inverse(np.ones((40, 1)))
     solver.close()

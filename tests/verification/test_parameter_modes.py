@@ -27,7 +27,11 @@ UNCERTAIN = 'parameters.r1={nominal=5.6e-3, distribution={name="norm", loc=5.6e-
 LOW = 0.7 * RADIUS
 SPLINE = 'reduction.interpolation="spline"'
 SMALL = (
-    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=48", SPLINE
+    "reduction.modes=3",
+    "reduction.static_modes=true",
+    "reduction.inertia_modes=true",
+    "reduction.angles=48",
+    SPLINE,
 )
 SHARES = np.array([0.7, 0.76, 0.88, 1.0, 1.12, 1.24, 1.3])
 HALF_SINE = str([[float(t), float(0.8 * np.sin(np.pi * t))] for t in np.linspace(0.0, 1.0, 201)])

@@ -42,6 +42,8 @@ EFFECTS = {
     "modal": 'effects.extra={type="structural_damping",ratios=[0.05,0.05]}',
     "drive": 'effects={extra={type="prescribed_motion",coordinate="theta",spin_up={speed=8.0,time=0.1}}}',
 }
+
+
 def scene_with(effect: str, *overrides: str) -> Scene:
     start = () if effect == "drive" else MOVING
     # what acts along the normal of a guide has no static answer: it is left out where a force turns with a body there

@@ -19,9 +19,7 @@ SPLINE = 'reduction.interpolation="spline"'
 
 
 def adaptive(tolerance: float, *more: str) -> ReducedOrderModel:
-    return rom_of(
-        slider_crank("reduction.angles=12", SPLINE, f"reduction.sampling_tolerance={tolerance}", *more)
-    )
+    return rom_of(slider_crank("reduction.angles=12", SPLINE, f"reduction.sampling_tolerance={tolerance}", *more))
 
 
 @pytest.mark.parametrize("periodic", [True, False])

@@ -43,7 +43,11 @@ N_STEPS = int(os.environ.get("PGMP_STEPS", "1000"))  # of 1e-4 s without forces;
 
 def arm(*overrides: str) -> Scene:
     """Return two beams with two coordinates, hinged about axes that are not parallel."""
-    text = HEADER + beam("upper", "0.0:0.5:2") + beam("lower", "0.0:0.4:2") + f"""
+    text = (
+        HEADER
+        + beam("upper", "0.0:0.5:2")
+        + beam("lower", "0.0:0.4:2")
+        + f"""
 [joints.shoulder]
 type = "revolute"
 connect = ["ground:origin", "upper:hinge"]
@@ -59,6 +63,7 @@ joint = "shoulder"
 joint = "elbow"
 {TURN}
 """
+    )
     return scene_from_toml(text, ".", overrides)
 
 
@@ -170,10 +175,7 @@ def test_a_parameter_of_the_section_changes_modes_as_the_section_does() -> None:
 def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
     """A slider-crank of which the weight bends the beams across its plane. Measured: 3e-6 and
     5e-4."""
-    outputs = (
-        'outputs={angle={type="angle", joint="crank_hinge"}, '
-        'across={type="position", point="rod:3", axis="z"}}'
-    )
+    outputs = 'outputs={angle={type="angle", joint="crank_hinge"}, across={type="position", point="rod:3", axis="z"}}'
     made = slider_crank_of_beams(
         *DAMPED, outputs, "simulation.duration=0.1", "reduction.modes=8", "reduction.angles=48",
         "reduction.static_modes=true", "reduction.inertia_modes=true", 'reduction.interpolation="spline"',
@@ -255,7 +257,7 @@ def test_entries_of_space_are_refused_in_the_plane() -> None:
     with pytest.raises(InputError, match=r"bodies\.rod\.orientation = .*: for beam3d only"):
         scene_from_toml(plane, ".", ["bodies.rod.orientation=[0.0, 1.0, 0.0]"])
     with pytest.raises(InputError, match=r'bodies\.rod\.section = .*: a beam2d has the shape "coefficients"'):
-        scene_from_toml(plane, ".", [f"bodies.rod.{COEFFICIENTS}", 'bodies.rod.orientation=[0.0, 1.0, 0.0]'])
+        scene_from_toml(plane, ".", [f"bodies.rod.{COEFFICIENTS}", "bodies.rod.orientation=[0.0, 1.0, 0.0]"])
 
 
 def test_a_bent_line_may_be_along_the_orientation_somewhere() -> None:
@@ -280,5 +282,3 @@ def test_a_section_by_coefficients_is_the_section() -> None:
     for kind in ("mass_entries", "stiffness_entries"):
         one, two = (sum(getattr(each, kind)(np.arange(10)).values()) for each in (body, twin))
         np.testing.assert_allclose(two, one, rtol=1e-12)
-
-

@@ -123,7 +123,10 @@ def roll(moment: float, n: int, about: np.ndarray) -> np.ndarray:
 
     Newton's method on the rotations of the nodes, an incremental load; the moment keeps its direction.
     """
-    turns, places = np.tile(np.eye(3), (n + 1, 1, 1)), np.column_stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))])
+    turns, places = (
+        np.tile(np.eye(3), (n + 1, 1, 1)),
+        np.column_stack([np.linspace(0, 1, n + 1), *np.zeros((2, n + 1))]),
+    )
     axes = np.tile(np.eye(3), (n, 1, 1))
     beams = Beams3d(np.full(n, 1.0 / n), axes, np.array([1e3, 1e3, 1e3, 1.0, 1.0, 1.0]))
     elements = np.column_stack([np.arange(n), np.arange(1, n + 1)])
@@ -135,9 +138,9 @@ def roll(moment: float, n: int, about: np.ndarray) -> np.ndarray:
             # displacements, and rotations in the axes of the nodes: d(d_k) = R (phi x e_k)
             gradient = np.zeros((n + 1, 12, 6))
             gradient[:, :3, :3] = np.eye(3)
-            gradient[:, 3:, 3:] = np.einsum(
-                "nab,kbc->nkac", turns, at_rest()[3:12, 3:6].reshape(3, 3, 3)
-            ).reshape(n + 1, 9, 3)
+            gradient[:, 3:, 3:] = np.einsum("nab,kbc->nkac", turns, at_rest()[3:12, 3:6].reshape(3, 3, 3)).reshape(
+                n + 1, 9, 3
+            )
             residual, matrix = np.zeros(6 * (n + 1)), np.zeros((6 * (n + 1),) * 2)
             for e, nodes in enumerate(elements):
                 dofs = (6 * nodes[:, None] + np.arange(6)).ravel()
@@ -184,8 +187,11 @@ def test_a_moment_rolls_a_cantilever_into_a_circle(n: int, about: list[float]) -
 AREA, ABOUT_2, ABOUT_3 = WIDTH * HEIGHT, HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
 E, SHEAR = STEEL["E"], STEEL["E"] / 2.6
 ODD = np.arange(1, 200, 2)  # of the series of Timoshenko and Goodier 1951, art. 94
-TORSION = HEIGHT * WIDTH**3 / 3 * (
-    1.0 - 192 / np.pi**5 * WIDTH / HEIGHT * np.sum(np.tanh(ODD * np.pi * HEIGHT / (2 * WIDTH)) / ODD**5)
+TORSION = (
+    HEIGHT
+    * WIDTH**3
+    / 3
+    * (1.0 - 192 / np.pi**5 * WIDTH / HEIGHT * np.sum(np.tanh(ODD * np.pi * HEIGHT / (2 * WIDTH)) / ODD**5))
 )
 
 
@@ -202,7 +208,12 @@ def timoshenko(inertia: float, clamped: bool) -> float:
     slope = np.outer(c, 1.0 / c) / away
     slope -= np.diag(slope.sum(axis=1))
     slope *= 2.0  # of a length of 1
-    stiff, bending, zero, one = SHEAR * AREA * 10 * 1.3 / (12 + 11 * 0.3), E * inertia, np.zeros((n + 1,) * 2), np.eye(n + 1)
+    stiff, bending, zero, one = (
+        SHEAR * AREA * 10 * 1.3 / (12 + 11 * 0.3),
+        E * inertia,
+        np.zeros((n + 1,) * 2),
+        np.eye(n + 1),
+    )
     resists = -np.block(
         [[stiff * slope @ slope, -stiff * slope], [stiff * slope, bending * slope @ slope - stiff * one]]
     )
@@ -309,7 +320,9 @@ def test_reduced_runs_of_the_plane_in_space() -> None:
     """The same coordinates, equations and steps: measured 4e-15 with the modes of the plane among those kept."""
     (planar, lines), (spatial, beams) = planar_and_spatial(1e-3)
     flat, deep = (
-        simulate_reduced(ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))), MPI.COMM_SELF)
+        simulate_reduced(
+            ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))), MPI.COMM_SELF
+        )
         for scene, meshes in (
             (planar, lines),
             (slider_crank_of_beams(*short(1e-3), "reduction.modes=11"), beams),

@@ -81,10 +81,12 @@ def fundamental(model: ReducedModel, spin: float) -> float:
         steady[0] -= np.linalg.solve(slopes(steady, 0), balance(steady))
     assert np.abs(balance(steady)).max() < 1e-9 * max(1.0, spin**2)
     stiffness, damping, mass = (slopes(steady, kind) for kind in range(3))
-    first_order = np.block([
-        [np.zeros((n, n)), np.eye(n)],
-        [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
-    ])
+    first_order = np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)],
+        ]
+    )
     roots = np.linalg.eigvals(first_order)
     assert np.abs(roots.real).max() < 1e-6 * np.abs(roots).max(), "vibrations neither grow nor decay"
     return float(np.abs(roots.imag).min())

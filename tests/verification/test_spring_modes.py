@@ -352,9 +352,7 @@ def test_which_vectors_make_the_best_basis(stiffness: float, sprung: float, unsp
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     null = scipy.linalg.null_space(constraint_jacobian(mechanism, poses).toarray())
     added = null.T @ spring_stiffness(scene, kinematics, poses) @ null
-    bodies, mass = (
-        null.T @ weighted_sum(part, scene.values) @ null for part in (matrices.stiffness, matrices.mass)
-    )
+    bodies, mass = (null.T @ weighted_sum(part, scene.values) @ null for part in (matrices.stiffness, matrices.mass))
     rigid = null.T @ rigid
     rigid = rigid / np.sqrt(rigid.T @ mass @ rigid)
     own, free = scipy.linalg.eigh(bodies, mass)

@@ -31,9 +31,7 @@ GRAVITY = '\n[effects.weight]\ntype = "gravity"\n'
 RUN = "\n[simulation]\nduration = 0.1\nstep = 1e-3\nspectral_radius = 1.0\n"
 LINK = SLIDER_CRANK.replace('"0.3:1.0:5"', '"0.3:1.0:16"').replace("angles = 24", "angles = 24\nstatic_modes = true")
 LINK = LINK[: LINK.index("[effects.motor]")] + LINK[LINK.index("[reduction]") :]
-HINGED = (
-    '\n[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 4.0\ndamping = 0.1\nrest = 0.3\n'
-)
+HINGED = '\n[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = 4.0\ndamping = 0.1\nrest = 0.3\n'
 
 
 def scene_of(text: str, coordinates: str | None, start: float = 0.0, more: str = "") -> Scene:
@@ -294,7 +292,9 @@ def test_an_ensemble_says_how_many_starts_are_unstable(tmp_path: Path) -> None:
     motor = scene.effects["winch"].model_copy(update={"scale": 0.0})
     short = scene.simulation.model_copy(update={"duration": 2e-3})
     scene = scene.model_copy(update={"effects": scene.effects | {"winch": motor}, "simulation": short})
-    ensemble = run_ensemble(FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1))
+    ensemble = run_ensemble(
+        FullModel(scene, meshes_of(scene)), Plan(2, 2, tmp_path / "e.h5", False), RankGroup.split(MPI.COMM_SELF, 1)
+    )
     texts = [remark.text for remark in ensemble.record.remarks if remark.kind == "warning"]
     assert any("the static equilibrium of 2 of 2 samples is unstable" in text for text in texts)
 

@@ -51,8 +51,9 @@ def dense(problem: ModalProblem, theta: np.ndarray) -> np.ndarray:
             rows.append(row)
     n = null_space(np.concatenate(rows))
     eye = np.eye(mechanism.n_dofs)
-    mass, stiffness = problem.times_mass(eye), sum(
-        weight.evaluate(problem.values) * term.toarray() for weight, term in problem.matrices.stiffness.items()
+    mass, stiffness = (
+        problem.times_mass(eye),
+        sum(weight.evaluate(problem.values) * term.toarray() for weight, term in problem.matrices.stiffness.items()),
     )
     return eigh(n.T @ stiffness @ n, n.T @ mass @ n, eigvals_only=True)
 

@@ -80,9 +80,7 @@ def material_findings(scene: Scene) -> Iterator[Finding]:
         elif material.nu > NEARLY_INCOMPRESSIBLE and any(
             body.continuum and name in (body.material, *body.regions.values()) for body in scene.bodies.values()
         ):
-            yield doubt(
-                f"{entry}.nu", "nearly incompressible; continuum elements are far too stiff then", material.nu
-            )
+            yield doubt(f"{entry}.nu", "nearly incompressible; continuum elements are far too stiff then", material.nu)
 
 
 def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
@@ -101,7 +99,9 @@ def body_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
                         thickness,
                     )
             continue
-        if body.flexible or not isinstance(body.section, (Coefficients, Coefficients3d)):  # those of a rigid body say its mass only
+        if body.flexible or not isinstance(
+            body.section, (Coefficients, Coefficients3d)
+        ):  # those of a rigid body say its mass only
             yield from _slenderness(scene, name, size)
         if body.line is not None and body.line.elements > MANY_ELEMENTS:
             yield doubt(

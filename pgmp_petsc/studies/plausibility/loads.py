@@ -132,9 +132,7 @@ def _spring(
         )
 
 
-def _damping(
-    scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: Mapping[str, Size]
-) -> Iterator[Finding]:
+def _damping(scene: Scene, entry: str, effect: kinds.StructuralDamping, sizes: Mapping[str, Size]) -> Iterator[Finding]:
     found = [
         (name, sizes[name].frequency_hz)
         for name in effect.bodies or scene.bodies

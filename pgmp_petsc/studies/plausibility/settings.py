@@ -29,7 +29,8 @@ def setting_findings(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Findin
         low, high = coordinate.range
         if high - low < SMALL_RANGE:
             yield doubt(
-                f"coordinates.{name}.range", "hardly a range; it is in rad, and a run ends where it leaves it",
+                f"coordinates.{name}.range",
+                "hardly a range; it is in rad, and a run ends where it leaves it",
                 list(coordinate.range),
             )
     yield from _tables(scene)
@@ -45,9 +46,7 @@ def _steps(scene: Scene, sizes: Mapping[str, Size]) -> Iterator[Finding]:
             "simulation.step", f"one step for the whole run of {simulation.duration:g} s; take a smaller one", step
         )
     elif n_steps < FEW_STEPS:
-        yield doubt(
-            "simulation.step", f"only {n_steps:.2g} steps for the whole run of {simulation.duration:g} s", step
-        )
+        yield doubt("simulation.step", f"only {n_steps:.2g} steps for the whole run of {simulation.duration:g} s", step)
     elif n_steps > MANY_STEPS:
         yield doubt("simulation.step", f"{n_steps:.2g} steps to simulation.duration = {simulation.duration:g} s", step)
     bending = {name: size.frequency_hz for name, size in sizes.items() if size.frequency_hz > 0.0}
@@ -86,9 +85,7 @@ def unused_findings(scene: Scene) -> Iterator[Finding]:
     for name in scene.parameters:
         if name not in parameters:
             yield doubt(f"parameters.{name}", "nothing uses it: no entry holds its name; leave it out")
-    materials = {
-        material for body in scene.bodies.values() for material in (body.material, *body.regions.values())
-    }
+    materials = {material for body in scene.bodies.values() for material in (body.material, *body.regions.values())}
     for name in scene.materials:
         if name not in materials:
             yield doubt(f"materials.{name}", "no body is made of it; leave it out")
