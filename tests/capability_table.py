@@ -16,15 +16,19 @@ from pgmp_petsc.runtime.errors import InputError
 OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)
 #: Commands that are a feature of their own, tried on plain scenes.
 COMMANDS = {"`pgmp check --effects`": Purpose.SIZES, "`pgmp tradeoff`": Purpose.TRADEOFF}
-OPENING = """# What works with which kind of mechanism
-
-**both**: in reduced and in full-order runs, single and in ensembles; **full**, **reduced**: in that one only; **no**: in
-none. A number tells the reason below, as the program says it of a small scene of that kind. A mechanism whose bodies are
-all rigid has no reduced model.
-
-`python tests/capability_table.py > docs/capabilities.md` makes this page from the checks that every command passes;
-`python tests/combinations.py` tries every cell.
-"""
+OPENING = (
+    "# What works with which kind of mechanism\n"
+    "\n"
+    "**both**: in reduced and in full-order runs, single and in ensembles; **full**, **reduced**: in that one only; "
+    "**no**: in\n"
+    "none. A number tells the reason below, as the program says it of a small scene of that kind. A mechanism whose "
+    "bodies are\n"
+    "all rigid has no reduced model.\n"
+    "\n"
+    "`python tests/capability_table.py > docs/capabilities.md` makes this page from the checks that every command "
+    "passes;\n"
+    "`python tests/combinations.py` tries every cell.\n"
+)
 
 
 def verdict(kind: str, feature: str, purpose: Purpose) -> str:

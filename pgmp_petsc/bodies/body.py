@@ -346,7 +346,7 @@ class Body:
         }
 
     def section_turns(self) -> np.ndarray:
-        """Return how the sections of a beam in space turn at its nodes with a linear field ``u = A X``, (n_nodes, 3, 9).
+        """Return how sections of a beam in space turn at its nodes with a linear field ``u = A X``, (n_nodes, 3, 9).
 
         A is taken row by row. A section's fibres move with the second and third columns of A in the element's axes; the
         rotation with the same moment of momentum is ``((J_22 A_32 - J_33 A_23) / (J_22 + J_33), A_13, -A_12)``. For

@@ -104,9 +104,9 @@ def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
         if parameter.distribution is not None:
             held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
             raise InputError(
-                f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no part in "
-                f"an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to hold the "
-                f"parameter, replace it: --override 'parameters.{name}={held}'"
+                f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no "
+                f"part in an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to "
+                f"hold the parameter, replace it: --override 'parameters.{name}={held}'"
             )
 
 

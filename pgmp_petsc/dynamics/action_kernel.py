@@ -2,7 +2,8 @@
 
 The frame ``zeta = (p, d_1 .. d_d)`` of a node is that of the reconstruction (`reduction.reconstruction`),
 
-    p = z(theta) + sum_j u_j D_j(theta),   d_k = sum_j exp(phi)_jk D_j,   (u, phi) = Psi(theta) delta + 1/2 chi(theta) delta delta,
+    p = z(theta) + sum_j u_j D_j(theta),   d_k = sum_j exp(phi)_jk D_j,
+    (u, phi) = Psi(theta) delta + 1/2 chi(theta) delta delta,
 
 with z and the body's directors D from the rigid kinematics on a fine grid, and Psi, chi in the body's frame; J is the
 exact derivative of what is interpolated. An action (`effects.action`) with the statement s, its gradient g and second

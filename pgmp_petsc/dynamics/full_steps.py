@@ -33,8 +33,8 @@ def take_steps(
     step
         s.
     before
-        ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or n_turns,
-        n_lanes).
+        ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or
+        n_turns, n_lanes).
     samples
         Which to advance, shape (n_blocks, n_lanes); others stay as they are.
     after
@@ -69,8 +69,8 @@ def take_steps(
                 n_corrections[k] += active[block].sum()
                 fresh = iteration % REFRESH_EVERY == 0
                 correct(
-                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, typical_mass, active,
-                    fresh, size,
+                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, typical_mass,
+                    active, fresh, size,
                 )  # fmt: skip
                 judge(iteration, size[block], last, active[block], lost[block])
             for lane in range(n_lanes):

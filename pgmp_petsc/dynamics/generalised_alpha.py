@@ -17,8 +17,8 @@ observes a run is shown every step that it wants to see in any case.
 PETSc's own TSALPHA2 is not used: it is no integrator for index-3 equations, and in PETSc 3.18 it starts with twice
 the initial acceleration.
 
-Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `ts_options` for what
-is allowed.
+Options prefix: ``pgmp_ts_`` (e.g. ``-pgmp_ts_ts_monitor``), unless a caller gives another one; see `ts_options` for
+what is allowed.
 """
 
 from __future__ import annotations

@@ -11,7 +11,8 @@ from pgmp_petsc.runtime.compiled import njit
 
 @njit(cache=True, error_model="numpy")
 def evaluate_actions(
-    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, forces, tangents, powers, stored, depths
+    actions, entries, amplitudes, y, rates, known, turned, gain_v, with_tangents, forces, tangents, powers, stored,
+    depths
 ):  # fmt: skip
     """Evaluate all actions for all samples.
 

@@ -95,8 +95,8 @@ class RankSolver:
     def _solved(self) -> bool:
         """Solve the linear system; return whether PETSc says that it is solved, the same on all ranks.
 
-        Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it is
-        then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
+        Pivots of multipliers are zero, and MUMPS puts them off until it may run out of the memory that it foresaw: it
+        is then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
         """
         finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
         if not self._comm.allreduce(finite, op=MPI.LAND):

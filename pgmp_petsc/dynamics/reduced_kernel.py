@@ -344,7 +344,7 @@ def size_of(equations, correction):
 
 @njit(inline="always")
 def gather(rows, block, vectors):
-    """Copy the rows (n_samples, n) of a block's samples to vectors (n, LANES), the last one again where none is left."""
+    """Copy rows (n_samples, n) of a block's samples to vectors (n, LANES), the last one again where none is left."""
     for lane in range(LANES):
         sample = min(block * LANES + lane, rows.shape[0] - 1)
         for i in range(rows.shape[1]):
@@ -454,8 +454,9 @@ def advance(equations, memory, strengths, scheme, step, state, bounds, edges, la
     step
         s.
     state
-        ``(q, v, a, auxiliary, before)``, each (n_samples, n_eta), with the auxiliary accelerations and the accelerations
-        one step before; advanced in place. A sample to which something happens stays at the beginning of that step.
+        ``(q, v, a, auxiliary, before)``, each (n_samples, n_eta), with the auxiliary accelerations and the
+        accelerations one step before; advanced in place. A sample to which something happens stays at the beginning of
+        that step.
     bounds
         Range of each coordinate in which the tables hold, (n_theta, 2).
     edges

@@ -41,7 +41,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.dynamics.vectors import (
-    LANES,
     add_product,
     add_to_rows,
     dot,
@@ -494,7 +493,7 @@ def _add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matri
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
-    """Add the terms of ``sum_k theta_k' (A_k delta').delta``, A_k skew; their part of the flexible tangent is left out."""
+    """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew; their part of the flexible tangent is left out."""
     q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
     r, n = len(place), layout.n_eta
     m = n - r

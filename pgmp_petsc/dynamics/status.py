@@ -29,7 +29,7 @@ class Status(IntEnum):
 
 
 class Outcome(IntEnum):
-    """How far a sample went that was taken through several steps: to their end, or why it stopped before one of them."""
+    """How far a sample went that was taken through several steps: to their end, or why it stopped earlier."""
 
     DONE = 0
     LOST = 1  # Newton's iteration failed

@@ -298,7 +298,7 @@ def add_to_rows(typing, array, first, stride, x, y):
 def _horner(
     builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], with_slopes: bool
 ) -> tuple[ir.Value, list[ir.Value]]:
-    """Build value and derivatives of a polynomial, cubic along each of several places, from its rows of coefficients."""
+    """Build value and derivatives of a polynomial, cubic along each of several places, from rows of coefficients."""
 
     def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
         if level == len(places):

@@ -1,8 +1,8 @@
 """A bushing: a spring and a damper along and about every axis of a reference frame that turns with the first body.
 
 Along the axis e_k the statement is ``e_k . (p_b - p_a)``, about it ``e_(k+2) . f_(k+1)`` with the axes f of the second
-body that are those of the first as the bodies are placed: the sine of a rotation about e_k alone. In the plane it is the
-rotation itself.
+body that are those of the first as the bodies are placed: the sine of a rotation about e_k alone. In the plane it is
+the rotation itself.
 """
 
 from __future__ import annotations

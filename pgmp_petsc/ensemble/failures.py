@@ -56,8 +56,9 @@ def failure_remarks(
         warning(
             f"mean, deviation and density of the outputs are those of the {n - n_failed} samples that are fine {bias}; "
             f"no bounds hold for them. Quantiles of all {n} samples lie between their quantile_bounds, "
-            f"whatever the failed ones would have been, and a probability read as p lies between {1 - n_failed / n:.4g} p "
-            f"and {1 - n_failed / n:.4g} p + {n_failed / n:.4g}. Parameters are described over all {n} samples"
+            f"whatever the failed ones would have been, and a probability read as p lies between "
+            f"{1 - n_failed / n:.4g} p and {1 - n_failed / n:.4g} p + {n_failed / n:.4g}. "
+            f"Parameters are described over all {n} samples"
         )
     )
     return tuple(remarks)
@@ -72,8 +73,8 @@ def step_remarks(status: np.ndarray, divisors: np.ndarray, step: float) -> tuple
         remarks.append(
             note(
                 f"{int(saved.sum())} of {status.size} samples failed with simulation.step = {step:g} s and were "
-                f"integrated again with smaller ones: {', '.join(counts)} (/steps_divided); they are fine, but the step "
-                "is large for this ensemble"
+                f"integrated again with smaller ones: {', '.join(counts)} (/steps_divided); they are fine, but the "
+                "step is large for this ensemble"
             )
         )
     given_up = (status != Status.FINE) & (divisors > 1)

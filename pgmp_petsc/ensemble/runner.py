@@ -2,8 +2,8 @@
 
 The samples are worked off in rounds: in each, every rank integrates one batch as one system, or a group of ranks one
 sample, and rank 0 gathers what came out and puts it into a checkpoint. Nothing that was computed is lost when a run is
-killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed and
-sample number alone.
+killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed
+and sample number alone.
 """
 
 from __future__ import annotations

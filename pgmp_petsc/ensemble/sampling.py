@@ -55,8 +55,8 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
         if parameter.value is not None:
             remarks.append(
                 note(
-                    f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an ensemble, "
-                    "which draws from the distribution"
+                    f"parameters.{name}.value = {parameter.value:g} is that of single runs and has no part in an "
+                    "ensemble, which draws from the distribution"
                 )
             )
         below, above = parameter.cut_off

@@ -59,8 +59,8 @@ def _reference(trajectory_path: Path, xdmf_path: Path) -> str:
     # readers split references at these, and cut spaces off their ends
     if set(heavy) & set(":|") or not heavy.isprintable() or heavy != heavy.strip():
         raise InputError(
-            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends or "
-            "a character that cannot be printed); rename it"
+            f"file '{trajectory_path}': XDMF cannot refer to the path {heavy!r} (a colon, a bar, a space at its ends "
+            "or a character that cannot be printed); rename it"
         )
     return heavy
 

@@ -44,11 +44,11 @@ def densities(
 ) -> Figure:
     """Draw the density of every drawn parameter and output that the ensembles have in common, one panel each.
 
-    The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in
-    as many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples,
-    as in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
-    first ensemble's mean. Above each panel stand mean and standard deviation; what follows ± is always a standard error.
-    With two ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
+    The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in as
+    many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples, as
+    in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
+    first ensemble's mean. Above each panel stand mean and standard deviation; what follows ± is always a standard
+    error. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
 
     Parameters
     ----------

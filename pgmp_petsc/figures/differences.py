@@ -1,8 +1,8 @@
 """What results have in common, and what tells them apart: scene, parameters, other entries of the scene, model, file.
 
 Results belong together where their scenes have one name and the same bodies, joints and coordinates. What may differ
-within that is said: ``r1 = 5 mm``, ``simulation.step = 0.001``, ``without effects.weight``, ``reduced``, and the name of
-the file where nothing else differs.
+within that is said: ``r1 = 5 mm``, ``simulation.step = 0.001``, ``without effects.weight``, ``reduced``, and the name
+of the file where nothing else differs.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def short_names(files: Sequence[Path]) -> list[str]:
 
 
 def _differing(scenes: Sequence[Any], prefix: str = "") -> Iterator[tuple[str, list[Any]]]:
-    """Yield the dotted names of entries in which scenes differ, with every scene's value; a missing table as a whole."""
+    """Yield dotted names of entries in which scenes differ, with every scene's value; a missing table as a whole."""
     names = dict.fromkeys(name for scene in scenes for name in scene)
     for name in names:
         values = [scene.get(name, _ABSENT) for scene in scenes]

@@ -98,7 +98,8 @@ def trajectories(
     """Draw outputs over time, one column each: full order as a line, reduced as crosses, errors below.
 
     A run that stands alone is a line, with a band where its errors were estimated; without any pair there is no panel
-    of errors. A full-order run that several reduced ones share is grey. A square ends a run that ended before its scene.
+    of errors. A full-order run that several reduced ones share is grey. A square ends a run that ended before its
+    scene.
 
     Parameters
     ----------

@@ -31,7 +31,8 @@ def why_not_covered(scene: Scene) -> str:
         elif not body.flexible:
             reasons.append(f"bodies.{name} is rigid, and the estimate is for flexible beams")
     reasons += [
-        f"effects.{name} ({effect.type}) is {NOT_LOCAL.get(effect.type, 'a local force')}, which the estimate does not know"
+        f"effects.{name} ({effect.type}) is {NOT_LOCAL.get(effect.type, 'a local force')}, "
+        "which the estimate does not know"
         for name, effect in scene.effects.items()
         if not _is_known(effect)
     ]

@@ -38,8 +38,8 @@ def keep_changes(places, influence, stiffness, weights, loading, gained, lost):
     """Replace the largest and the least share by which stiffness has changed, of samples where it is beyond now.
 
     See `StiffnessChanges` for `influence` (n_places, n_modes, n_columns) and `stiffness` (n_places, n_terms, n_modes);
-    `weights` (n, n_terms), `loading` (n_steps n, n_columns) as the states above; `gained` (not negative) and `lost` (not
-    positive), each (n), are NaN where nothing is known so far.
+    `weights` (n, n_terms), `loading` (n_steps n, n_columns) as the states above; `gained` (not negative) and `lost`
+    (not positive), each (n), are NaN where nothing is known so far.
     """
     for row in range(places.size):
         place, sample = places[row], row % gained.size

@@ -88,8 +88,8 @@ def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
     if parallel.size:
         raise InputError(
             f"bodies.{name}.orientation = {list(entry.orientation)}: parallel to element {parallel[0]} of the body, "
-            f"along {(edges[parallel[0]] / np.linalg.norm(edges[parallel[0]])).round(6).tolist()} in its frame; needed: "
-            "orientation = [x, y, z], a direction across all elements, that of the section's height"
+            f"along {(edges[parallel[0]] / np.linalg.norm(edges[parallel[0]])).round(6).tolist()} in its frame; "
+            "needed: orientation = [x, y, z], a direction across all elements, that of the section's height"
         )
     material = None if entry.material is None else scene.materials[entry.material]
     section = SpatialSection.of(entry.section, material, scene.nominal)

@@ -50,8 +50,8 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
     Raises
     ------
     InputError
-        If there is no such file, it is a directory, pipe or device, of a format that meshio does not know, meshio cannot
-        read it, or does not come to an end.
+        If there is no such file, it is a directory, pipe or device, of a format that meshio does not know, meshio
+        cannot read it, or does not come to an end.
     """
     _check_file(path, received)
     if path.suffix.lower() not in ENDING:

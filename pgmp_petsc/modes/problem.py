@@ -174,8 +174,8 @@ class ModalProblem:
     def static_answers(self, kept: np.ndarray, loads: np.ndarray, what: str = "static mode") -> np.ndarray:
         """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
 
-        The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts by
-        ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
+        The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
+        by ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
 
         Parameters
         ----------

@@ -250,7 +250,7 @@ class _Setting:
         return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)
 
     def _probe(self, problem: ModalProblem) -> InfluenceProbe | None:
-        """Return what probes the stiffness of modes; None with others than beams in the plane, whose K3 is not known."""
+        """Return what probes the modes' stiffness; None with others than beams in the plane, whose K3 is not known."""
         beams = all(body.is_planar_beam or not body.flexible for body in problem.mechanism.bodies)
         return InfluenceProbe(problem, self.actions) if beams else None
 

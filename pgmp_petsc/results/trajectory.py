@@ -22,10 +22,10 @@ dataset                       shape                content
 ``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
                                                    ``rigid`` (JSON, the names of those that do not deform)
 ``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
-``/errors``                   see `errors`         estimated errors; of a reduced model where they can be estimated, else
-                                                   a remark says why not
-``/validity/<name>``          ()                   how far the run left small deformations (`errors.VALIDITY`), NaN where
-                                                   not known; reduced model only
+``/errors``                   see `errors`         estimated errors; of a reduced model where they can be
+                                                   estimated, else a remark says why not
+``/validity/<name>``          ()                   how far the run left small deformations (`errors.VALIDITY`), NaN
+                                                   where not known; reduced model only
 ============================= ==================== ========================================================
 
 The nodes of all bodies are numbered one body after the other, and every frame has its own arrays of three

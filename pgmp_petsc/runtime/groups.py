@@ -88,7 +88,8 @@ class RankGroup:
 def first_ranks(comm: MPI.Comm, n: int) -> Iterator[MPI.Comm]:
     """Yield a communicator of the first n ranks, and one of the others on those. Collective on `comm`.
 
-    It is freed at the end of the block, whatever happens there: freeing waits for nobody in MPI's usual implementations.
+    It is freed at the end of the block, whatever happens there: freeing waits for nobody in MPI's usual
+    implementations.
     """
     part = comm.Split(color=int(comm.rank >= n), key=comm.rank)
     try:

@@ -66,7 +66,8 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
         If a word is no option, or PETSc refuses one.
     """
     option_names(arguments)
-    # what nothing used is named in one line at the end; PETSc has warnings of its own, by its version. A user's word is last
+    # what nothing used is named in one line at the end; PETSc has warnings of its own, by its version. A user's word is
+    # last
     words = ["pgmp", "-options_left", "no", *arguments]
     import petsc4py
 
@@ -218,7 +219,8 @@ def petsc_solver(prefix: str, activity: str) -> Iterator[None]:
     try:
         yield
     except (PETSc.Error, SystemError) as raised:
-        # slepc4py 3.26.1 takes another number than PETSc for an exception: Python notices what is pending only on return
+        # slepc4py 3.26.1 takes another number than PETSc for an exception: Python notices what is pending only on
+        # return
         error = raised.__cause__ if isinstance(raised, SystemError) else raised
         if not isinstance(error, PETSc.Error):
             raise

@@ -196,8 +196,8 @@ class Body(Table):
             raise refusal("for beam3d only; in the plane the height of a section is in the plane", "orientation")
         if self.dimension == 3 and self.orientation is None and not isinstance(self.section, Circle):
             raise refusal(
-                "missing; needed in space for every section but a circle: orientation = [x, y, z], the direction of the "
-                "section's height (its second axis) in the body's frame",
+                "missing; needed in space for every section but a circle: orientation = [x, y, z], the direction of "
+                "the section's height (its second axis) in the body's frame",
                 "orientation",
             )
         return self

@@ -1,4 +1,4 @@
-"""Checks that entries belong to the space that the mechanism moves in: the plane, or space where bodies are beam3d or solid3d."""
+"""Checks that entries belong to where the mechanism moves: the plane, or space where bodies are beam3d or solid3d."""
 
 from __future__ import annotations
 

@@ -164,8 +164,8 @@ class ShiftInvertSolver:
         if converged < n_pairs:
             raise RunError(
                 f"eigenproblem at {where}: {converged} of {n_pairs} eigenpairs converged in "
-                f"{eps.getIterationNumber()} iterations (reason {reason}) with the tolerance {eps.getTolerances()[0]:.2g}; "
-                f"a larger -{self._prefix}eps_ncv may help"
+                f"{eps.getIterationNumber()} iterations (reason {reason}) with the tolerance "
+                f"{eps.getTolerances()[0]:.2g}; a larger -{self._prefix}eps_ncv may help"
             )
         values, vectors = self._fetch(a, converged)
         floor = np.max(np.abs(values[: n_rigid + 1]))

@@ -31,8 +31,8 @@ def balance_of(time: np.ndarray, energies: Energies) -> Balance:
 def with_weights(balance: Balance, model: ReducedModel, start: np.ndarray) -> Balance:
     """Add the potential energy of weights to the balance of a reduced run, which knows their work alone.
 
-    It is that at the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in the
-    residual, which does not change.
+    It is that at the start, reduced coordinates of shape (n_eta,), less the work done since: the same integral as in
+    the residual, which does not change.
     """
     effects = [effect for effect in model.effects if effect.conservative]
     if not effects:

@@ -98,8 +98,8 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
     if small:
         remarks.append(
             note(
-                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(small)}; see pgmp check "
-                "--effects"
+                f"the scene leaves out effects with shares beyond {sizes.tolerance:g}: {', '.join(small)}; see pgmp "
+                "check --effects"
             )
         )
     return tuple(remarks)

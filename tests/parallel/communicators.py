@@ -1,4 +1,4 @@
-"""Split the ranks and run the full-order model again and again; print the handle of a new communicator before and after.
+"""Split the ranks and run the full-order model many times; print the handle of a new communicator before and after.
 
 Handles are given anew once they are free, so that one that is never freed shows in the next.
 """

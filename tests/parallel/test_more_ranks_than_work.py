@@ -30,7 +30,7 @@ SHORT = overridden("simulation.duration=0.003", "simulation.step=1e-3")
 
 
 def commands(folder: Path, n_ranks: int) -> list[list[list[str]]]:
-    """Return groups of commands with fewer angles, bodies, samples and results than ranks; pairs of ranks share angles."""
+    """Return groups of commands with fewer angles, bodies, samples, results than ranks; pairs of ranks share angles."""
     pairs = ["--ranks-per-angle", "2"] if n_ranks > 1 else []
 
     def to(name: str) -> list[str]:

@@ -57,7 +57,8 @@ def test_the_condensed_bodies_do_not_depend_on_ranks(model: Callable, n: int, ca
     assert rom.record.ranks == n
     for name, like in expected.meshes.items():
         body = rom.meshes[name]
-        # how many vectors it takes may differ: on meshes as coarse as these the last ones are nearly combinations of others
+        # how many vectors it takes may differ: on meshes as coarse as these the last ones are nearly combinations of
+        # others
         assert (body.n_mesh_dofs, body.frames) == (like.n_mesh_dofs, like.frames)
         np.testing.assert_allclose(body.centres, like.centres, rtol=0, atol=1e-15)
         assert max(body.error, like.error) < 1e-10  # what the component modes promise

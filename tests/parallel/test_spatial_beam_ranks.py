@@ -42,8 +42,8 @@ def test_ranks_share_a_run(one_rank: Callable, mpirun: Callable, tmp_path: Path,
     for name, values in one.outputs.items():
         np.testing.assert_allclose(several.outputs[name], values, rtol=0, atol=1e-9 * np.abs(values).max())
     np.testing.assert_allclose(several.balance.kinetic, one.balance.kinetic, rtol=1e-8, atol=1e-15)
-    np.testing.assert_allclose(several.balance.work["material_damping"], one.balance.work["material_damping"], rtol=1e-6,
-                               atol=1e-15)  # fmt: skip
+    np.testing.assert_allclose(several.balance.work["material_damping"], one.balance.work["material_damping"],
+                               rtol=1e-6, atol=1e-15)  # fmt: skip
 
 
 @pytest.mark.parametrize(("n", "per_angle"), [(2, 1), (2, 2), (3, 3)])

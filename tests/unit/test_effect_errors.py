@@ -284,7 +284,8 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "a pulse between steps": (
         (
-            'effects.e={type="force", point="rod:tip", direction=[1, 0], table=[[0.5002, 0], [0.5004, 100], [0.5006, 0]]}',
+            'effects.e={type="force", point="rod:tip", direction=[1, 0], '
+            "table=[[0.5002, 0], [0.5004, 100], [0.5006, 0]]}",
             "simulation.step=1e-3",
         ),
         (
@@ -392,8 +393,8 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "flexible without rotary inertia": (
         ("bodies.crank.flexible=true",),
         (
-            'bodies.crank.section = { shape = "coefficients", axial = 1.0, shear = 1.0, bend ...: a flexible body needs '
-            "section.rotary_density above 0",
+            'bodies.crank.section = { shape = "coefficients", axial = 1.0, shear = 1.0, bend ...: a flexible body '
+            "needs section.rotary_density above 0",
         ),
     ),
 }

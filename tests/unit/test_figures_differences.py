@@ -79,7 +79,8 @@ def written(folder: Path, *results: object) -> list[Path]:
         (record(r1=5e-3), record(r1=6e-3), ("r1 = 5 mm", "r1 = 6 mm")),
         (record(E=70e9), record(), ("materials.steel.E = 7e+10", "materials.steel.E = 2.1e+11")),
         (record(modes=7), record(), ("reduction.modes = 7", "reduction.modes = 4")),
-        (record(velocity=2.0), record(), ("simulation.initial.theta.velocity = 2", "simulation.initial.theta.velocity = 0")),
+        (record(velocity=2.0), record(),
+         ("simulation.initial.theta.velocity = 2", "simulation.initial.theta.velocity = 0")),
         (record(seed=3), record(), ("seed 3", "seed none")),
         (record(more="[effects.weight]\nkind = 1"), record(), ("with effects", "without effects")),
         # what changes no run is no difference, and then files are named

@@ -273,7 +273,8 @@ def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, 
     numbers, times = zip(*seen)
     assert done.n_steps == expected
     assert numbers == tuple(range(n_steps + 1))
-    # PETSc adds up the steps; the observer's times are without the round-off of that: two operations each, the end exact
+    # PETSc adds up the steps; the observer's times are without the round-off of that: two operations each, the end
+    # exact
     np.testing.assert_allclose(times, np.linspace(0.0, duration, n_steps + 1), rtol=4e-16, atol=0)
     assert times[-1] == duration
 

@@ -96,7 +96,8 @@ def bounded(low: float, high: float, name: str = '"norm", loc=0.0, scale=1.0') -
     )
 
 
-# ordinary; one-sided; both tails so far out that probabilities of smaller values are 1, or larger ones are, to round-off
+# ordinary; one-sided; both tails so far out that probabilities of smaller values are 1, or larger ones are, to
+# round-off
 @pytest.mark.parametrize(("low", "high"), [(-0.5, 1.5), (-40.0, 0.3), (9.0, 12.0), (-12.0, -9.0), (30.0, 31.0)])
 def test_a_distribution_is_truncated_to_its_bounds_and_renormalised(low: float, high: float) -> None:
     values = draw(bounded(low, high), 2, 0, 3000)["s"]

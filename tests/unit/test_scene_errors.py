@@ -101,7 +101,8 @@ ENTRIES = [
     ("scene={}", "scene.name: missing; needed: short name, used in reports and titles"),
     (
         "bodies.crank.element='beam4d'",
-        "bodies.crank.element = \"beam4d\": unknown; did you mean 'beam3d'? (allowed: beam2d, beam3d, solid2d, solid3d)",
+        "bodies.crank.element = \"beam4d\": unknown; did you mean 'beam3d'? "
+        "(allowed: beam2d, beam3d, solid2d, solid3d)",
     ),
     ("outputs.slider_position.axis='w'", 'outputs.slider_position.axis = "w": unknown (allowed: x, y, z)'),
     ("outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),

@@ -48,7 +48,10 @@ ENTRIES = [
             (
                 scene,
                 "bodies.crank.section={shape='circle', radius=0.01}",
-                f"bodies.crank.section = {CIRCLE}: {element} takes its shape from a mesh; section is for beam{element[-2:]}",
+                (
+                    f"bodies.crank.section = {CIRCLE}: "
+                    f"{element} takes its shape from a mesh; section is for beam{element[-2:]}"
+                ),
             ),
             (
                 scene,
@@ -121,14 +124,14 @@ ENTRIES = [
     (
         SPACE,
         "bodies.rod={mesh='a.msh', element='solid2d', material='steel', thickness=0.01}",
-        'bodies.rod.element = "solid2d": in the plane, but crank (solid3d) in space; all bodies are beam2d and solid2d, or '
-        'beam3d and solid3d',
+        'bodies.rod.element = "solid2d": in the plane, but crank (solid3d) in space; '
+        'all bodies are beam2d and solid2d, or beam3d and solid3d',
     ),
     (
         SPACE,
         "bodies.crank={mesh='a.msh', element='beam2d', material='steel', section={shape='circle', radius=0.005}}",
-        'bodies.crank.element = "beam2d": in the plane, but rod (solid3d) in space; all bodies are beam2d and solid2d, or '
-        'beam3d and solid3d',
+        'bodies.crank.element = "beam2d": in the plane, but rod (solid3d) in space; '
+        'all bodies are beam2d and solid2d, or beam3d and solid3d',
     ),
     # joints: the plane's
     *[
@@ -299,8 +302,8 @@ ENTRIES = [
         SPACE,
         "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1]}",
         (
-            "effects.mount.reference: missing; needed: first axis, and in space a second one, of the frame in which it is "
-            "stiff, in the frame of the first point's owner; their lengths do not matter"
+            "effects.mount.reference: missing; needed: first axis, and in space a second one, of the frame in which it "
+            "is stiff, in the frame of the first point's owner; their lengths do not matter"
         ),
     ),
     (SPACE, MOUNT + "[[1, 0, 0]]}", f"effects.mount.reference = [[1.0, 0.0, 0.0]]: {FRAME}"),
@@ -309,8 +312,8 @@ ENTRIES = [
         SPACE,
         MOUNT + "[[1, 0, 2], [2, 0, 4]]}",
         (
-            "effects.mount.reference = [[1.0, 0.0, 2.0], [2.0, 0.0, 4.0]]: the axes must not be parallel; the second one "
-            "is at a right angle"
+            "effects.mount.reference = [[1.0, 0.0, 2.0], [2.0, 0.0, 4.0]]: the axes must not be parallel; the second "
+            "one is at a right angle"
         ),
     ),
     (
@@ -335,8 +338,9 @@ ENTRIES = [
         BEAMS,
         MOUNT + "[[1, 0, 0], [0, 1, 0]]}",
         (
-            "effects.mount.reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]: one axis, [[1.0, 0.0]] for example, is needed "
-            "in the plane\neffects.mount.stiffness = [1.0, 1.0, 1.0]: 2 numbers, one for each axis, are needed in the plane"
+            "effects.mount.reference = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]: one axis, [[1.0, 0.0]] for example, is "
+            "needed in the plane\n"
+            "effects.mount.stiffness = [1.0, 1.0, 1.0]: 2 numbers, one for each axis, are needed in the plane"
         ),
     ),
     # joints that an effect may be on

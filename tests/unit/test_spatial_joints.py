@@ -114,10 +114,10 @@ def test_a_wrong_rotation_is_measured_by_its_sine(kind: str, seed: int) -> None:
         held = [directors(a) @ axes[0][:, k] for k in range(3) if k not in TURNS.get(kind, ())]
     assert len(held) == np.sum(~lengths(joint))
     for axis in held:
-        for angle in (1e-3, 0.4):
-            turned = frame(b[:3], Rotation.from_rotvec(angle * axis).as_matrix() @ directors(b))
+        for tilt in (1e-3, 0.4):
+            turned = frame(b[:3], Rotation.from_rotvec(tilt * axis).as_matrix() @ directors(b))
             found = residual(joint, a, turned)
-            assert np.linalg.norm(found[~lengths(joint)]) == pytest.approx(np.sin(angle), abs=EPSILON)
+            assert np.linalg.norm(found[~lengths(joint)]) == pytest.approx(np.sin(tilt), abs=EPSILON)
             np.testing.assert_allclose(found[lengths(joint)], 0.0, rtol=0, atol=EPSILON)
 
 

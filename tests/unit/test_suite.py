@@ -1,4 +1,4 @@
-"""The suite itself: no case is lost, none depends on luck or on how busy the machine is, and users' defaults are tested."""
+"""The suite itself: no case is lost, none depends on luck or on a busy machine, and users' defaults are tested."""
 
 from __future__ import annotations
 

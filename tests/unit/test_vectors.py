@@ -65,7 +65,8 @@ def test_arithmetic_is_that_of_every_lane() -> None:
     computed(x, result)
     a, b = x
     expected = [
-        (a + b) * a - b / (2.0 + a * a), 3.0 - a, np.sqrt(abs(b)), np.floor(a), np.maximum(a, b), np.where(a > b, a, 7.0),
+        (a + b) * a - b / (2.0 + a * a), 3.0 - a, np.sqrt(abs(b)), np.floor(a), np.maximum(a, b),
+        np.where(a > b, a, 7.0),
     ]  # fmt: skip
     np.testing.assert_allclose(result, expected, rtol=1e-14, atol=1e-14)
 

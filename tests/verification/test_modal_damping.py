@@ -1,4 +1,4 @@
-"""Modal damping of bodies on meshes: of each mode its ratio, of rigid motions nothing, and what it takes is what is lost.
+"""Modal damping of bodies on meshes: each mode its ratio, rigid motions nothing, and what it takes is what is lost.
 
 Beams are in test_damping_and_drives.py and test_free_modes.py.
 """

@@ -171,7 +171,7 @@ def roll(moment: float, n: int, about: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("about", [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 @pytest.mark.parametrize("n", [5, 12])
 def test_a_moment_rolls_a_cantilever_into_a_circle(n: int, about: list[float]) -> None:
-    """``M = 2 pi EI / L`` closes it, whatever the number of elements: the nodes are on a regular polygon of its length."""
+    """``M = 2 pi EI / L`` closes it, with any number of elements: the nodes are on a regular polygon of its length."""
     about = np.array(about)
     frames = roll(2 * np.pi, n, about)
     np.testing.assert_allclose(frames[-1, :3], 0.0, atol=1e-10)
@@ -332,7 +332,7 @@ def test_reduced_runs_of_the_plane_in_space() -> None:
 
 
 def test_full_order_runs_of_the_plane_in_space() -> None:
-    """The same element; directors and angles are integrated with other errors of the time step, of second order or better.
+    """The same element; directors and angles have other errors of the time step, of second order or better.
 
     Measured with 1e-3, 5e-4 and 2.5e-4 s: angles differ by 3.0e-9, 5.4e-10, 1.3e-10 of them, deformations by 4.7e-8,
     7.7e-9, 5.0e-9.

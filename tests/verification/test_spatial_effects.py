@@ -1,4 +1,4 @@
-"""Effects in space in the full-order model: closed forms, scipy, the same scene in the plane, and the energy balance."""
+"""Effects in space in the full-order model: closed forms, scipy, the same scene in the plane, the energy balance."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_effects_on_a_bar_about_an_axis_in_space(name: str) -> None:
 
 
 def test_friction_lets_a_bar_slow_down_evenly() -> None:
-    """Coulomb's decay: the speed falls by ``limit / J`` as long as the bar turns much faster than the friction's speed."""
+    """Coulomb's decay: the speed falls by ``limit / J`` while the bar turns much faster than the friction's speed."""
     rub = table("effects.extra", type="joint_friction", joint="drive", limit=0.5, speed=1e-2)
     found = run(bar(0.1, 5e-4, rub, velocity=5.0))
     expected = 5.0 * found.time - 0.25 / INERTIA * found.time**2

@@ -431,7 +431,8 @@ def test_the_derivatives_of_coordinates_in_small_motions_of_nodes() -> None:
 def test_a_range_that_does_not_begin_at_zero() -> None:
     """More than half a turn away from the placement, where the measured angle is another one by a whole turn."""
     kinematics = kinematics_in_space(slider_crank_in_space(
-        "coordinates.theta.range=[4.0,7.0]", "coordinates.theta.periodic=false", "simulation.initial.theta.position=4.0",
+        "coordinates.theta.range=[4.0,7.0]", "coordinates.theta.periodic=false",
+        "simulation.initial.theta.position=4.0",
     ))  # fmt: skip
     theta = np.linspace(4.0, 7.0, 13)
     tip = place(kinematics, "crank:tip", theta)

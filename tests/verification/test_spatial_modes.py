@@ -222,7 +222,8 @@ def test_condensed_bodies_have_the_modes_of_their_meshes(name: str) -> None:
         for theta in np.array(angles):
             found, expected = condensed_problem.solve(theta), problem.solve(theta)
             exact = scipy.linalg.eigvalsh(*dense_pencil(scene, large, theta[None]))
-            # what the component modes leave, compliances are served to 1e-10, and round-off of the meshes' largest eigenvalue
+            # what the component modes leave, compliances are served to 1e-10, and round-off of the meshes' largest
+            # eigenvalue
             round_off = 1e-16 * exact[-1]
             np.testing.assert_allclose(found.eigenvalues, expected.eigenvalues, rtol=1e-9, atol=round_off)
             n = expected.eigenvalues.size
