@@ -10,7 +10,7 @@ from pgmp_petsc.dynamics.vectors import load, spread, square_root, store
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def factorise(packed, n):
     """Replace a packed positive definite matrix by its Cholesky factor, diagonal inverted."""
     row_i = 0
@@ -30,7 +30,7 @@ def factorise(packed, n):
         row_i += i + 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def substitute(packed, n, x, first):
     """Solve ``L L^T y = x`` in place, for the rows of x from `first` on."""
     row = 0
@@ -49,7 +49,7 @@ def substitute(packed, n, x, first):
         store(x, first + i, total * load(packed, i * (i + 1) // 2 + i))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def invert(corner, r):
     """Invert a small matrix, row after row, in place by Gauss-Jordan elimination without pivots."""
     for p in range(r):

@@ -194,6 +194,8 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
         Derivatives of eta' (a number) and eta'' (a vector) with eta within a step.
     loaded
         Whether there are loads.
+
+    The terms are inlined: to hand the many arrays on would take as long as to evaluate some of them.
     """
     velocity = load_rows(work.v, 0, 1, place)
     _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
@@ -209,7 +211,7 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
         _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Begin with ``M eta'' + K delta``, and fill `moved` and `turned`."""
     q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
@@ -271,7 +273,7 @@ def layout_n_rigid(r):
     return r * (r + 1) // 2
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix):
     """Add what `moved`, `turned` and the loads give, and begin the border of the iteration matrix."""
     q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
@@ -312,7 +314,7 @@ def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matri
                 store(matrix.corner, k * r + j, total)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Add the terms of ``sum_kl theta_k' theta_l' b_kl.delta`` of the kinetic energy, pair by pair (k >= j)."""
     q, v, a, balance, row, corner = work.q, work.v, work.a, work.balance, matrix.row, matrix.corner
@@ -363,7 +365,7 @@ def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, ma
             at += m
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_cubic(layout, kept, place, fresh, work, matrix):
     """Add the terms of ``1/6 V delta delta delta``; `bent` becomes ``V delta``."""
     q, balance, bent = work.q, work.balance, work.bent
@@ -414,7 +416,7 @@ def _add_cubic(layout, kept, place, fresh, work, matrix):
             add(matrix.factor, entry, load(bent, entry))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_bent_loads(layout, place, fresh, work, matrix):
     """Add the terms of ``- 1/2 a delta^T B delta``."""
     q, balance = work.q, work.balance
@@ -438,7 +440,7 @@ def _add_bent_loads(layout, place, fresh, work, matrix):
     add_to_rows(balance, 0, 1, energy, spread(-0.5))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Add the terms of ``- 1/2 sum_kl theta_k' theta_l' delta^T c_kl delta``, pair by pair (k >= j)."""
     q, v, a, balance, swung = work.q, work.v, work.a, work.balance, work.along
@@ -491,7 +493,7 @@ def _add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matri
                     add(matrix.corner, j * r + k, -(gain_a * held + 2.0 * gain_v * moving))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
     """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew; their part of the flexible tangent is left out."""
     q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
@@ -531,7 +533,7 @@ def _add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
         add_to_rows(balance, 0, 1, changing, v_k)  # theta_k' delta'.(d A_k) delta
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_damping(layout, kept, place, gain_v, fresh, work, matrix):
     """Add ``D eta'``; the change of D with theta is left out of the iteration matrix."""
     rate, balance = work.rate, work.balance

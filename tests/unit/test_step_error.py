@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from runs import paper_scene, rom_of
@@ -84,11 +86,12 @@ def test_the_motion_and_its_error_are_the_exact_motion(held: int) -> None:
     modes = made_up_modes([50.0, 240.0, 900.0])
     force = np.array([1.0, 50.0, 3000.0])
     system = Oscillators(modes, force)
-    stepper = GeneralisedAlpha(system, 0.8, 400 * STEP, 400, np.ones(1, dtype=bool))
+    stepper = GeneralisedAlpha(system, 0.8, 400 * STEP, 400, np.ones(1, dtype=bool), np.arange(401), None)
+    ts = SimpleNamespace(setTimeStep=lambda step: None)
     error = StepError(STEP, np.array(system.reduced(stepper.state)), modes)
     motion = []
     for number in range(1, 401):
-        stepper.solveStep(None, number * STEP, Vector())
+        stepper.solveStep(ts, number * STEP, Vector())
         motion.append(system.reduced(stepper.state))
         if number % held and number < 400:
             continue
