@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.vectors import LANES, blend, load, spread, store
+from pgmp_petsc.dynamics.vectors import LANES, absolute, blend, exceeding, floor, larger, load, spread, store
 from pgmp_petsc.runtime.compiled import njit
 
 N_COEFFICIENTS = 4  # along each coordinate
+FURTHEST = 1e9  # rad
 
 
 class Grid(NamedTuple):
@@ -38,6 +39,29 @@ def locate(theta, grid):
 
 
 @njit(inline="always")
+def locate_all(q, grid, place):
+    """Return the numbers of the cells of vectors q (n_theta or more, LANES), a vector of whole numbers.
+
+    Fills the places in the cells, rad from their lower ends, (n_theta, LANES). What is not a number, or out of all
+    measure, is put at the lower end: the sample is lost, but has a cell.
+    """
+    number = spread(0.0)
+    for k in range(len(grid)):
+        theta, n = load(q, k), float(grid[k].n_cells)
+        theta = blend(exceeding(absolute(theta), spread(FURTHEST)), spread(grid[k].lower), theta)
+        position = (theta - grid[k].lower) / grid[k].step
+        cell = floor(position)
+        if grid[k].periodic:
+            number = number * n + (cell - n * floor(cell / n))
+        else:
+            cell = larger(cell, spread(0.0))
+            cell = blend(exceeding(cell, spread(n - 1.0)), spread(n - 1.0), cell)
+            number = number * n + cell
+        store(place, k, (position - cell) * grid[k].step)
+    return number
+
+
+@njit(inline="always")
 def locate_lane(q, grid, lane, place):
     """Return the number of the cell of one lane of q (n_theta or more, LANES); fill its place in it, from 0 to 1.
 
@@ -47,7 +71,7 @@ def locate_lane(q, grid, lane, place):
     cell = 0
     for k in range(len(grid)):
         theta = q[k, lane]
-        if not abs(theta) < 1e9:
+        if not abs(theta) <= FURTHEST:
             theta = grid[k].lower
         along, place[k, lane] = locate(theta, grid[k])
         cell = cell * grid[k].n_cells + along
@@ -99,49 +123,21 @@ def _cubic_slope(c1, c2, c3, s):
     return c1 + s * (2.0 * c2 + 3.0 * s * c3)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def evaluate_directly(table, q, grid, weights, place, values, slopes):
-    """Evaluate all entries of a table (n_cells, n_terms, 4**n_theta, n_entries), weighted, lane by lane.
+@njit(inline="always")
+def gather_cells(table, cells, weights, kept):
+    """Put the weighted sums of the terms of every lane's cell into kept polynomials, lane by lane.
 
-    For few entries on a grid so fine that nothing is gained by keeping its cells.
-
-    Parameters
-    ----------
-    q
-        Vectors, of which the first n_theta are the rigid coordinates.
-    weights
-        Of the terms, vectors (n_terms, LANES).
-    place
-        Work array (n_theta, LANES).
-    values, slopes
-        Results, vectors (n_entries, LANES) and (n_theta * n_entries, LANES), coordinate after coordinate.
+    For few entries on a grid so fine that its cells are left in every step; parameters as of `refill`.
     """
-    rate, other_rate = 1.0 / grid[0].step, 1.0 / grid[-1].step
-    n_entries = table.shape[3]
+    n_terms, n_powers, n_entries = table.shape[1:]
     for lane in range(LANES):
-        cell = locate_lane(q, grid, lane, place)
-        s, t = place[0, lane], place[-1, lane]
+        cell = int(cells[0, lane])
         for e in range(n_entries):
-            value, slope, other_slope = 0.0, 0.0, 0.0
-            for term in range(weights.shape[0]):
-                c, weight = table[cell, term], weights[term, lane]
-                if len(grid) == 1:
-                    value += weight * _cubic(c[0, e], c[1, e], c[2, e], c[3, e], s)
-                    slope += weight * _cubic_slope(c[1, e], c[2, e], c[3, e], s)
-                else:
-                    p0 = _cubic(c[0, e], c[1, e], c[2, e], c[3, e], t)
-                    p1 = _cubic(c[4, e], c[5, e], c[6, e], c[7, e], t)
-                    p2 = _cubic(c[8, e], c[9, e], c[10, e], c[11, e], t)
-                    p3 = _cubic(c[12, e], c[13, e], c[14, e], c[15, e], t)
-                    d0, d1 = _cubic_slope(c[1, e], c[2, e], c[3, e], t), _cubic_slope(c[5, e], c[6, e], c[7, e], t)
-                    d2, d3 = _cubic_slope(c[9, e], c[10, e], c[11, e], t), _cubic_slope(c[13, e], c[14, e], c[15, e], t)
-                    value += weight * _cubic(p0, p1, p2, p3, s)
-                    slope += weight * _cubic_slope(p1, p2, p3, s)
-                    other_slope += weight * _cubic(d0, d1, d2, d3, s)
-            values[e, lane] = value
-            slopes[e, lane] = slope * rate
-            if len(grid) == 2:
-                slopes[n_entries + e, lane] = other_slope * other_rate
+            for k in range(n_powers):
+                total = 0.0
+                for term in range(n_terms):
+                    total += weights[term, lane] * table[cell, term, k, e]
+                kept[e * n_powers + k, lane] = total
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

@@ -23,7 +23,7 @@ from pgmp_petsc.dynamics.alpha_step import (
     ROUND_OFF,
 )
 from pgmp_petsc.dynamics.bordered import eliminate, solve
-from pgmp_petsc.dynamics.cells import Grid, evaluate_directly, locate_lane, refill
+from pgmp_petsc.dynamics.cells import N_COEFFICIENTS, Grid, gather_cells, locate_all, refill
 from pgmp_petsc.dynamics.reduced_lagrangian import Layout, Matrix, Work, evaluate, layout_n_rigid
 from pgmp_petsc.dynamics.status import Outcome
 from pgmp_petsc.dynamics.vectors import (
@@ -32,7 +32,10 @@ from pgmp_petsc.dynamics.vectors import (
     add_product,
     blend,
     count_lanes,
+    differing,
+    equal,
     exceeding,
+    first_lane,
     larger,
     load,
     load_rows,
@@ -50,7 +53,7 @@ WORST_CONTRACTION = 0.999
 class Tables(NamedTuple):
     """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, 4**n_theta, n_entries).
 
-    Those of the rigid inertia are in places from 0 to 1 of a cell, the others in radians from its lower end.
+    In radians from the lower end of a cell; those of the rigid inertia have cells of their own.
     """
 
     rigid: np.ndarray
@@ -108,7 +111,7 @@ class Memory(NamedTuple):
     Attributes
     ----------
     cells
-        Cells that the samples are in, -1 before the first, shape (n_blocks, LANES).
+        Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
     terms, loads
         Polynomials there, (n_blocks, n_entries * 4**n_theta, LANES): of the terms, and of a unit of every effect's
         amplitude, effect after effect.
@@ -200,6 +203,8 @@ def allocate(layout):
         vectors_of(n),
         vectors_of(r),
         vectors_of(r),
+        vectors_of(1),
+        vectors_of(layout_n_rigid(r) * N_COEFFICIENTS**r),
     )
 
 
@@ -219,44 +224,29 @@ def acting_of(memory, block):
 @njit(error_model="numpy", forceinline=True)
 def interpolate(equations, memory, block, amplitudes, work):
     """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
-    layout, grid, tables = equations.layout, equations.grid, equations.tables
-    cells, loads = memory.cells[block], memory.loads[block]
-    moved = 0
-    for lane in range(LANES):
-        cell = locate_lane(work.q, grid, lane, work.place)
-        if cell != cells[lane]:
-            moved |= 1 << lane
-            cells[lane] = cell
-    n_rigid = layout_n_rigid(len(grid))
-    for lane in range(LANES):
-        if moved & (1 << lane):
-            together = 0
-            for other in range(lane, LANES):
-                if cells[other] == cells[lane]:
-                    together |= moved & (1 << other)
-            moved &= ~together
-            weights = equations.weights
-            refill(
-                tables.terms, cells[lane], weights.terms[block], weights.together, n_rigid, layout.end, together,
-                memory.terms[block],
-            )  # fmt: skip
-            if amplitudes.size > 0:
-                refill(
-                    tables.loads,
-                    cells[lane],
-                    weights.loads[block],
-                    weights.effects,
-                    0,
-                    layout.load_end,
-                    together,
-                    loads,
-                )
-    evaluate_directly(
-        tables.rigid, work.q, equations.fine, equations.weights.terms[block], work.fine, work.rigid, work.rigid_slope
-    )
-    for lane in range(LANES):
-        for k in range(len(grid)):
-            work.place[k, lane] *= grid[k].step
+    layout, tables, weights = equations.layout, equations.tables, equations.weights
+    loads, n_rigid = memory.loads[block], layout_n_rigid(len(equations.grid))
+    cells = locate_all(work.q, equations.grid, work.place)
+    moved = differing(cells, load(memory.cells, block))
+    store(memory.cells, block, cells)
+    while moved != 0:
+        number = memory.cells[block, first_lane(moved)]
+        together = moved & equal(cells, spread(number))
+        moved &= ~together
+        refill(
+            tables.terms, int(number), weights.terms[block], weights.together, n_rigid, layout.end, together,
+            memory.terms[block],
+        )  # fmt: skip
+        if amplitudes.size > 0:
+            refill(tables.loads, int(number), weights.loads[block], weights.effects, 0, layout.load_end, together, loads)
+    store(work.fine_cells, 0, locate_all(work.q, equations.fine, work.fine))
+    gather_cells(tables.rigid, work.fine_cells, weights.terms[block], work.fine_kept)
+    place = load_rows(work.fine, 0, 1, layout.rigid)
+    for entry in range(n_rigid):
+        value, slopes = polynomial(work.fine_kept, entry, place)
+        store(work.rigid, entry, value)
+        for k in range(len(place)):
+            store(work.rigid_slope, k * n_rigid + entry, slopes[k])
     if amplitudes.size > 0:
         place = load_rows(work.place, 0, 1, layout.rigid)
         for entry in range(layout.load_end):

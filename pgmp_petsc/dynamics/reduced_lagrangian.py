@@ -119,7 +119,9 @@ class Work(NamedTuple):
     kept_a
         Accelerations of the iterate, n_eta.
     place, fine
-        In the cells of the tables and of the rigid inertia, n_theta each.
+        In the cells of the tables and of the rigid inertia, n_theta each, rad.
+    fine_cells, fine_kept
+        Numbers of the latter, one vector, and the polynomials there.
     """
 
     q: np.ndarray
@@ -139,6 +141,8 @@ class Work(NamedTuple):
     kept_a: np.ndarray
     place: np.ndarray
     fine: np.ndarray
+    fine_cells: np.ndarray
+    fine_kept: np.ndarray
 
 
 class Matrix(NamedTuple):

@@ -113,8 +113,10 @@ class ReducedSystem:
         r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
         n_powers = N_COEFFICIENTS**r
         shapes = (m * (m + 1) // 2, r * r, r * m, r * m)
+        cells = aligned_zeros((n_blocks, LANES))
+        cells[:] = -1.0
         return Memory(
-            np.full((n_blocks, LANES), -1),
+            cells,
             aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
             aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
             Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),

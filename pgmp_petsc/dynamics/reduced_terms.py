@@ -132,12 +132,15 @@ class ReducedTerms:
     @cached_property
     def polynomials(self) -> Tables:
         """All terms as the kernel takes them."""
-        rigid, terms, loads = (part.polynomials() for part in (self.rigid, self.terms, self.load))
-        steps = np.ones(1)
-        for axis in self.terms.axes:  # from places between 0 and 1 to radians
-            steps = np.multiply.outer(steps, axis.step ** -np.arange(4.0)).ravel()
-        scaled = (part * steps[:, None, None] for part in (terms, loads))
-        return Tables(*(np.ascontiguousarray(np.swapaxes(part, 1, 2)) for part in (rigid, *scaled)))
+        return Tables(*(_in_radians(part) for part in (self.rigid, self.terms, self.load)))
+
+
+def _in_radians(part: Interpolant) -> np.ndarray:
+    """Return polynomials of the place in each cell, rad from its lower end, (n_cells, n_terms, 4**n_theta, n_entries)."""
+    scale = np.ones(1)
+    for axis in part.axes:
+        scale = np.multiply.outer(scale, axis.step ** -np.arange(4.0)).ravel()
+    return np.ascontiguousarray(np.swapaxes(part.polynomials() * scale[:, None, None], 1, 2))
 
 
 def fine_grid(samples: SampleGrid) -> SampleGrid:
