@@ -19,16 +19,15 @@ from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduc
 from pgmp_petsc.dynamics.reduced_kernel import (
     Equations,
     Memory,
-    Progress,
     Strengths,
     Weights,
     act_on,
-    advance,
     correct,
     evaluate_residual,
     fill_matrices,
 )
 from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
+from pgmp_petsc.dynamics.reduced_steps import Progress, advance
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State

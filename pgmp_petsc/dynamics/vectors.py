@@ -22,6 +22,8 @@ from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from pgmp_petsc.runtime.compiled import njit
+
 LANES = 8
 EVERY_LANE = (1 << LANES) - 1
 CACHE_LINE = 64  # bytes
@@ -127,6 +129,12 @@ def store(typing, array, row, x):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, x if x is vector else types.float64), build
+
+
+@njit(inline="always")
+def add(array, row, x):
+    """Add a vector to a row."""
+    store(array, row, load(array, row) + x)
 
 
 @intrinsic
