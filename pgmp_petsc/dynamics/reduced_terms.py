@@ -136,7 +136,7 @@ class ReducedTerms:
 
 
 def _in_radians(part: Interpolant) -> np.ndarray:
-    """Return polynomials of the place in each cell, rad from its lower end, (n_cells, n_terms, 4**n_theta, n_entries)."""
+    """Return polynomials in rad from the lower end of each cell, (n_cells, n_terms, 4**n_theta, n_entries)."""
     scale = np.ones(1)
     for axis in part.axes:
         scale = np.multiply.outer(scale, axis.step ** -np.arange(4.0)).ravel()

@@ -1,4 +1,4 @@
-"""Terms of second order in the deformation of the reduced Lagrangian; see `reduced_lagrangian`, which has the equations.
+"""Terms of second order in the deformation of the reduced Lagrangian; `reduced_lagrangian` has the equations.
 
 Each function adds its part to the residual and, if `fresh`, to the iteration matrix.
 """
@@ -177,9 +177,8 @@ def add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
         total = spread(0.0)
         for i in range(m):
             skew = load(skewed, i)
-            add(
-                balance, r + i, -(a_k * skew + v_k * load(driven, i))
-            )  # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
+            # - theta_k'' A delta - theta_k' (2 A delta' + A' delta)
+            add(balance, r + i, -(a_k * skew + v_k * load(driven, i)))
             total += load(a, r + i) * skew
             if fresh:
                 add(matrix.column, k * m + i, -(gain_a * skew))
