@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,6 +19,20 @@ ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = Path(__file__).resolve().parent / "parallel"
 # Against hangs only, so that no test fails because the machine is busy. Multiply it by PGMP_TEST_PATIENCE.
 TIMEOUT_SECONDS = 1200.0 * float(os.environ.get("PGMP_TEST_PATIENCE", "1"))
+
+
+def _sleeping() -> dict[str, str]:
+    """Return what makes ranks sleep while they wait; nothing where there is no compiler, and tests take longer."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        return {}
+    folder = Path(tempfile.mkdtemp(prefix="pgmp_tests_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(folder / "sleeping.so"), str(SCRIPTS / "sleeping.c")]
+    compiled = subprocess.run(command, capture_output=True, check=False)
+    return {"LD_PRELOAD": str(folder / "sleeping.so")} if compiled.returncode == 0 else {}
+
+
 # More ranks than cores and two jobs at once are allowed; small LAPACK calls are fastest with one thread.
 MPI_ENVIRONMENT = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
@@ -27,7 +44,7 @@ MPI_ENVIRONMENT = {
     # looking for clusters' networks takes every start a fifth of a second
     "OMPI_MCA_pml": "ob1",
     "OMP_NUM_THREADS": "1",
-}
+} | _sleeping()
 # Random cases are the same in every run, and none has a limit of time: neither luck nor load decides about a test.
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("suite")

@@ -292,9 +292,8 @@ def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matri
                 slope = load(work.load_slope, k * layout.load_end + r + i)
                 leaning += load(q, r + i) * slope
                 add(turned, k * m + i, -slope)
-        add(
-            balance, k, 0.5 * (bending - twice) - leaning
-        )  # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
+        # 1/2 delta (d_k K) delta - 1/2 eta' (d_k M) eta' - d_k Q.delta
+        add(balance, k, 0.5 * (bending - twice) - leaning)
     if loaded:
         for i in range(n):
             add(balance, i, -load(work.load, i))  # - a Q
