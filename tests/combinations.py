@@ -87,6 +87,10 @@ FEATURES = {
     "friction": ('effects.x={{type="joint_friction",joint="{drive}",limit=0.1,speed=0.1}}',),
     "spring": ('effects.x={{type="spring_damper",joint="{drive}",stiffness=3.0,damping=0.1,rest=0.2}}',),
     "stop": ('effects.x={{type="end_stop",joint="{drive}",lower=-0.5,upper=0.7,stiffness=1e3,damping=0.1}}',),
+    "bushing": (
+        'effects.x={{type="bushing",points=["ground:origin","{last}:tip"],reference={axes},stiffness={along},'
+        "damping={along}}}",
+    ),
     "structural damping": ('effects.x={{type="structural_damping",stiffness=1e-5,mass=0.1}}',),
     "modal damping": ('effects.x={{type="structural_damping",ratios=[0.01,0.01]}}',),
     "prescribed motion": (
@@ -112,6 +116,10 @@ FEATURES = {
     "coefficients": ('bodies.{first}={{mesh="{mesh}",element="beam2d",section={coefficients}}}',),
     "section scale": ('bodies.{last}.section_scale="width"',),
     "placement": ("bodies.{first}.placement={{origin={origin}}}",),
+    "rotation": ('outputs.x={{type="rotation",point="{last}:tip"}}',),
+    "distance": ('outputs.x={{type="distance",points=["ground:origin","{last}:tip"]}}',),
+    "displacement": ('outputs.x={{type="displacement",point="{last}:tip",axis="y"}}',),
+    "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
     "rigid first body": ("bodies.{first}.flexible=false",),
 }
 TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",
@@ -142,6 +150,8 @@ def scene_of(kind: str, feature: str) -> Scene:
     words = {
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
         "mesh": bare.bodies[bodies[0]].mesh, "coefficients": COEFFICIENTS,
+        "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
+        "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
     }  # fmt: skip
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])

@@ -353,7 +353,7 @@ ENTRIES = [
     (
         SPACE,
         "outputs.tilt={type='rotation', point='rod:tip'}",
-        'outputs.tilt.type = "rotation": for the plane; in space take the angle of a joint',
+        'outputs.tilt.type = "rotation": a rotation in space is no single number; take the angle of a joint',
     ),
     (BEAMS, "outputs.slider_position.axis='z'", 'outputs.slider_position.axis = "z": x or y is needed in the plane'),
 ]  # fmt: skip
