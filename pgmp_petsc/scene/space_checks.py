@@ -87,4 +87,5 @@ def _in_space(scene: Scene) -> Iterator[str]:
             yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
     for name, output in scene.outputs.items():
         if output.type == "rotation":
-            yield problem(f"outputs.{name}.type", "a rotation in space is no single number; take the angle of a joint", output.type)
+            why = "a rotation in space is no single number; take the angle of a joint"
+            yield problem(f"outputs.{name}.type", why, output.type)
