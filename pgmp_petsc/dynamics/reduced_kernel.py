@@ -272,7 +272,7 @@ def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     solve(matrix, r, n - r, work.balance, work.along)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(inline="always")
 def _hold_prescribed(equations, matrix):
     """Make the rows of prescribed coordinates those of the identity: they are not corrected."""
     r = len(equations.layout.rigid)
@@ -379,7 +379,7 @@ def evaluate_residual(equations, memory, strengths, state, result):
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, block, work)
-        evaluate_block(equations, memory, block, strengths.loads, (0.0, 0.0), False, work)
+        evaluate_block(equations, memory, block, strengths.loads, (0.0, 0.0), np.bool_(False), work)
         count = min(LANES, result.shape[0] - block * LANES)
         scatter(work.balance, block, (1 << count) - 1, result)
 
@@ -390,4 +390,4 @@ def fill_matrices(equations, memory, strengths, state, gain_a):
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, block, work)
-        evaluate_block(equations, memory, block, strengths.loads, (0.0, gain_a), True, work)
+        evaluate_block(equations, memory, block, strengths.loads, (0.0, gain_a), np.bool_(True), work)

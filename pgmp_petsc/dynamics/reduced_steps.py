@@ -145,7 +145,7 @@ def _note(lanes, what, outcome):
     return lanes
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(inline="always")
 def _predict(equations, scheme, step, state, strengths, work):
     """Predict the end of a step with the accelerations extrapolated linearly, prescribed coordinates where they are."""
     alpha_m, alpha_f, beta, gamma, _, _ = scheme
@@ -165,7 +165,7 @@ def _predict(equations, scheme, step, state, strengths, work):
             store(work.a, k, spread(strengths.motions[k, 2]))
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(inline="always")
 def _converge(equations, memory, block, strengths, gains, lanes, work, local, progress):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
@@ -219,12 +219,12 @@ def _outside(work, bounds):
     return lanes
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(inline="always")
 def _crossed(equations, memory, block, strengths, edges, lanes, work, local, progress):
     """Return the lanes that crossed an edge of a law in this step."""
     act(
         equations.local, (equations.fine, equations.grid), strengths.actions, work.q, work.rate, block * LANES, lanes,
-        0.0, False, local, acting_of(memory, block), memory.known,
+        0.0, np.bool_(False), local, acting_of(memory, block), memory.known,
     )  # fmt: skip
     crossed = 0
     for lane in range(LANES):
@@ -236,7 +236,7 @@ def _crossed(equations, memory, block, strengths, edges, lanes, work, local, pro
     return crossed
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(inline="always")
 def _follow(scheme, state, lanes, n, work):
     """Let some lanes go to the end of the step, with the auxiliary accelerations there."""
     alpha_m, alpha_f = scheme[0], scheme[1]

@@ -24,7 +24,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable], Callabl
     """Return numba's decorator with the same options; a cache that fails is done without."""
 
     def decorate(function: Callable) -> Callable:
-        dispatcher = numba.njit(**options)(function)
+        # nothing here is called from C; the wrapper for that would be compiled with each function
+        dispatcher = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if cache and not numba.config.DISABLE_JIT:
             try:
                 dispatcher._cache = _LenientCache(function)
