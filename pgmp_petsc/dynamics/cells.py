@@ -79,8 +79,10 @@ def locate_lane(q, grid, lane, place):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def refill(table, cell, weights, slots, first, end, lanes, kept):
-    """Put the weighted sums of a cell's terms into some lanes of kept polynomials.
+def refill(table, cell, weights, slots, first, end, lane, kept):
+    """Put the weighted sums of a cell's terms into one lane of kept polynomials.
+
+    Lanes that enter a cell together are filled one by one too: a sample's numbers must not depend on its neighbours.
 
     Parameters
     ----------
@@ -92,24 +94,25 @@ def refill(table, cell, weights, slots, first, end, lanes, kept):
         Which group of n_entries polynomials each term is added to, in increasing order, shape (n_terms,).
     first, end
         Entries to fill.
-    lanes
-        A set of them.
     kept
         Vectors (n_slots * n_entries * 4**n_theta, LANES).
     """
     n_powers, n_entries = table.shape[2], table.shape[3]
+    total = np.empty(n_entries)
     t = 0
     while t < slots.size:
         behind = t
         while behind < slots.size and slots[behind] == slots[t]:
             behind += 1
-        for e in range(first, end):
-            for k in range(n_powers):
-                total = spread(0.0)
-                for term in range(t, behind):
-                    total += table[cell, term, k, e] * load(weights, term)
-                at = (slots[t] * n_entries + e) * n_powers + k
-                store(kept, at, blend(lanes, total, load(kept, at)))
+        for k in range(n_powers):
+            total[first:end] = 0.0
+            for term in range(t, behind):
+                # along the contiguous entries, where it vectorises
+                weight, row = weights[term, lane], table[cell, term, k]
+                for e in range(first, end):
+                    total[e] += weight * row[e]
+            for e in range(first, end):
+                kept[(slots[t] * n_entries + e) * n_powers + k, lane] = total[e]
         t = behind
 
 

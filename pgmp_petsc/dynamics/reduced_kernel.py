@@ -23,7 +23,6 @@ from pgmp_petsc.dynamics.vectors import (
     add_product,
     blend,
     differing,
-    equal,
     first_lane,
     larger,
     load,
@@ -190,17 +189,14 @@ def interpolate(equations, memory, block, amplitudes, work):
     moved = differing(cells, load(memory.cells, block))
     store(memory.cells, block, cells)
     while moved != 0:
-        number = memory.cells[block, first_lane(moved)]
-        together = moved & equal(cells, spread(number))
-        moved &= ~together
+        lane = first_lane(moved)
+        moved &= moved - 1
+        cell = int(memory.cells[block, lane])
         refill(
-            tables.terms, int(number), weights.terms[block], weights.together, n_rigid, layout.end, together,
-            memory.terms[block],
-        )  # fmt: skip
+            tables.terms, cell, weights.terms[block], weights.together, n_rigid, layout.end, lane, memory.terms[block]
+        )
         if amplitudes.size > 0:
-            refill(
-                tables.loads, int(number), weights.loads[block], weights.effects, 0, layout.load_end, together, loads
-            )
+            refill(tables.loads, cell, weights.loads[block], weights.effects, 0, layout.load_end, lane, loads)
     store(work.fine_cells, 0, locate_all(work.q, equations.fine, work.fine))
     gather_cells(tables.rigid, work.fine_cells, weights.terms[block], work.fine_kept)
     place = load_rows(work.fine, 0, 1, layout.rigid)

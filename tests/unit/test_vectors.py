@@ -119,7 +119,7 @@ def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
         theta = RANDOM.uniform(-2.0, 5.0) if periodic else RANDOM.uniform(0.5, 2.25)
         cell, place = locate(theta, grid)
         assert 0.0 <= place <= 1.0 and cell == int(np.floor((theta - 0.5) / 0.25)) % 7
-        refill(table, cell, weights, slots, 1, 5, 1 << lane, kept)
+        refill(table, cell, weights, slots, 1, 5, lane, kept)
         for group in range(2):
             chosen = slots == group
             expected = np.einsum("t,tke->ek", weights[chosen, lane], table[cell, chosen])
