@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.cells import evaluate_row, locate_lane
+from pgmp_petsc.dynamics.cells import Grid, evaluate_row, locate_lane
 from pgmp_petsc.dynamics.rotations import rotation_of, spin_of
 from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
@@ -36,8 +36,10 @@ class Places(NamedTuple):
 
     Attributes
     ----------
+    fine
+        Cells of `rigid` along every coordinate.
     rigid
-        Polynomials on the fine grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
+        Polynomials on this grid: the nodes' frames on the rigid mechanism, and the angles of the actions less their
         winding, 0 where they have none, shape (n_cells, 4**n_theta, n_nodes * n_frame + n_actions).
     shapes
         Polynomials of Psi and chi, shape (n_cells, 4**n_theta, n_nodes * n_dofs * n_shapes).
@@ -47,6 +49,7 @@ class Places(NamedTuple):
         Node of both sides of each action, -1 on the ground, shape (n_actions, 2).
     """
 
+    fine: tuple[Grid, ...]
     rigid: np.ndarray
     shapes: np.ndarray
     winding: np.ndarray
@@ -153,10 +156,9 @@ def allocate_local(local, r, n_eta):
 
 
 @njit(cache=True, error_model="numpy")
-def place_nodes(local, grids, q, lane, work):
+def place_nodes(local, grid, q, lane, work):
     """Fill the nodes' frames and their derivatives with eta, for one lane of q (n_eta, LANES)."""
-    places = local.places
-    fine, grid = grids
+    places, fine = local.places, local.places.fine
     r, n, d = len(grid), q.shape[0], local.actions.statements.axes.shape[2]
     m = n - r
     cell = locate_lane(q, fine, lane, work.place)
@@ -268,13 +270,13 @@ def _attach(places, actions, action, work):
 
 
 @njit(cache=True, error_model="numpy")
-def act(local, grids, amplitudes, q, v, first, lanes, gain_v, with_tangent, work, acting, known):
+def act(local, grid, amplitudes, q, v, first, lanes, gain_v, with_tangent, work, acting, known):
     """Evaluate all actions on some lanes of a block.
 
     Parameters
     ----------
-    grids
-        Cells of the rigid kinematics and of the tables.
+    grid
+        Cells of the tables.
     amplitudes
         Of the actions now, shape (n_actions,).
     q, v
@@ -301,17 +303,17 @@ def act(local, grids, amplitudes, q, v, first, lanes, gain_v, with_tangent, work
                     for j in range(q.shape[0]):
                         acting.tangent[i, j, lane] = 0.0
             _act(
-                local, grids, amplitudes, q, v, first + lane, lane, gain_v, with_tangent, work, acting.balance,
+                local, grid, amplitudes, q, v, first + lane, lane, gain_v, with_tangent, work, acting.balance,
                 acting.tangent, known[first + lane],
             )  # fmt: skip
 
 
 @njit(inline="always")
-def _act(local, grids, amplitudes, q, v, sample, lane, gain_v, with_tangent, work, balance, tangent, known):
+def _act(local, grid, amplitudes, q, v, sample, lane, gain_v, with_tangent, work, balance, tangent, known):
     """Add all actions on one sample to its lane of balance (n_eta, LANES) and tangent (n_eta, n_eta, LANES)."""
     places, actions = local
-    n, n_actions, r = q.shape[0], places.sides.shape[0], len(grids[0])
-    place_nodes(local, grids, q, lane, work)
+    n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
+    place_nodes(local, grid, q, lane, work)
     for action in range(n_actions):
         _attach(places, actions, action, work)
         p = actions.parameters[action, sample]

@@ -81,8 +81,39 @@ def eliminate(matrix, r, m):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def solve(matrix, r, m, x, right):
-    """Solve with an eliminated matrix in place; x has r + m rows, `right` r rows to work with."""
+def solve(matrix, r, m, x, rest, right):
+    """Solve with an eliminated matrix in place; x and `rest` have r + m rows, `right` has r.
+
+    The skew part S of the flexible block is smaller than the symmetric one A by some thousandths at most: so is what
+    the refinement ``x - A^-1 S x`` leaves of the error.
+    """
+    _solve_symmetric(matrix, r, m, x, right)
+    if matrix.skew.shape[0] > 0:
+        _multiply_skew(matrix.skew, r, m, x, rest)
+        _solve_symmetric(matrix, r, m, rest, right)
+        for i in range(r + m):
+            store(x, i, load(x, i) - load(rest, i))
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _multiply_skew(skew, r, m, x, result):
+    """Multiply the flexible rows of x by a packed skew matrix; the r rows before become zeros."""
+    for k in range(r):
+        store(result, k, spread(0.0))
+    entry = 0
+    for i in range(m):
+        total, x_i = spread(0.0), load(x, r + i)
+        for j in range(i):
+            s = load(skew, entry)
+            total += s * load(x, r + j)
+            store(result, r + j, load(result, r + j) - s * x_i)
+            entry += 1
+        store(result, r + i, total)
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _solve_symmetric(matrix, r, m, x, right):
+    """Solve with the symmetric flexible block alone."""
     substitute(matrix.factor, m, x, r)
     for k in range(r):
         total = load(x, k)

@@ -14,7 +14,6 @@ import numpy as np
 from pgmp_petsc.dynamics.vectors import LANES, absolute, blend, exceeding, floor, larger, load, spread, store
 from pgmp_petsc.runtime.compiled import njit
 
-N_COEFFICIENTS = 4  # along each coordinate
 FURTHEST = 1e9  # rad
 
 
@@ -87,7 +86,7 @@ def refill(table, cell, weights, slots, first, end, lane, kept):
     Parameters
     ----------
     table
-        Shape (n_cells, n_terms, 4**n_theta, n_entries).
+        Shape (n_cells, n_terms, n_powers, n_entries).
     weights
         Of the terms, vectors (n_terms, LANES).
     slots
@@ -95,7 +94,7 @@ def refill(table, cell, weights, slots, first, end, lane, kept):
     first, end
         Entries to fill.
     kept
-        Vectors (n_slots * n_entries * 4**n_theta, LANES).
+        Vectors (n_slots * n_entries * n_powers, LANES).
     """
     n_powers, n_entries = table.shape[2], table.shape[3]
     total = np.empty(n_entries)
@@ -124,23 +123,6 @@ def _cubic(c0, c1, c2, c3, s):
 @njit(inline="always")
 def _cubic_slope(c1, c2, c3, s):
     return c1 + s * (2.0 * c2 + 3.0 * s * c3)
-
-
-@njit(inline="always")
-def gather_cells(table, cells, weights, kept):
-    """Put the weighted sums of the terms of every lane's cell into kept polynomials, lane by lane.
-
-    For few entries on a grid so fine that its cells are left in every step; parameters as of `refill`.
-    """
-    n_terms, n_powers, n_entries = table.shape[1:]
-    for lane in range(LANES):
-        cell = int(cells[0, lane])
-        for e in range(n_entries):
-            for k in range(n_powers):
-                total = 0.0
-                for term in range(n_terms):
-                    total += weights[term, lane] * table[cell, term, k, e]
-                kept[e * n_powers + k, lane] = total
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})

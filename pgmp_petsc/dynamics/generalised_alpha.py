@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import AlphaStep
+from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, AlphaStep
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
@@ -86,6 +86,7 @@ class GeneralisedAlpha:
         self._n_ahead = getattr(system, "steps_at_once", 1) - 1
         self._step = duration / n_steps
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
+        self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
         self._observer = observer
         self._show(0, self.state)
@@ -149,9 +150,9 @@ class GeneralisedAlpha:
             together = todo & (at == first)
             ends, scheme = self.instants[first + 1 : last + 1], self._stepper.scheme(self._step)
             beyond = np.zeros((0, at.size), dtype=bool) if self._events is None else self._events.beyond
-            moment = self.state, self._auxiliary, self._before
+            moment = self.state, self._auxiliary, self._before, self._contraction
             outcome, n_steps, n_corrections = self.system.advance(
-                moment, ends, self._step, scheme, together, beyond, trail[first - self.n_done :]
+                moment, first, ends, self._step, scheme, together, beyond, trail[first - self.n_done :]
             )
             self._stepper.n_iterations += n_corrections
             at[together] = first + n_steps[together]
@@ -185,6 +186,7 @@ class GeneralisedAlpha:
         fine = samples & self._alive
         self._before[fine] = previous.a[fine]
         self._auxiliary[fine] = ahead[fine]
+        self._contraction[fine] = FIRST_CONTRACTION
         for into, part in ((self.state.q, state.q), (self.state.v, state.v), (self.state.a, state.a)):
             into[fine] = part[fine]
 

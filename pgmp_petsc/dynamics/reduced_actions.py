@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import LocalEffects, Places
-from pgmp_petsc.dynamics.reduced_terms import fine_grid
+from pgmp_petsc.dynamics.cells import Grid
+from pgmp_petsc.dynamics.reduced_terms import fine_grid, grid_of
 from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
@@ -43,6 +44,7 @@ class ReducedActions:
         rom: ReducedOrderModel,
         scheme: str,
         start: np.ndarray,
+        parts: int,
     ) -> ReducedActions:
         """Prepare the tables of the nodes that actions hold at.
 
@@ -52,6 +54,8 @@ class ReducedActions:
             Interpolation of the mode shapes over the samples.
         start
             Coordinates at the start, shape (n_theta,), from where angles that are none count their turns.
+        parts
+            Number of parts of a cell between samples.
         """
         if not actions:
             return cls.none(kinematics.n_coordinates)
@@ -70,9 +74,11 @@ class ReducedActions:
         for k, action in enumerate(actions):
             if action.statement.kind == ANGLE:
                 angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
+        rigid = interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline")
         places = Places(
-            rigid=interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline").polynomials(),
-            shapes=interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme).polynomials(),
+            fine=grid_of(rigid),
+            rigid=rigid.polynomials(),
+            shapes=interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme).polynomials(parts),
             winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
         )
@@ -81,8 +87,8 @@ class ReducedActions:
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
-        empty = np.zeros((1, 4**n_theta, 0))
-        return cls((), Places(empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64)))
+        empty, nowhere = np.zeros((1, 4**n_theta, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta
+        return cls((), Places(nowhere, empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64)))
 
     @property
     def edges(self) -> list[int]:

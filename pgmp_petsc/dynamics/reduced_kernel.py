@@ -15,7 +15,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import Acting, LocalEffects, act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
-from pgmp_petsc.dynamics.cells import N_COEFFICIENTS, Grid, gather_cells, locate_all, refill
+from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.reduced_lagrangian import Layout, Matrix, Work, evaluate, layout_n_rigid
 from pgmp_petsc.dynamics.vectors import (
     LANES,
@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.vectors import (
     load,
     load_rows,
     polynomial,
+    rigid_polynomial,
     spread,
     store,
 )
@@ -35,9 +36,9 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Tables(NamedTuple):
-    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, 4**n_theta, n_entries).
+    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_powers, n_entries).
 
-    In radians from the lower end of a cell; those of the rigid inertia have cells of their own.
+    In radians from the lower end of a cell: of degree 7 in each coordinate for the rigid inertia, cubic for the others.
     """
 
     rigid: np.ndarray
@@ -64,8 +65,8 @@ class Equations(NamedTuple):
     ----------
     layout
         Parts of a table row.
-    fine, grid
-        `Grid` of every coordinate, of the rigid inertia and of all other terms.
+    grid
+        `Grid` of every coordinate.
     tables, weights
         See `Tables`, `Weights`.
     local
@@ -79,7 +80,6 @@ class Equations(NamedTuple):
     """
 
     layout: Layout
-    fine: tuple[Grid, ...]
     grid: tuple[Grid, ...]
     tables: Tables
     weights: Weights
@@ -96,9 +96,9 @@ class Memory(NamedTuple):
     ----------
     cells
         Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
-    terms, loads
-        Polynomials there, (n_blocks, n_entries * 4**n_theta, LANES): of the terms, and of a unit of every effect's
-        amplitude, effect after effect.
+    rigid, terms, loads
+        Polynomials there, (n_blocks, n_entries * n_powers, LANES): of the rigid inertia, of the other terms, and of a
+        unit of every effect's amplitude, effect after effect.
     matrix
         Iteration matrices, each array with an axis of blocks in front.
     acting
@@ -108,6 +108,7 @@ class Memory(NamedTuple):
     """
 
     cells: np.ndarray
+    rigid: np.ndarray
     terms: np.ndarray
     loads: np.ndarray
     matrix: Matrix
@@ -155,15 +156,14 @@ def allocate(layout):
         vectors_of(layout.load_end),
         vectors_of(r * layout.load_end),
         vectors_of(r * n),
+        vectors_of(r * n),
         vectors_of(r * m),
         vectors_of(m * (m + 1) // 2),
         vectors_of(max(r, m)),
         vectors_of(max(r, m)),
         vectors_of(n),
+        vectors_of(n),
         vectors_of(r),
-        vectors_of(r),
-        vectors_of(1),
-        vectors_of(layout_n_rigid(r) * N_COEFFICIENTS**r),
     )
 
 
@@ -171,7 +171,9 @@ def allocate(layout):
 def matrix_of(memory, block):
     """Return the iteration matrix of a block."""
     whole = memory.matrix
-    return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block])
+    return Matrix(
+        whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block]
+    )
 
 
 @njit(inline="always")
@@ -192,21 +194,18 @@ def interpolate(equations, memory, block, amplitudes, work):
         lane = first_lane(moved)
         moved &= moved - 1
         cell = int(memory.cells[block, lane])
-        refill(
-            tables.terms, cell, weights.terms[block], weights.together, n_rigid, layout.end, lane, memory.terms[block]
-        )
+        own = weights.terms[block]
+        refill(tables.rigid, cell, own, weights.together, 0, n_rigid, lane, memory.rigid[block])
+        refill(tables.terms, cell, own, weights.together, n_rigid, layout.end, lane, memory.terms[block])
         if amplitudes.size > 0:
             refill(tables.loads, cell, weights.loads[block], weights.effects, 0, layout.load_end, lane, loads)
-    store(work.fine_cells, 0, locate_all(work.q, equations.fine, work.fine))
-    gather_cells(tables.rigid, work.fine_cells, weights.terms[block], work.fine_kept)
-    place = load_rows(work.fine, 0, 1, layout.rigid)
+    place = load_rows(work.place, 0, 1, layout.rigid)
     for entry in range(n_rigid):
-        value, slopes = polynomial(work.fine_kept, entry, place)
+        value, slopes = rigid_polynomial(memory.rigid[block], entry, place)
         store(work.rigid, entry, value)
         for k in range(len(place)):
             store(work.rigid_slope, k * n_rigid + entry, slopes[k])
     if amplitudes.size > 0:
-        place = load_rows(work.place, 0, 1, layout.rigid)
         for entry in range(layout.load_end):
             value, slopes = polynomial(loads, entry, place)
             value, amplitude = value * amplitudes[0], spread(amplitudes[0])
@@ -265,7 +264,7 @@ def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     if fresh:
         _hold_prescribed(equations, matrix)
         eliminate(matrix, r, n - r)
-    solve(matrix, r, n - r, work.balance, work.along)
+    solve(matrix, r, n - r, work.balance, work.refined, work.along)
 
 
 @njit(inline="always")
@@ -364,7 +363,7 @@ def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
     for block in range(active.size):
         take_up(state, block, work)
         act(
-            equations.local, (equations.fine, equations.grid), strengths.actions, work.q, work.rate, block * LANES,
+            equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES,
             active[block], gain_v, with_tangent, local, acting_of(memory, block), memory.known,
         )  # fmt: skip
 

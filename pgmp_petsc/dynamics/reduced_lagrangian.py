@@ -30,8 +30,8 @@ Structural damping adds ``D eta'``. Damping proportional to the mass, ``alpha dT
 because T is quadratic in eta', it is what ``alpha eta'`` added to eta'' makes of the inertia forces.
 
 With all of it the system is Lagrangian in the interpolated tables and conserves energy. Terms that a scene does not
-call for have no entries. The iteration matrix leaves out second derivatives of the tables; its flexible block is
-symmetric, rows and columns of theta border it.
+call for have no entries. The iteration matrix leaves out second derivatives of the tables. Its flexible block is
+symmetric but for gyroscopic terms, rows and columns of theta border it.
 """
 
 from __future__ import annotations
@@ -112,18 +112,19 @@ class Work(NamedTuple):
         Packed rigid inertia, and its derivatives, coordinate after coordinate.
     load, load_slope
         ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
-    moved, turned
-        ``(d_k M) eta'`` (n_eta) and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate after coordinate.
+    moved, pulled, turned
+        ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate
+        after coordinate.
     bent
         ``V delta``, packed.
     along, across
         Products of a matrix with delta and with delta', n_delta each.
     kept_a
         Accelerations of the iterate, n_eta.
-    place, fine
-        In the cells of the tables and of the rigid inertia, n_theta each, rad.
-    fine_cells, fine_kept
-        Numbers of the latter, one vector, and the polynomials there.
+    refined
+        What refines a correction, n_eta.
+    place
+        In the cells, n_theta, rad.
     """
 
     q: np.ndarray
@@ -136,15 +137,14 @@ class Work(NamedTuple):
     load: np.ndarray
     load_slope: np.ndarray
     moved: np.ndarray
+    pulled: np.ndarray
     turned: np.ndarray
     bent: np.ndarray
     along: np.ndarray
     across: np.ndarray
     kept_a: np.ndarray
+    refined: np.ndarray
     place: np.ndarray
-    fine: np.ndarray
-    fine_cells: np.ndarray
-    fine_kept: np.ndarray
 
 
 class Matrix(NamedTuple):
@@ -153,17 +153,20 @@ class Matrix(NamedTuple):
     Attributes
     ----------
     factor
-        Flexible block, packed, or its factors.
+        Symmetric part of the flexible block, packed, or its factors.
     corner
         ``d r_k / d theta_j``, row by row; n_theta^2 entries.
     column, row
         ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
+    skew
+        Skew part of the flexible block, packed; no entries without terms of second order.
     """
 
     factor: np.ndarray
     corner: np.ndarray
     column: np.ndarray
     row: np.ndarray
+    skew: np.ndarray
 
 
 @njit(inline="always")
@@ -206,32 +209,35 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
         if loaded:
             add_bent_loads(layout, place, fresh, work, matrix)
         add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
-        add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix)
+        add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix)
     if layout.damping < layout.end:
         _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
-    """Begin with ``M eta'' + K delta``, and fill `moved` and `turned`."""
+    """Begin with ``M eta'' + K delta``, and fill `moved`, `turned` and, if `fresh`, `pulled`."""
     q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
+    pulled = work.pulled
     r, n = len(place), layout.n_eta
     m = n - r
     for k in range(r):
-        total, change = spread(0.0), zeros(place)
+        total, change, pull = spread(0.0), zeros(place), zeros(place)
         for j in range(r):
             slopes = load_rows(work.rigid_slope, pair(k, j), layout_n_rigid(r), place)
             total += load(work.rigid, pair(k, j)) * load(a, j)  # M_kj theta_j''
             change = add_product(change, slopes, load(v, j))  # (d M_kj) theta_j'
+            pull = add_product(pull, slopes, load(a, j))  # (d M_kj) theta_j''
         store(balance, k, total)
         for h in range(r):
             store(moved, h * n + k, change[h])
+            store(pulled, h * n + k, pull[h])
     entry = layout.stiffness
     into = 0
     for i in range(m):
         at = (r + i) * (r + i + 1) // 2
         a_i, v_i, q_i = load(a, r + i), load(v, r + i), load(q, r + i)
-        total, change, turn = spread(0.0), zeros(place), zeros(place)
+        total, change, pull, turn = spread(0.0), zeros(place), zeros(place), zeros(place)
         for k in range(r):
             mass, slopes = inertia_of(layout, kept, at + k, place)
             total += mass * load(a, k)  # M_ik theta_k''
@@ -239,6 +245,8 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
             change = add_product(change, slopes, load(v, k))  # (d M_ik) theta_k'
             add_to_rows(moved, k, n, slopes, v_i)  # (d M_ki) delta_i'
             if fresh:
+                pull = add_product(pull, slopes, load(a, k))  # (d M_ik) theta_k''
+                add_to_rows(pulled, k, n, slopes, a_i)  # (d M_ki) delta_i''
                 coupled, swept = gain_a * mass, gain_v * dot(slopes, velocity)
                 store(matrix.column, k * m + i, coupled + swept)
                 store(matrix.row, k * m + i, coupled + swept)
@@ -252,14 +260,18 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
             add_to_rows(moved, r + j, n, slopes, v_i)
             add_to_rows(turned, j, m, bends, q_i)
             if fresh:
+                pull = add_product(pull, slopes, load(a, r + j))  # (d M_ij) delta_j''
+                add_to_rows(pulled, r + j, n, slopes, a_i)
                 store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
             into += 1
         mass, slopes = inertia_of(layout, kept, at + r + i, place)
         stiffness, bends = polynomial(kept, entry + i, place)
         store(balance, r + i, total + mass * a_i + stiffness * q_i)
         change, turn = add_product(change, slopes, v_i), add_product(turn, bends, q_i)
+        pull = add_product(pull, slopes, a_i)
         for h in range(r):
             store(moved, h * n + r + i, change[h])
+            store(pulled, h * n + r + i, pull[h])
             store(turned, h * m + i, turn[h])
         if fresh:
             store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
@@ -301,15 +313,14 @@ def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matri
         for k in range(r):
             for i in range(m):
                 turn, swing = load(turned, k * m + i), gain_v * load(moved, k * n + r + i)
-                add(matrix.column, k * m + i, turn + swing)
+                add(matrix.column, k * m + i, turn + swing + load(work.pulled, k * n + r + i))
                 add(matrix.row, k * m + i, turn - swing)
             for j in range(r):
                 total = gain_a * load(work.rigid, pair(k, j))
-                total += gain_v * (load(moved, j * n + k) - load(moved, k * n + j))
+                total += gain_v * (load(moved, j * n + k) - load(moved, k * n + j)) + load(work.pulled, j * n + k)
                 for h in range(r):
                     n_rigid = layout_n_rigid(r)
                     total += load(work.rigid_slope, h * n_rigid + pair(k, j)) * (gain_v * load(v, h))
-                    total += load(work.rigid_slope, j * n_rigid + pair(k, h)) * load(a, h)
                 store(matrix.corner, k * r + j, total)
 
 
@@ -341,6 +352,7 @@ def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, ma
                     if j < k:
                         add(matrix.column, j * m + i, -2.0 * (gain_v * (b * v_k)))
                         add(row, j * m + i, 2.0 * (b * (gain_v * v_k + a_k) + change * v_k))
+                    add_to_rows(matrix.column, i, m, slopes, -turning)
                     add_to_rows(row, i, m, slopes, -turning)
             drift = dot(turned, velocity)
             add(balance, k, 2.0 * (leant * a_j + leaning * v_j + drift * v_j))  # 2 (b.delta theta_j')'

@@ -12,9 +12,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local
 from pgmp_petsc.dynamics.alpha_step import (
-    FIRST_CONTRACTION,
     MAX_ITERATIONS,
-    NEWTON_TOLERANCE,
     REFRESH_EVERY,
     ROUND_OFF,
 )
@@ -44,6 +42,9 @@ from pgmp_petsc.runtime.compiled import njit
 LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CROSSED)
 ALMOST_NONE = 1e-300
 WORST_CONTRACTION = 0.999
+NEWTON_TOLERANCE = 1e-11
+PROBED_EVERY = 10  # steps of which one has two corrections, to see how the iteration contracts
+CAUTION = 4.0  # times that contraction is expected until the next one
 
 
 class Progress(NamedTuple):
@@ -72,7 +73,7 @@ class Progress(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(equations, memory, strengths, scheme, step, state, bounds, edges, lanes, progress):
+def advance(equations, memory, strengths, scheme, step, first, state, bounds, edges, lanes, progress):
     """Take some samples through several equal steps, each until it is done or something happens to it.
 
     Parameters
@@ -81,12 +82,12 @@ def advance(equations, memory, strengths, scheme, step, state, bounds, edges, la
         At the ends of all steps, with an axis of steps in front.
     scheme
         ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
-    step
-        s.
+    step, first
+        Length of a step, s; number of the first one in the run.
     state
-        ``(q, v, a, auxiliary, before)``, each (n_samples, n_eta), with the auxiliary accelerations and the
-        accelerations one step before; advanced in place. A sample to which something happens stays at the beginning of
-        that step.
+        ``(q, v, a, auxiliary, before, contraction)``, each (n_samples, n_eta), with the auxiliary accelerations and the
+        accelerations one step before, and the contraction to be expected (n_samples, 1); advanced in place. A sample to
+        which something happens stays at the beginning of that step.
     bounds
         Range of each coordinate in which the tables hold, (n_theta, 2).
     edges
@@ -106,6 +107,7 @@ def advance(equations, memory, strengths, scheme, step, state, bounds, edges, la
         vectors_of(layout.n_eta),
         vectors_of(layout.n_eta),
         vectors_of(layout.n_eta),
+        vectors_of(1),
     )
     for block in range(lanes.size):
         going = lanes[block]
@@ -118,7 +120,10 @@ def advance(equations, memory, strengths, scheme, step, state, bounds, edges, la
                 break
             now = Strengths(strengths.loads[number], strengths.actions[number], strengths.motions[number])
             _predict(equations, scheme, step, of_block, now, work)
-            lost = _converge(equations, memory, block, now, gains, going, work, local, progress)
+            probed = (first + number) % PROBED_EVERY == 0
+            lost = _converge(
+                equations, memory, block, now, gains, going, probed, of_block[5], work, local, progress
+            )
             outcome = progress.outcome[block]
             going &= ~_note(lost, LOST, outcome)
             going &= ~_note(_outside(work, bounds) & going, OUTSIDE, outcome)
@@ -149,7 +154,7 @@ def _note(lanes, what, outcome):
 def _predict(equations, scheme, step, state, strengths, work):
     """Predict the end of a step with the accelerations extrapolated linearly, prescribed coordinates where they are."""
     alpha_m, alpha_f, beta, gamma, _, _ = scheme
-    q, v, a, auxiliary, before = state
+    q, v, a, auxiliary, before, _ = state
     weight = 1.0 / (1.0 - alpha_m)
     for i in range(equations.layout.n_eta):
         behind, speed, now = load(auxiliary, i), load(v, i), load(a, i)
@@ -166,11 +171,12 @@ def _predict(equations, scheme, step, state, strengths, work):
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, strengths, gains, lanes, work, local, progress):
+def _converge(equations, memory, block, strengths, gains, lanes, probed, expected, work, local, progress):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
-    What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner 1996,
-    section IV.8); see `alpha_step.judge`.
+    What remains after a correction is estimated from the contraction between the last two, and after the first one
+    from that of steps before (Hairer and Wanner 1996, section IV.8), a vector (1, LANES). It changes with the motion:
+    a step that is probed has two corrections at least.
     """
     gain_v, gain_a = gains
     n = equations.layout.n_eta
@@ -179,7 +185,7 @@ def _converge(equations, memory, block, strengths, gains, lanes, work, local, pr
         fresh = iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
             act(
-                equations.local, (equations.fine, equations.grid), strengths.actions, work.q, work.rate, block * LANES,
+                equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES,
                 active, gain_v, fresh, local, acting_of(memory, block), memory.known,
             )  # fmt: skip
         # the inertia forces see other accelerations where damping is proportional to the mass
@@ -193,20 +199,27 @@ def _converge(equations, memory, block, strengths, gains, lanes, work, local, pr
             store(work.a, i, load(work.kept_a, i) - gain_a * change)
         size = size_of(equations, work.balance)
         progress.n_corrections[0] += count_lanes(active)
-        contraction = spread(FIRST_CONTRACTION)
+        contraction = load(expected, 0)
         if iteration > 0:
-            contraction = size / larger(last, spread(ALMOST_NONE))
-            contraction = blend(
-                exceeding(contraction, spread(WORST_CONTRACTION)), spread(WORST_CONTRACTION), contraction
-            )
+            contraction = _smaller(size / larger(last, spread(ALMOST_NONE)))
+        if iteration == 1:
+            store(expected, 0, blend(active, _smaller(CAUTION * contraction), load(expected, 0)))
         remaining = size * contraction / (1.0 - contraction)
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken
-        active &= ~broken & exceeding(remaining, spread(NEWTON_TOLERANCE)) & exceeding(size, spread(ROUND_OFF))
+        active &= ~broken
+        if iteration > 0 or not probed:
+            active &= exceeding(remaining, spread(NEWTON_TOLERANCE)) & exceeding(size, spread(ROUND_OFF))
         last = size
         if active == 0:
             break
     return lost | active
+
+
+@njit(inline="always")
+def _smaller(contraction):
+    """Return contractions, none of them larger than the worst that is reckoned with."""
+    return blend(exceeding(contraction, spread(WORST_CONTRACTION)), spread(WORST_CONTRACTION), contraction)
 
 
 @njit(inline="always")
@@ -223,7 +236,7 @@ def _outside(work, bounds):
 def _crossed(equations, memory, block, strengths, edges, lanes, work, local, progress):
     """Return the lanes that crossed an edge of a law in this step."""
     act(
-        equations.local, (equations.fine, equations.grid), strengths.actions, work.q, work.rate, block * LANES, lanes,
+        equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES, lanes,
         0.0, np.bool_(False), local, acting_of(memory, block), memory.known,
     )  # fmt: skip
     crossed = 0
@@ -240,7 +253,7 @@ def _crossed(equations, memory, block, strengths, edges, lanes, work, local, pro
 def _follow(scheme, state, lanes, n, work):
     """Let some lanes go to the end of the step, with the auxiliary accelerations there."""
     alpha_m, alpha_f = scheme[0], scheme[1]
-    q, v, a, auxiliary, before = state
+    q, v, a, auxiliary, before, _ = state
     weight = 1.0 / (1.0 - alpha_m)
     for i in range(n):
         now, then, behind = load(a, i), load(work.a, i), load(auxiliary, i)

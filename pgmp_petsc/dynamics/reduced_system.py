@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting
-from pgmp_petsc.dynamics.cells import N_COEFFICIENTS
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
@@ -33,7 +32,7 @@ from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros
+from pgmp_petsc.dynamics.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_of
 
@@ -94,7 +93,7 @@ class ReducedSystem:
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
         self._equations = Equations(
             layout,
-            *terms.grids,
+            terms.grid,
             terms.polynomials,
             Weights(of_terms, of_loads, effects_of_loads, np.zeros(len(terms.weights), dtype=np.int64)),
             self._actions.of_samples(values, n_samples),
@@ -110,12 +109,13 @@ class ReducedSystem:
         """Return what is kept of every block, empty."""
         layout, n_blocks, n_actions = self._equations.layout, self._blocks.n_blocks, len(self._actions.actions)
         r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
-        n_powers = N_COEFFICIENTS**r
-        shapes = (m * (m + 1) // 2, r * r, r * m, r * m)
+        n_powers = N_POWERS**r
+        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m - 1) // 2 if layout.second_order else 0)
         cells = aligned_zeros((n_blocks, LANES))
         cells[:] = -1.0
         return Memory(
             cells,
+            aligned_zeros((n_blocks, layout.n_rigid * N_POWERS_OF_RIGID**r, LANES)),
             aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
             aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
             Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
@@ -300,7 +300,8 @@ class ReducedSystem:
 
     def advance(
         self,
-        moment: tuple[State, np.ndarray, np.ndarray],
+        moment: tuple[State, np.ndarray, np.ndarray, np.ndarray],
+        first: int,
         ends: np.ndarray,
         step: float,
         scheme: Scheme,
@@ -313,9 +314,10 @@ class ReducedSystem:
         Parameters
         ----------
         moment
-            State, auxiliary accelerations and accelerations one step before; advanced in place.
-        ends
-            Of the steps, shape (n_steps,), s.
+            State, auxiliary accelerations, accelerations one step before and contractions of Newton's iteration to be
+            expected (n_samples, 1); advanced in place.
+        first, ends
+            Number of the first step in the run; ends of the steps, shape (n_steps,), s.
         step
             s.
         samples
@@ -343,9 +345,9 @@ class ReducedSystem:
             np.ascontiguousarray(beyond.T),
             trail,
         )
-        state, auxiliary, before = moment
+        state, *others = moment
         advance(
-            self._equations, self._memory, strengths, astuple(scheme), step, (*_parts(state), auxiliary, before),
+            self._equations, self._memory, strengths, astuple(scheme), step, first, (*_parts(state), *others),
             self._bounds, edges, self._lanes(samples), progress,
         )  # fmt: skip
         outcome, n_steps = (self._blocks.unpack(part) for part in (progress.outcome, progress.n_steps))
@@ -383,7 +385,7 @@ class ReducedSystem:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
         fill_matrices(self._equations, self._memory, self._at(time), _parts(state), gain_a)
         r, n = self.tables.n_coordinates, self.n_eta
-        factor, corner, column, row = (self._blocks.unpack(part).T for part in self._memory.matrix)
+        factor, corner, column, row = (self._blocks.unpack(part).T for part in self._memory.matrix[:4])
         matrices = np.empty((self.n_samples, n, n))
         rows, columns = np.tril_indices(n - r)
         matrices[:, r + rows, r + columns] = matrices[:, r + columns, r + rows] = factor

@@ -149,8 +149,8 @@ def add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
-def add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
-    """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew; their part of the flexible tangent is left out."""
+def add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
+    """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew."""
     q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
     r, n = len(place), layout.n_eta
     m = n - r
@@ -158,6 +158,8 @@ def add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
     for k in range(r):
         v_k, a_k = load(v, k), load(a, k)
         changing = zeros(place)  # delta'.(d A_k) delta
+        pushed = a_k + 2.0 * (gain_v * v_k)
+        entry = 0
         for i in range(m):
             q_i, v_i = load(q, r + i), load(v, r + i)
             skew, drive = spread(0.0), spread(0.0)
@@ -171,7 +173,11 @@ def add_gyroscopic(layout, kept, place, velocity, gain_a, fresh, work, matrix):
                 add(skewed, j, -(value * q_i))
                 add(driven, j, -(2.0 * (value * v_i) + change * q_i))
                 changing = add_product(changing, slopes, v_i * q_j - v_j * q_i)
+                if fresh:
+                    before = load(matrix.skew, entry) if k > 0 else spread(0.0)
+                    store(matrix.skew, entry, before - (value * pushed + v_k * change))
                 at += 1
+                entry += 1
             store(skewed, i, skew)
             store(driven, i, drive)
         total = spread(0.0)

@@ -303,36 +303,32 @@ def add_to_rows(typing, array, first, stride, x, y):
 
 
 def _horner(
-    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], with_slopes: bool
+    builder: ir.IRBuilder, row: Callable[[int], ir.Value], places: list[ir.Value], n_powers: int, with_slopes: bool
 ) -> tuple[ir.Value, list[ir.Value]]:
-    """Build value and derivatives of a polynomial, cubic along each of several places, from rows of coefficients."""
+    """Build value and derivatives of a polynomial with n_powers along each of several places, from its coefficients."""
 
     def along(level: int, first: int) -> tuple[ir.Value, list[ir.Value]]:
         if level == len(places):
             return row(first), []
-        stride, s = 4 ** (len(places) - level - 1), places[level]
-        c = [along(level + 1, first + power * stride) for power in range(4)]
-        values = [value for value, _ in c]
-        # with t = c3 s, u = c2 + t and w = c1 + s u the derivative is w + s (u + t)
-        t = builder.fmul(values[3], s)
-        u = builder.fadd(values[2], t)
-        w = _fused(builder, s, u, values[1])
-        slopes = []
-        if with_slopes:
-            slopes.append(_fused(builder, s, builder.fadd(u, t), w))
-            for k in range(len(places) - level - 1):
-                slope = c[3][1][k]
-                for power in (2, 1, 0):
-                    slope = _fused(builder, s, slope, c[power][1][k])
-                slopes.append(slope)
-        return _fused(builder, s, w, values[0]), slopes
+        stride, s = n_powers ** (len(places) - level - 1), places[level]
+        c = [along(level + 1, first + power * stride) for power in range(n_powers)]
+        value, others = c[-1]
+        slope = value
+        for power in range(n_powers - 2, -1, -1):
+            value = _fused(builder, s, value, c[power][0])
+            if with_slopes:
+                others = [_fused(builder, s, other, part) for other, part in zip(others, c[power][1])]
+                slope = _fused(builder, s, slope, value) if power else slope
+        return value, [slope, *others] if with_slopes else []
 
     return along(0, 0)
 
 
-def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> Callable[[int], ir.Value]:
+def _coefficients(
+    context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int
+) -> Callable[[int], ir.Value]:
     """Return what loads the coefficients of an entry of kept polynomials."""
-    base = builder.mul(args[1], ir.Constant(args[1].type, 4 ** len(sig.args[2])))
+    base = builder.mul(args[1], ir.Constant(args[1].type, n_powers ** len(sig.args[2])))
 
     def row(number: int) -> ir.Value:
         at = builder.add(base, ir.Constant(base.type, number))
@@ -341,32 +337,29 @@ def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> C
     return row
 
 
-@intrinsic
-def polynomial(typing, kept, entry, place):
-    """Return value and derivatives of a polynomial, cubic in each of the coordinates of a place.
+def _polynomial(n_powers: int, with_slopes: bool, about: str) -> Callable:
+    @intrinsic
+    def function(typing, kept, entry, place):
+        slopes = types.UniTuple(vector, len(place))
+        result = types.Tuple((vector, slopes)) if with_slopes else vector
 
-    Parameters
-    ----------
-    kept
-        Coefficients, rows ``entry 4^r + ...`` with those of the last coordinate running fastest.
-    place
-        Tuple of r vectors.
-    """
+        def build(context, builder, sig, args):
+            rows = _coefficients(context, builder, sig, args, n_powers)
+            places = _parts(builder, args[2], len(place))
+            value, parts = _horner(builder, rows, places, n_powers, with_slopes)
+            if not with_slopes:
+                return value
+            return context.make_tuple(builder, sig.return_type, (value, _tuple(builder, parts)))
 
-    def build(context, builder, sig, args):
-        rows = _coefficients(context, builder, sig, args)
-        value, slopes = _horner(builder, rows, _parts(builder, args[2], len(place)), True)
-        return context.make_tuple(builder, sig.return_type, (value, _tuple(builder, slopes)))
+        return result(kept, types.intp, place), build
 
-    return types.Tuple((vector, types.UniTuple(vector, len(place))))(kept, types.intp, place), build
+    function.__doc__ = about
+    return function
 
 
-@intrinsic
-def polynomial_value(typing, kept, entry, place):
-    """Return the value of a polynomial alone; see `polynomial`."""
-
-    def build(context, builder, sig, args):
-        rows = _coefficients(context, builder, sig, args)
-        return _horner(builder, rows, _parts(builder, args[2], len(place)), False)[0]
-
-    return vector(kept, types.intp, place), build
+# Polynomials at a place, a tuple of r vectors, from kept coefficients: n_powers^r rows of each entry, with the powers
+# of the last coordinate running fastest.
+N_POWERS, N_POWERS_OF_RIGID = 4, 8
+polynomial = _polynomial(N_POWERS, True, "Return value and derivatives of a polynomial, cubic in each coordinate.")
+polynomial_value = _polynomial(N_POWERS, False, "Return the value of a polynomial alone, cubic in each coordinate.")
+rigid_polynomial = _polynomial(N_POWERS_OF_RIGID, True, "Return value and derivatives of a polynomial of degree 7.")

@@ -67,7 +67,9 @@ class ReducedModel:
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
         self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic)
-        self._actions = ReducedActions.of(actions_of(self.effects), self.kinematics, rom, scheme, self.start[0])
+        self._actions = ReducedActions.of(
+            actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
+        )
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes

@@ -66,18 +66,19 @@ class Interpolant:
         """Number of cells of the grid."""
         return int(np.prod([axis.n_cells for axis in self.axes]))
 
-    def polynomials(self) -> np.ndarray:
+    def polynomials(self, parts: int = 1) -> np.ndarray:
         """Return the coefficients of ``s_1^i s_2^j ...`` in each cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
 
-        Of cells and of powers, those of the last coordinate run fastest.
+        Of cells and of powers, those of the last coordinate run fastest. Cells may be divided into equal parts along
+        each coordinate, which then count as cells.
         """
         result = self.rows
         for k, axis in enumerate(self.axes):
             # (cells and coefficients of the axes before, rows of this one, ...): two axes take the place of one
-            result = np.moveaxis(_cell_polynomials(axis, np.moveaxis(result, 2 * k, 0)), (0, 1), (2 * k, 2 * k + 1))
+            result = np.moveaxis(_cell_polynomials(axis, np.moveaxis(result, 2 * k, 0), parts), (0, 1), (2 * k, 2 * k + 1))
         order = [*range(0, 2 * self.n_theta, 2), *range(1, 2 * self.n_theta, 2)]
         result = np.moveaxis(result, order, range(2 * self.n_theta))
-        return np.ascontiguousarray(result).reshape(self.n_cells, N_ROWS**self.n_theta, *self.shape)
+        return np.ascontiguousarray(result).reshape(-1, N_ROWS**self.n_theta, *self.shape)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""
@@ -108,16 +109,17 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array, dtype=float)
 
 
-def _cell_polynomials(axis: Axis, table: np.ndarray) -> np.ndarray:
-    """Return the coefficients of ``s^0`` to ``s^3`` in each cell of an axis, shape (n_cells, 4, ...), from its rows."""
+def _cell_polynomials(axis: Axis, table: np.ndarray, parts: int) -> np.ndarray:
+    """Return the coefficients of ``s^0`` to ``s^3`` in each part of the cells of an axis, shape (n_parts, 4, ...)."""
     rows, matrix = np.empty(N_ROWS, dtype=np.int64), np.empty((4, N_ROWS))
-    result = np.empty((axis.n_cells, N_ROWS, *table.shape[1:]))
-    for cell in range(axis.n_cells):
+    result = np.empty((axis.n_cells * parts, N_ROWS, *table.shape[1:]))
+    for number in range(len(result)):
+        cell, part = divmod(number, parts)
         for end in (0, 1):
             value, slope = matrix[2 * end], matrix[2 * end + 1]
-            cell_stencil(cell, float(end), axis, rows, value, slope)
-            slope *= axis.step
-        result[cell] = np.tensordot(_HERMITE @ matrix, table[rows], axes=1)
+            cell_stencil(cell, (part + end) / parts, axis, rows, value, slope)
+            slope *= axis.step / parts
+        result[number] = np.tensordot(_HERMITE @ matrix, table[rows], axes=1)
     return result
 
 

@@ -11,7 +11,14 @@ from runs import quick_return, rom_of
 from scenes import four_bar, kinematics_of, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, displacement_scale, pack, rigid_inertia
+from pgmp_petsc.dynamics.reduced_terms import (
+    WIDEST,
+    ReducedTerms,
+    coupling_of,
+    displacement_scale,
+    pack,
+    rigid_inertia,
+)
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -72,6 +79,20 @@ def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom
         ahead, behind = direct_inertia(scene, theta + step), direct_inertia(scene, theta - step)
         expected = np.array([(ahead[w] - behind[w]) / (2 * step) for w in weights])
         np.testing.assert_allclose(slope(np.array([theta]))[0, :, 0], expected, rtol=0, atol=1e-7 * max(ahead.values()))
+
+
+@pytest.mark.parametrize("angles", [9, 24, 60])
+def test_the_polynomials_of_the_rigid_inertia_are_as_good_as_its_spline(angles: int) -> None:
+    """The coefficients, in rad from the lower end of a cell, against the spline at any theta."""
+    scene = slider_crank(f"reduction.angles={angles}")
+    terms = ReducedTerms.of(rom_of(scene).tables, kinematics_of(scene), rom_of(scene).projection, "spline")
+    (grid,) = terms.grid
+    assert grid.step <= WIDEST * (1 + 1e-9) and grid.n_cells % angles == 0
+    for theta in np.linspace(0.0, 2 * np.pi, 77, endpoint=False):
+        cell, place = divmod(theta - grid.lower, grid.step)
+        found = np.tensordot(terms.polynomials.rigid[int(cell)], place ** np.arange(8.0), (1, 0))
+        expected = terms.rigid(np.array([theta]))[0]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
