@@ -270,7 +270,7 @@ def _attach(places, actions, action, work):
 
 
 @njit(cache=True, error_model="numpy")
-def act(local, grid, amplitudes, q, v, first, lanes, gain_v, with_tangent, work, acting, known):
+def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, work, acting, known):
     """Evaluate all actions on some lanes of a block.
 
     Parameters
@@ -281,8 +281,8 @@ def act(local, grid, amplitudes, q, v, first, lanes, gain_v, with_tangent, work,
         Of the actions now, shape (n_actions,).
     q, v
         Vectors (n_eta, LANES).
-    first
-        Number of the sample in the first lane.
+    samples
+        Number of the sample in each lane, shape (LANES,).
     lanes
         A set of them.
     with_tangent
@@ -303,8 +303,8 @@ def act(local, grid, amplitudes, q, v, first, lanes, gain_v, with_tangent, work,
                     for j in range(q.shape[0]):
                         acting.tangent[i, j, lane] = 0.0
             _act(
-                local, grid, amplitudes, q, v, first + lane, lane, gain_v, with_tangent, work, acting.balance,
-                acting.tangent, known[first + lane],
+                local, grid, amplitudes, q, v, samples[lane], lane, gain_v, with_tangent, work, acting.balance,
+                acting.tangent, known[samples[lane]],
             )  # fmt: skip
 
 

@@ -78,40 +78,35 @@ def locate_lane(q, grid, lane, place):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def refill(table, cell, weights, slots, first, end, lane, kept):
-    """Put the weighted sums of a cell's terms into one lane of kept polynomials.
-
-    Lanes that enter a cell together are filled one by one too: a sample's numbers must not depend on its neighbours.
+def refill(table, cell, weights, slots, first, end, lanes, kept):
+    """Put the weighted sums of a cell's terms into some lanes of kept polynomials.
 
     Parameters
     ----------
     table
-        Shape (n_cells, n_terms, n_powers, n_entries).
+        Coefficients one after the other, shape (n_cells, n_terms, n_coefficients).
     weights
         Of the terms, vectors (n_terms, LANES).
     slots
-        Which group of n_entries polynomials each term is added to, in increasing order, shape (n_terms,).
+        Which group of coefficients each term is added to, in increasing order, shape (n_terms,).
     first, end
-        Entries to fill.
+        Coefficients to fill.
+    lanes
+        The lanes that enter the cell.
     kept
-        Vectors (n_slots * n_entries * n_powers, LANES).
+        Vectors (n_slots * n_coefficients, LANES).
     """
-    n_powers, n_entries = table.shape[2], table.shape[3]
-    total = np.empty(n_entries)
     t = 0
     while t < slots.size:
         behind = t
         while behind < slots.size and slots[behind] == slots[t]:
             behind += 1
-        for k in range(n_powers):
-            total[first:end] = 0.0
-            for term in range(t, behind):
-                # along the contiguous entries, where it vectorises
-                weight, row = weights[term, lane], table[cell, term, k]
-                for e in range(first, end):
-                    total[e] += weight * row[e]
-            for e in range(first, end):
-                kept[(slots[t] * n_entries + e) * n_powers + k, lane] = total[e]
+        into = slots[t] * table.shape[2]
+        for c in range(first, end):
+            total = load(weights, t) * table[cell, t, c]
+            for term in range(t + 1, behind):
+                total += load(weights, term) * table[cell, term, c]
+            store(kept, into + c, blend(lanes, total, load(kept, into + c)))
         t = behind
 
 

@@ -18,11 +18,13 @@ from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.reduced_lagrangian import Layout, Matrix, Work, evaluate, layout_n_rigid
 from pgmp_petsc.dynamics.vectors import (
+    ALL,
     LANES,
     absolute,
     add_product,
     blend,
     differing,
+    equal,
     first_lane,
     larger,
     load,
@@ -36,7 +38,7 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Tables(NamedTuple):
-    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_powers, n_entries).
+    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_entries * n_powers).
 
     In radians from the lower end of a cell: of degree 7 in each coordinate for the rigid inertia, cubic for the others.
     """
@@ -94,6 +96,8 @@ class Memory(NamedTuple):
 
     Attributes
     ----------
+    samples
+        Number of the sample in each lane, (n_blocks, LANES); where none is left the last one again.
     cells
         Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
     rigid, terms, loads
@@ -107,6 +111,7 @@ class Memory(NamedTuple):
         See `action_kernel.act`.
     """
 
+    samples: np.ndarray
     cells: np.ndarray
     rigid: np.ndarray
     terms: np.ndarray
@@ -191,14 +196,15 @@ def interpolate(equations, memory, block, amplitudes, work):
     moved = differing(cells, load(memory.cells, block))
     store(memory.cells, block, cells)
     while moved != 0:
-        lane = first_lane(moved)
-        moved &= moved - 1
-        cell = int(memory.cells[block, lane])
-        own = weights.terms[block]
-        refill(tables.rigid, cell, own, weights.together, 0, n_rigid, lane, memory.rigid[block])
-        refill(tables.terms, cell, own, weights.together, n_rigid, layout.end, lane, memory.terms[block])
+        number = memory.cells[block, first_lane(moved)]
+        entering, cell, own = moved & equal(cells, spread(number)), int(number), weights.terms[block]
+        moved &= ~entering
+        n_powers = tables.loads.shape[2] // layout.load_end
+        end = layout.end * n_powers
+        refill(tables.rigid, cell, own, weights.together, 0, tables.rigid.shape[2], entering, memory.rigid[block])
+        refill(tables.terms, cell, own, weights.together, n_rigid * n_powers, end, entering, memory.terms[block])
         if amplitudes.size > 0:
-            refill(tables.loads, cell, weights.loads[block], weights.effects, 0, layout.load_end, lane, loads)
+            refill(tables.loads, cell, weights.loads[block], weights.effects, 0, tables.loads.shape[2], entering, loads)
     place = load_rows(work.place, 0, 1, layout.rigid)
     for entry in range(n_rigid):
         value, slopes = rigid_polynomial(memory.rigid[block], entry, place)
@@ -290,29 +296,28 @@ def size_of(equations, correction):
 
 
 @njit(inline="always")
-def gather(rows, block, vectors):
-    """Copy rows (n_samples, n) of a block's samples to vectors (n, LANES), the last one again where none is left."""
+def gather(rows, samples, vectors):
+    """Copy rows (n_samples, n) of a block's samples to vectors (n, LANES)."""
     for lane in range(LANES):
-        sample = min(block * LANES + lane, rows.shape[0] - 1)
         for i in range(rows.shape[1]):
-            vectors[i, lane] = rows[sample, i]
+            vectors[i, lane] = rows[samples[lane], i]
 
 
 @njit(inline="always")
-def scatter(vectors, block, lanes, rows):
+def scatter(vectors, samples, lanes, rows):
     """Copy some lanes of vectors (n, LANES) to the rows (n_samples, n) of their samples."""
     for lane in range(LANES):
         if lanes & (1 << lane):
             for i in range(rows.shape[1]):
-                rows[block * LANES + lane, i] = vectors[i, lane]
+                rows[samples[lane], i] = vectors[i, lane]
 
 
 @njit(inline="always")
-def take_up(state, block, work):
-    """Copy the state ``(q, v, a)`` of a block to where it is evaluated."""
-    gather(state[0], block, work.q)
-    gather(state[1], block, work.rate)
-    gather(state[2], block, work.a)
+def take_up(state, samples, work):
+    """Copy the state ``(q, v, a)`` of a block's samples to where it is evaluated."""
+    gather(state[0], samples, work.q)
+    gather(state[1], samples, work.rate)
+    gather(state[2], samples, work.a)
 
 
 @njit(cache=True, error_model="numpy")
@@ -340,7 +345,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         store(size, block, spread(0.0))
         if active[block] == 0:
             continue
-        take_up(state, block, work)
+        take_up(state, memory.samples[block], work)
         for i in range(equations.layout.n_eta):
             store(work.kept_a, i, load(work.a, i))
         correct_block(equations, memory, block, strengths.loads, gains, fresh, work)
@@ -349,9 +354,9 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
             store(work.q, i, load(work.q, i) - step)
             store(work.rate, i, load(work.rate, i) - gain_v * step)
             store(work.a, i, load(work.kept_a, i) - gain_a * step)
-        scatter(work.q, block, active[block], state[0])
-        scatter(work.rate, block, active[block], state[1])
-        scatter(work.a, block, active[block], state[2])
+        scatter(work.q, memory.samples[block], active[block], state[0])
+        scatter(work.rate, memory.samples[block], active[block], state[1])
+        scatter(work.a, memory.samples[block], active[block], state[2])
         store(size, block, blend(active[block], size_of(equations, work.balance), spread(0.0)))
 
 
@@ -361,9 +366,9 @@ def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
     for block in range(active.size):
-        take_up(state, block, work)
+        take_up(state, memory.samples[block], work)
         act(
-            equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES,
+            equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
             active[block], gain_v, with_tangent, local, acting_of(memory, block), memory.known,
         )  # fmt: skip
 
@@ -373,10 +378,9 @@ def evaluate_residual(equations, memory, strengths, state, result):
     """Evaluate the residual of every sample, (n_samples, n_eta); of prescribed coordinates it is the driving force."""
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
-        take_up(state, block, work)
+        take_up(state, memory.samples[block], work)
         evaluate_block(equations, memory, block, strengths.loads, (0.0, 0.0), np.bool_(False), work)
-        count = min(LANES, result.shape[0] - block * LANES)
-        scatter(work.balance, block, (1 << count) - 1, result)
+        scatter(work.balance, memory.samples[block], ALL, result)
 
 
 @njit(cache=True, error_model="numpy")
@@ -384,5 +388,5 @@ def fill_matrices(equations, memory, strengths, state, gain_a):
     """Fill the iteration matrices of ``memory.matrix``, not factorised and without gain of the velocities."""
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
-        take_up(state, block, work)
+        take_up(state, memory.samples[block], work)
         evaluate_block(equations, memory, block, strengths.loads, (0.0, gain_a), np.bool_(True), work)

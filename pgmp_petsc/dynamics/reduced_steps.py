@@ -110,11 +110,11 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
         vectors_of(1),
     )
     for block in range(lanes.size):
-        going = lanes[block]
+        going, samples = lanes[block], memory.samples[block]
         if going == 0:
             continue
         for part, vectors in zip(state, of_block):
-            gather(part, block, vectors)
+            gather(part, samples, vectors)
         for number in range(n_steps):
             if going == 0:
                 break
@@ -136,9 +136,9 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
                     progress.n_steps[block, lane] = number + 1
             if progress.trail.shape[0] > 0:
                 for part in range(3):
-                    scatter(of_block[part], block, lanes[block], progress.trail[number, part])
+                    scatter(of_block[part], samples, lanes[block], progress.trail[number, part])
         for part, vectors in zip(state, of_block):
-            scatter(vectors, block, lanes[block], part)
+            scatter(vectors, samples, lanes[block], part)
 
 
 @njit(inline="always")
@@ -185,7 +185,7 @@ def _converge(equations, memory, block, strengths, gains, lanes, probed, expecte
         fresh = iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
             act(
-                equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES,
+                equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
                 active, gain_v, fresh, local, acting_of(memory, block), memory.known,
             )  # fmt: skip
         # the inertia forces see other accelerations where damping is proportional to the mass
@@ -236,13 +236,13 @@ def _outside(work, bounds):
 def _crossed(equations, memory, block, strengths, edges, lanes, work, local, progress):
     """Return the lanes that crossed an edge of a law in this step."""
     act(
-        equations.local, equations.grid, strengths.actions, work.q, work.rate, block * LANES, lanes,
+        equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block], lanes,
         0.0, np.bool_(False), local, acting_of(memory, block), memory.known,
     )  # fmt: skip
     crossed = 0
     for lane in range(LANES):
         if lanes & (1 << lane):
-            sample = block * LANES + lane
+            sample = memory.samples[block, lane]
             for event in range(edges.size):
                 if (memory.known[sample, DEPTH, edges[event]] > 0.0) != progress.beyond[sample, event]:
                     crossed |= 1 << lane

@@ -86,10 +86,11 @@ class ReducedSystem:
         r = len(layout.rigid)
         self._actions = actions or ReducedActions.none(r)
         self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
-        of_terms, of_loads = (
-            self._packed(np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T)
+        self._weights = tuple(
+            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
             for w in (terms.weights, tables.load_weights)
         )
+        of_terms, of_loads = map(self._packed, self._weights)
         effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
         self._equations = Equations(
             layout,
@@ -114,13 +115,14 @@ class ReducedSystem:
         cells = aligned_zeros((n_blocks, LANES))
         cells[:] = -1.0
         return Memory(
+            self._blocks.samples,
             cells,
             aligned_zeros((n_blocks, layout.n_rigid * N_POWERS_OF_RIGID**r, LANES)),
             aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
             aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
             Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
             Acting.empty(n_blocks if n_actions else 0, layout.n_eta),
-            np.empty((n_blocks * LANES, 4, n_actions)),
+            np.empty((self.n_samples, 4, n_actions)),
         )
 
     def _packed(self, rows: np.ndarray) -> np.ndarray:
@@ -240,7 +242,7 @@ class ReducedSystem:
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
-        return self._memory.known[: self.n_samples, DEPTH, self._actions.edges].T
+        return self._memory.known[:, DEPTH, self._actions.edges].T
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
@@ -265,7 +267,7 @@ class ReducedSystem:
             residual = self.residual(time, state)
         else:
             self._act_on_all(time, state)
-        return residual, self._memory.known[: self.n_samples]
+        return residual, self._memory.known
 
     def _energies(
         self, values: Mapping[str, Any], times: np.ndarray, state: State, residual: np.ndarray, known: np.ndarray
@@ -287,13 +289,12 @@ class ReducedSystem:
 
     def load_amplitudes(self, time: float) -> np.ndarray:
         """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
-        weights = self._equations.weights
-        return self._blocks.unpack(weights.loads).T * self._at(time).loads[weights.effects]
+        return self._weights[1].T * self._at(time).loads[self._equations.weights.effects]
 
     def action_forces(self, time: float, state: State) -> np.ndarray:
         """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
         self._act_on_all(time, state)
-        return self._memory.known[: self.n_samples, FORCE].copy()
+        return self._memory.known[:, FORCE].copy()
 
     def close(self) -> None:
         """Nothing is to be given back."""
@@ -335,6 +336,7 @@ class ReducedSystem:
         n_corrections
             Newton corrections, all samples together.
         """
+        self._regroup(moment[0].q, samples)
         at_ends = [self._at(time) for time in ends]
         strengths = Strengths(*(np.array(parts) for parts in zip(*at_ends)))
         shape, edges = (self._blocks.n_blocks, LANES), np.array(self._actions.edges, dtype=np.int64)
@@ -352,6 +354,26 @@ class ReducedSystem:
         )  # fmt: skip
         outcome, n_steps = (self._blocks.unpack(part) for part in (progress.outcome, progress.n_steps))
         return outcome, n_steps, int(progress.n_corrections[0])
+
+    def _regroup(self, q: np.ndarray, samples: np.ndarray) -> None:
+        """Put samples that are near each other in the tables side by side, and those that are not to advance last.
+
+        Lanes that enter a cell together are filled at once. No sample's numbers depend on its lane.
+        """
+        if self._blocks.n_blocks == 1:
+            return
+        number = np.zeros(self.n_samples)
+        with np.errstate(invalid="ignore"):
+            for theta, axis in zip(q.T, self._equations.grid):
+                place = (theta - axis.lower) / axis.step
+                number = np.floor(number) * axis.n_cells + (place % axis.n_cells if axis.periodic else place)
+        blocks = self._blocks.ordered(np.argsort(np.where(samples, number, np.inf), kind="stable"))
+        memory, weights, of_lanes = self._memory, self._equations.weights, blocks.samples
+        moved = of_lanes != memory.samples
+        if moved.any():
+            self._blocks = blocks
+            memory.samples[:], memory.cells[moved] = of_lanes, -1.0
+            weights.terms[:], weights.loads[:] = (blocks.pack(rows) for rows in self._weights)
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""

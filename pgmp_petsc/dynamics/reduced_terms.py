@@ -171,12 +171,13 @@ def fitted(part: Interpolant, grid: Sequence[Grid], n_powers: int) -> np.ndarray
 def _in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
     """Return polynomials (n_cells, n_powers, n_terms, n_entries) of places from 0 to 1 as those of places in rad.
 
-    Their shape becomes (n_cells, n_terms, n_powers, n_entries).
+    Their shape becomes (n_cells, n_terms, n_entries * n_powers).
     """
     scale, along = np.ones(1), np.arange(round(polynomials.shape[1] ** (1.0 / len(grid))))
     for axis in grid:
         scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
-    return np.ascontiguousarray(np.swapaxes(polynomials * scale[:, None, None], 1, 2))
+    moved = np.moveaxis(polynomials * scale[:, None, None], 1, -1)
+    return np.ascontiguousarray(moved).reshape(*moved.shape[:2], -1)
 
 
 def fine_grid(samples: SampleGrid) -> SampleGrid:

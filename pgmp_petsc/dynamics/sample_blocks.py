@@ -1,8 +1,10 @@
-"""How the samples of a batch lie in arrays: sample k is lane ``k % n_lanes`` of block ``k // n_lanes``."""
+"""How the samples of a batch lie in arrays: sample k is lane ``k % n_lanes`` of block ``k // n_lanes``, or in an order
+of its own."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -23,11 +25,14 @@ class SampleBlocks:
         Number of samples.
     n_lanes, n_blocks
         Samples of a block, no more than are needed, and number of blocks.
+    order
+        Numbers of the samples as they lie in the lanes, shape (n_samples,); None where they lie one after the other.
     """
 
     n_samples: int
     n_lanes: int
     n_blocks: int
+    order: np.ndarray | None = None
 
     @classmethod
     def of(cls, n_samples: int, n_dofs: int) -> SampleBlocks:
@@ -41,22 +46,37 @@ class SampleBlocks:
         """Number of lanes of all blocks."""
         return self.n_blocks * self.n_lanes
 
+    def ordered(self, order: np.ndarray) -> Self:
+        """Return the same blocks with the samples in another order."""
+        return replace(self, order=order)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Number of the sample in each lane, shape (n_blocks, n_lanes)."""
+        return self.pack(np.arange(self.n_samples))
+
     def fill(self, rows: np.ndarray) -> np.ndarray:
         """Repeat the last sample so that the last axis, of samples, fills all blocks."""
         return np.concatenate([rows, np.repeat(rows[..., -1:], self.n_places - self.n_samples, axis=-1)], axis=-1)
 
     def pack(self, rows: np.ndarray) -> np.ndarray:
         """Return rows of shape (..., n_samples) as contiguous (n_blocks, ..., n_lanes)."""
+        rows = rows if self.order is None else rows[..., self.order]
         blocks = self.fill(rows).reshape(*rows.shape[:-1], self.n_blocks, self.n_lanes)
         return np.ascontiguousarray(np.moveaxis(blocks, -2, 0))
 
     def unpack(self, array: np.ndarray) -> np.ndarray:
         """Return an array of shape (n_blocks, ..., n_lanes) as (..., n_samples)."""
         rows = np.moveaxis(array, 0, -2)
-        return rows.reshape(*rows.shape[:-2], self.n_places)[..., : self.n_samples]
+        rows = rows.reshape(*rows.shape[:-2], self.n_places)[..., : self.n_samples]
+        if self.order is None:
+            return rows
+        result = np.empty_like(rows)
+        result[..., self.order] = rows
+        return result
 
     def mask(self, samples: np.ndarray) -> np.ndarray:
         """Return a mask of samples as (n_blocks, n_lanes), False where there is none."""
         filled = np.zeros(self.n_places, dtype=bool)
-        filled[: self.n_samples] = samples
+        filled[: self.n_samples] = samples if self.order is None else samples[self.order]
         return filled.reshape(self.n_blocks, self.n_lanes)

@@ -107,25 +107,31 @@ def test_polynomials_of_any_number_of_coordinates(r: int) -> None:
 
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
-    """Two groups of entries, of which the first one of each is left alone; thetas beyond a revolution."""
+    """Two groups of coefficients, of which the first one of each is left alone; thetas beyond a revolution."""
     grid = Grid(0.5, 0.25, 7, periodic)
-    table, weights, slots = (
-        RANDOM.normal(size=(7, 3, 4, 5)),
-        vectors(RANDOM.normal(size=(3, LANES))),
-        np.array([0, 1, 1]),
-    )
-    kept = aligned_zeros((2 * 5 * 4, LANES))
+    table, weights = RANDOM.normal(size=(7, 3, 20)), vectors(RANDOM.normal(size=(3, LANES)))
+    slots, kept = np.array([0, 1, 1]), aligned_zeros((2 * 20, LANES))
     for lane in range(LANES):
         theta = RANDOM.uniform(-2.0, 5.0) if periodic else RANDOM.uniform(0.5, 2.25)
         cell, place = locate(theta, grid)
         assert 0.0 <= place <= 1.0 and cell == int(np.floor((theta - 0.5) / 0.25)) % 7
-        refill(table, cell, weights, slots, 1, 5, lane, kept)
+        refill(table, cell, weights, slots, 1, 20, 1 << lane, kept)
         for group in range(2):
             chosen = slots == group
-            expected = np.einsum("t,tke->ek", weights[chosen, lane], table[cell, chosen])
-            found = kept.reshape(2, 5, 4, LANES)[group, :, :, lane]
+            expected = weights[chosen, lane] @ table[cell, chosen]
+            found = kept.reshape(2, 20, LANES)[group, :, lane]
             np.testing.assert_allclose(found[1:], expected[1:], rtol=0, atol=1e-14)
-            np.testing.assert_array_equal(found[0], 0.0)
+            assert found[0] == 0.0
+
+
+def test_lanes_that_enter_a_cell_together_get_what_each_gets_alone() -> None:
+    table, weights, slots = RANDOM.normal(size=(2, 3, 20)), vectors(RANDOM.normal(size=(3, LANES))), np.array([0, 0, 1])
+    alone, together = aligned_zeros((2 * 20, LANES)), aligned_zeros((2 * 20, LANES))
+    refill(table, 1, weights, slots, 0, 20, 0b10110010, together)
+    for lane in (1, 4, 5, 7):
+        refill(table, 1, weights, slots, 0, 20, 1 << lane, alone)
+    np.testing.assert_array_equal(together, alone)
+    assert not together[:, [0, 2, 3, 6]].any()
 
 
 def packed(n: int) -> tuple[np.ndarray, np.ndarray]:
