@@ -136,16 +136,31 @@ class FullBatch:
             count_turns(self._problem, q, turns)
 
     def take_steps(
-        self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, step: float, scheme: Scheme, samples: np.ndarray
+        self,
+        previous: State,
+        auxiliary: np.ndarray,
+        ends: np.ndarray,
+        step: float,
+        scheme: Scheme,
+        samples: np.ndarray,
+        reference: np.ndarray | None = None,
     ) -> list[StepTaken]:
-        """Take equal steps that end at `ends`, up to one in which an iteration fails; see `AlphaStep`."""
+        """Take equal steps that end at `ends`, up to one in which an iteration fails; see `AlphaStep`.
+
+        States may be those about a motion: `reference` has its positions and accelerations there, shape (2, n_steps,
+        n_dofs, n_samples).
+        """
         n = ends.size
+        if reference is None:
+            reference = np.empty((2, 0, self.n_dofs, self.n_samples))
+        about = np.moveaxis(self.pack(reference), 0, 2)
         before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, auxiliary)
         after = tuple(np.empty((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._problem, self._factors, self._sources.at(ends), coefficients, self._typical_mass, step, before,
+            self._problem, self._factors, self._sources.at(ends), coefficients, self._typical_mass, step,
+            (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), before,
             self._blocks.mask(samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]

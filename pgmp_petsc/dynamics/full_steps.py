@@ -16,7 +16,7 @@ from pgmp_petsc.runtime.compiled import njit
 
 @njit(cache=True, error_model="numpy")
 def take_steps(
-    problem, factors, strengths, scheme, typical_mass, step, before, samples, after, lost, n_corrections
+    problem, factors, strengths, scheme, typical_mass, step, reference, before, samples, after, lost, n_corrections
 ):  # fmt: skip
     """Take equal steps of the samples of all blocks, up to one in which an iteration fails; return their number.
 
@@ -32,6 +32,9 @@ def take_steps(
         As for `correct`.
     step
         s.
+    reference
+        Positions and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs, n_lanes), about
+        which the states below are; of no steps where they are the motion itself.
     before
         ``(q, v, a, multipliers, turns, auxiliary)`` at the beginning, shapes (n_blocks, n_dofs, n_constraints or
         n_turns, n_lanes).
@@ -62,6 +65,9 @@ def take_steps(
                 end[0][block], end[1][block],
             )  # fmt: skip
             end[2][block], end[3][block], end[4][block] = now[2][block], now[3][block], now[4][block]
+            if reference[0].shape[0] > 0:
+                end[0][block] += reference[0][k, block]
+                end[2][block] += reference[1][k, block]
             active[block] = samples[block]
             for iteration in range(MAX_ITERATIONS):
                 if not active[block].any():
@@ -76,6 +82,9 @@ def take_steps(
             for lane in range(n_lanes):
                 lost[block, lane] = lost[block, lane] or active[block, lane]
             count_turns(problem, end[0][block], end[4][block])
+            if reference[0].shape[0] > 0:
+                end[0][block] -= reference[0][k, block]
+                end[2][block] -= reference[1][k, block]
             follow_block(scheme, now[2][block], now[5][block], end[2][block], samples[block], end[5][block])
         if lost.any():
             return k + 1

@@ -7,6 +7,7 @@ between the samples.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -165,7 +166,7 @@ def fitted(part: Interpolant, grid: Sequence[Grid], n_powers: int) -> np.ndarray
     for k in range(r):
         result = np.moveaxis(np.tensordot(through, result, (1, 2 * k + 1)), 0, 2 * k + 1)
     result = np.moveaxis(result, [*range(0, 2 * r, 2), *range(1, 2 * r, 2)], range(2 * r))
-    return result.reshape(-1, n_powers**r, *part.shape)
+    return result.reshape(math.prod(axis.n_cells for axis in grid), n_powers**r, *part.shape)
 
 
 def _in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
@@ -177,7 +178,7 @@ def _in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
     for axis in grid:
         scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
     moved = np.moveaxis(polynomials * scale[:, None, None], 1, -1)
-    return np.ascontiguousarray(moved).reshape(*moved.shape[:2], -1)
+    return np.ascontiguousarray(moved).reshape(*moved.shape[:2], moved.shape[2] * moved.shape[3])
 
 
 def fine_grid(samples: SampleGrid) -> SampleGrid:

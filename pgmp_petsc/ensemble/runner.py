@@ -70,7 +70,7 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     finished = on_root(comm, checkpoint.open)
     missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
-        watchers = _watchers(model)
+        watchers = _watchers(model, plan.n_samples)
     taken_up = plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing)
     with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
         for start in range(0, len(missing), group.count):
@@ -173,15 +173,15 @@ def _with_outputs(
     return replace(done, status=status, failure_time=failure_time)
 
 
-def _watchers(model: Model) -> list[Watcher]:
-    """Return what looks at the runs of a model."""
+def _watchers(model: Model, n_samples: int) -> list[Watcher]:
+    """Return what looks at the runs of a model's samples."""
     watchers: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
     if not isinstance(model, ReducedModel):
         return watchers
     share = model.scene.ensemble.checked_share
     validity = ValidityWatcher(model)
     if is_indicated(model.scene) and share > 0.0:
-        watchers.append(ErrorWatcher(ErrorIndicator(model), share))
+        watchers.append(ErrorWatcher(ErrorIndicator(model), share, n_samples))
     return [*watchers, validity]
 
 
@@ -191,7 +191,7 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
     if not isinstance(model, ReducedModel):
         return why_not_of_full_order(scene)
     remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
-    chosen = checked(scene.ensemble.checked_share, 0, status.size) & (status == Status.FINE)
+    chosen = checked(scene.ensemble.checked_share, 0, status.size, status.size) & (status == Status.FINE)
     if estimates["errors"]:
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:

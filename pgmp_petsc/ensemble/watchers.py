@@ -83,18 +83,18 @@ class ErrorWatcher:
     ----------
     indicator
         Of the model.
-    share
-        Of the samples.
+    share, n_samples
+        Share that is checked, and number of samples.
     """
 
-    def __init__(self, indicator: ErrorIndicator, share: float) -> None:
-        self._indicator, self._share = indicator, share
+    def __init__(self, indicator: ErrorIndicator, share: float, n_samples: int) -> None:
+        self._indicator, self._share, self._n_samples = indicator, share, n_samples
         outputs = list(indicator.model.outputs.functions)
         self.names = {"errors": outputs, "errors_at_end": outputs}
 
     def chosen(self, first: int, last: int) -> np.ndarray:
         """Return which samples are checked; see `checked`."""
-        return checked(self._share, first, last)
+        return checked(self._share, first, last, self._n_samples)
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""

@@ -78,7 +78,8 @@ class Interpolant:
             result = np.moveaxis(_cell_polynomials(axis, np.moveaxis(result, 2 * k, 0), parts), (0, 1), (2 * k, 2 * k + 1))
         order = [*range(0, 2 * self.n_theta, 2), *range(1, 2 * self.n_theta, 2)]
         result = np.moveaxis(result, order, range(2 * self.n_theta))
-        return np.ascontiguousarray(result).reshape(-1, N_ROWS**self.n_theta, *self.shape)
+        n_cells = self.n_cells * parts**self.n_theta
+        return np.ascontiguousarray(result).reshape(n_cells, N_ROWS**self.n_theta, *self.shape)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Return the values at theta of shape (k, n_theta), or (k,) for one coordinate; shape (k, ...)."""

@@ -162,8 +162,8 @@ class Ensemble(Table):
         0.02,
         ge=0.0,
         le=1.0,
-        description="share of the reduced samples whose errors are estimated, to a thousandth: the first of every "
-        "thousand samples; 0 = none, 1 = all",
+        description="share of the reduced samples whose errors are estimated: the first of every ten thousand samples; "
+        "of less than a thousand, the share of a thousand; 0 = none, 1 = all",
     )
     balance: bool = Field(
         False, description="draw up the balance of energy of every sample, which needs its energies after every step"
