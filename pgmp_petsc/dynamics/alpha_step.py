@@ -15,9 +15,13 @@ CAREFUL_ITERATIONS = 40
 LONGEST = 0.2  # correction that is not shortened, in units of the mechanism's size or of 1 rad
 REFRESH_EVERY = 4  # corrections that share one factorisation
 FIRST_CONTRACTION = 0.5  # assumed where only one correction is known
+PROBED_EVERY = 10  # steps, of which one is corrected twice at least, to see how the iteration contracts
+CAUTION = 4.0  # times that contraction is expected until the next one: it changes with the motion
+LEAST_CONTRACTION, WORST_CONTRACTION = 1e-8, 0.999  # the iteration of a large correction contracts less than others
 ROUND_OFF = 1e-15
 NOTHING = np.zeros(0)
 NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
+TOLERANCE_OF_ONE = 1e-13  # the same after one correction, where the contraction is that of a step before
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,8 @@ class StepTaken:
     ----------
     state, auxiliary
         State and auxiliary accelerations at its end.
+    expected
+        Contraction of Newton's iteration that is expected in the next one, as the system keeps it.
     lost
         Mask of the samples whose iteration failed, shape (n_samples,).
     n_iterations
@@ -36,6 +42,7 @@ class StepTaken:
 
     state: State
     auxiliary: np.ndarray
+    expected: np.ndarray
     lost: np.ndarray
     n_iterations: int
 
@@ -44,7 +51,8 @@ class AlphaStep:
     """Steps of any length of a system.
 
     A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call; what fails
-    there is tried here. One with a method ``count_turns`` keeps turns in its states.
+    there is tried here. A step is told what the one before has left: the accelerations at its beginning, from which it
+    extrapolates, and the contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
 
     Parameters
     ----------
@@ -65,6 +73,7 @@ class AlphaStep:
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._ahead: deque[StepTaken] = deque()
         self._expected: tuple[State | None, float, float] = (None, 0.0, 0.0)
+        self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
         self.n_iterations = 0
 
@@ -82,6 +91,7 @@ class AlphaStep:
         step: float,
         samples: np.ndarray,
         following: np.ndarray = NOTHING,
+        for_good: bool = True,
     ) -> tuple[State, np.ndarray, np.ndarray]:
         """Advance some samples.
 
@@ -95,6 +105,8 @@ class AlphaStep:
             Mask of the samples to advance, shape (n_samples,).
         following
             Ends of equal steps of the same samples that will be asked for next unless something happens, shape (n,), s.
+        for_good
+            Whether the run goes on from its end; otherwise it is a trial, of which nothing is remembered.
 
         Returns
         -------
@@ -106,18 +118,25 @@ class AlphaStep:
         scheme = self.scheme(step)
         if self._by_itself:
             taken = self._take(previous, auxiliary, end, samples, following)
+            if for_good:
+                self._left = taken.state, previous.a, taken.expected
             state, lost = taken.state, taken.lost
             if not lost.any():
                 return state, taken.auxiliary, lost
         else:
-            state = _predict(scheme, step, previous, auxiliary, previous.a)
-            lost = self._iterate(end, state, scheme, samples, REFRESH_EVERY)
+            behind, expected = self._left[1:] if previous is self._left[0] else (previous.a, _nothing_known(samples))
+            expected = _nothing_known(samples) if self._probed(end) else expected.copy()
+            state = _predict(scheme, step, previous, auxiliary, previous.a + (previous.a - behind))
+            lost = self._iterate(end, state, scheme, samples, REFRESH_EVERY, expected)
+            expected[lost] = FIRST_CONTRACTION
+            if for_good:
+                self._left = state, previous.a, expected
         if lost.any():
             # A load that sets in at once gives light nodes accelerations that no step can follow; the
             # displacement, held at constant velocity, is then the better prediction.
             coasting = _predict(scheme, step, previous, auxiliary, _coasting(scheme, previous, auxiliary))
             self._system.restore(state, coasting, lost)
-            lost = self._iterate(end, state, scheme, lost, 1)
+            lost = self._iterate(end, state, scheme, lost, 1, _nothing_known(lost))
             if lost.any():
                 self._system.restore(state, coasting, lost)
                 state, lost = self._iterate_carefully(end, state, scheme, lost)
@@ -132,17 +151,28 @@ class AlphaStep:
         known, known_end, known_step = self._expected
         if not (self._ahead and previous is known and end == known_end and self._step == known_step):
             ends = np.append(end, following)
-            self._ahead = deque(self._system.take_steps(previous, auxiliary, ends, self._step, self._scheme, samples))
+            left = self._left[1:] if previous is self._left[0] else None
+            self._ahead = deque(
+                self._system.take_steps(
+                    previous, auxiliary, left, ends, self._probed(ends), self._step, self._scheme, samples
+                )
+            )
         taken = self._ahead.popleft()
         self._expected = taken.state, float(following[0]) if following.size else np.nan, self._step
         self.n_iterations += taken.n_iterations
         return taken
 
-    def _iterate(self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int) -> np.ndarray:
+    def _probed(self, end: float | np.ndarray) -> bool | np.ndarray:
+        """Return whether a step is corrected as if nothing were known of the contraction."""
+        return np.rint(end / self._step) % PROBED_EVERY == 0
+
+    def _iterate(
+        self, time: float, state: State, scheme: Scheme, alive: np.ndarray, refresh_every: int, expected: np.ndarray
+    ) -> np.ndarray:
         """Run Newton's iteration of every living sample to its own convergence; return those that failed.
 
         What remains after a correction is estimated from the contraction between the last two (Hairer and Wanner
-        1996, section IV.8). A contraction is not carried over from the step before: it grows with the speed.
+        1996, section IV.8), after the first one from the one expected, shape (n_samples,).
         """
         lost = np.zeros_like(alive)
         active = alive.copy()
@@ -151,7 +181,7 @@ class AlphaStep:
             fresh = iteration % refresh_every == 0
             size = self._system.correct(time, state, scheme, active, fresh)
             self.n_iterations += int(active.sum())
-            judge(iteration, size, last, active, lost)
+            judge(iteration, size, last, expected, active, lost)
             if not active.any():
                 break
         return lost | active
@@ -185,22 +215,30 @@ class AlphaStep:
 
 
 @njit(cache=True, error_model="numpy")
-def judge(iteration, size, last, active, lost):
+def judge(iteration, size, last, expected, active, lost):
     """Decide which samples are done after a correction of `size`, with the one before, `last`; each (n_samples,).
 
-    What remains is estimated from the contraction between both. Those whose correction is no number are lost.
+    What remains is estimated from the contraction between both, after the first correction from the one expected; the
+    second one shows what to expect of later steps. Those whose correction is no number are lost.
     """
     for sample in range(size.size):
         if active[sample]:
-            contraction = FIRST_CONTRACTION
+            contraction = expected[sample]
             if iteration > 0:
-                contraction = min(max(size[sample] / max(last[sample], 1e-300), 0.0), 0.999)
+                contraction = min(max(size[sample] / max(last[sample], 1e-300), 0.0), WORST_CONTRACTION)
+            if iteration == 1:
+                expected[sample] = min(max(CAUTION * contraction, LEAST_CONTRACTION), WORST_CONTRACTION)
             remaining = size[sample] * contraction / (1.0 - contraction)
             if not np.isfinite(size[sample]):
                 lost[sample], active[sample] = True, False
-            elif remaining <= NEWTON_TOLERANCE or size[sample] <= ROUND_OFF:
+            elif remaining <= (NEWTON_TOLERANCE if iteration > 0 else TOLERANCE_OF_ONE) or size[sample] <= ROUND_OFF:
                 active[sample] = False
             last[sample] = size[sample]
+
+
+def _nothing_known(samples: np.ndarray) -> np.ndarray:
+    """Return contractions to be expected of samples (a mask) of which none is known."""
+    return np.full(samples.shape, FIRST_CONTRACTION)
 
 
 def _ahead(scheme: Scheme, auxiliary: np.ndarray, a: np.ndarray, previous_a: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ class EventLocation:
         return float(brentq(depth, earliest, left, xtol=TIME_TOLERANCE * left))
 
     def _advance(self, moment: Moment, end: float, duration: float, alone: np.ndarray) -> Moment | None:
-        state, auxiliary, lost = self._stepper.advance(*moment, end, duration, alone)
+        state, auxiliary, lost = self._stepper.advance(*moment, end, duration, alone, for_good=False)
         return None if lost.any() else (state, auxiliary)
 
     def _crossed(self, time: float, moment: Moment, alone: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.alpha_step import StepTaken
+from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepTaken
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
@@ -24,7 +24,8 @@ from pgmp_petsc.dynamics.vectors import aligned_zeros
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
-STEPS_AT_ONCE = 32  # of a single sample: a call from Python costs what a step of a small mechanism does
+STEPS_AT_ONCE = 32  # a call from Python costs what some steps of a small mechanism do
+LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 
 
 class FullBatch:
@@ -75,7 +76,7 @@ class FullBatch:
         equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs
         self.n_constraints = equations.constraints.n_constraints
-        self.steps_at_once = STEPS_AT_ONCE if n_samples == 1 else 1
+        self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
         self._edges, self._problem = equations.edges, equations.problem
         self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
@@ -139,7 +140,9 @@ class FullBatch:
         self,
         previous: State,
         auxiliary: np.ndarray,
+        left: tuple[np.ndarray, np.ndarray] | None,
         ends: np.ndarray,
+        probed: np.ndarray,
         step: float,
         scheme: Scheme,
         samples: np.ndarray,
@@ -147,20 +150,22 @@ class FullBatch:
     ) -> list[StepTaken]:
         """Take equal steps that end at `ends`, up to one in which an iteration fails; see `AlphaStep`.
 
+        `left` are the accelerations one step before and the contraction to expect, None where nothing is known of them.
         States may be those about a motion: `reference` has its positions and accelerations there, shape (2, n_steps,
         n_dofs, n_samples).
         """
+        behind, expected = left or (previous.a, np.full(self._size.shape, FIRST_CONTRACTION))
         n = ends.size
         if reference is None:
             reference = np.empty((2, 0, self.n_dofs, self.n_samples))
         about = np.moveaxis(self.pack(reference), 0, 2)
-        before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, auxiliary)
+        before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, auxiliary, expected)
         after = tuple(np.empty((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._problem, self._factors, self._sources.at(ends), coefficients, self._typical_mass, step,
-            (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), before,
+            self._problem, self._factors, self._sources.at(ends), probed, coefficients, self._typical_mass, step,
+            (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), behind, before,
             self._blocks.mask(samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
@@ -168,6 +173,7 @@ class FullBatch:
             StepTaken(
                 State(*(part[k] for part in after[:5])),
                 after[5][k],
+                after[6][k],
                 last.copy() if k == n_taken - 1 else np.zeros_like(last),
                 int(n_corrections[k]),
             )

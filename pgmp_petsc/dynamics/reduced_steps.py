@@ -12,9 +12,14 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local
 from pgmp_petsc.dynamics.alpha_step import (
+    CAUTION,
+    FIRST_CONTRACTION,
+    LEAST_CONTRACTION,
     MAX_ITERATIONS,
+    PROBED_EVERY,
     REFRESH_EVERY,
     ROUND_OFF,
+    WORST_CONTRACTION,
 )
 from pgmp_petsc.dynamics.reduced_kernel import (
     Strengths,
@@ -41,10 +46,9 @@ from pgmp_petsc.runtime.compiled import njit
 
 LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CROSSED)
 ALMOST_NONE = 1e-300
-WORST_CONTRACTION = 0.999
+# in the units of `alpha_step`: one correction is then enough in nine of ten steps of the default scene, and leaves 3e-13 of
+# them in the median
 NEWTON_TOLERANCE = 1e-11
-PROBED_EVERY = 10  # steps of which one has two corrections, to see how the iteration contracts
-CAUTION = 4.0  # times that contraction is expected until the next one
 
 
 class Progress(NamedTuple):
@@ -120,10 +124,9 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
                 break
             now = Strengths(strengths.loads[number], strengths.actions[number], strengths.motions[number])
             _predict(equations, scheme, step, of_block, now, work)
-            probed = (first + number) % PROBED_EVERY == 0
-            lost = _converge(
-                equations, memory, block, now, gains, going, probed, of_block[5], work, local, progress
-            )
+            if (first + number + 1) % PROBED_EVERY == 0:
+                store(of_block[5], 0, FIRST_CONTRACTION)
+            lost = _converge(equations, memory, block, now, gains, going, of_block[5], work, local, progress)
             outcome = progress.outcome[block]
             going &= ~_note(lost, LOST, outcome)
             going &= ~_note(_outside(work, bounds) & going, OUTSIDE, outcome)
@@ -171,12 +174,11 @@ def _predict(equations, scheme, step, state, strengths, work):
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, strengths, gains, lanes, probed, expected, work, local, progress):
+def _converge(equations, memory, block, strengths, gains, lanes, expected, work, local, progress):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
     What remains after a correction is estimated from the contraction between the last two, and after the first one
-    from that of steps before (Hairer and Wanner 1996, section IV.8), a vector (1, LANES). It changes with the motion:
-    a step that is probed has two corrections at least.
+    from that `expected`, a vector (1, LANES); see `alpha_step.judge`.
     """
     gain_v, gain_a = gains
     n = equations.layout.n_eta
@@ -203,13 +205,12 @@ def _converge(equations, memory, block, strengths, gains, lanes, probed, expecte
         if iteration > 0:
             contraction = _smaller(size / larger(last, spread(ALMOST_NONE)))
         if iteration == 1:
-            store(expected, 0, blend(active, _smaller(CAUTION * contraction), load(expected, 0)))
+            known = larger(_smaller(CAUTION * contraction), spread(LEAST_CONTRACTION))
+            store(expected, 0, blend(active, known, load(expected, 0)))
         remaining = size * contraction / (1.0 - contraction)
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken
-        active &= ~broken
-        if iteration > 0 or not probed:
-            active &= exceeding(remaining, spread(NEWTON_TOLERANCE)) & exceeding(size, spread(ROUND_OFF))
+        active &= ~broken & exceeding(remaining, spread(NEWTON_TOLERANCE)) & exceeding(size, spread(ROUND_OFF))
         last = size
         if active == 0:
             break

@@ -17,11 +17,10 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import StepTaken
-from pgmp_petsc.dynamics.full_batch import STEPS_AT_ONCE, FullBatch
+from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 
-LARGEST = 2**18  # unknowns of all samples and steps that are taken at once
 
 
 class ErrorSystem:
@@ -53,7 +52,7 @@ class ErrorSystem:
         self._interval = interval
         self._equilibrium = equilibrium
         self._number = -1
-        self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (full.n_dofs * full.n_samples)))
+        self.steps_at_once = full.steps_at_once
 
     def start(self) -> State:
         """Return the error of a start at equilibrium, or none.
@@ -83,12 +82,20 @@ class ErrorSystem:
         return size
 
     def take_steps(
-        self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, step: float, scheme: Scheme, samples: np.ndarray
+        self,
+        previous: State,
+        auxiliary: np.ndarray,
+        left: tuple[np.ndarray, np.ndarray] | None,
+        ends: np.ndarray,
+        probed: np.ndarray,
+        step: float,
+        scheme: Scheme,
+        samples: np.ndarray,
     ) -> list[StepTaken]:
         """Take steps of the error; see `FullBatch.take_steps`."""
         instants = [self._motion.at(round(end / self._interval)) for end in ends]
         reference = np.array([[instant.q for instant in instants], [instant.a for instant in instants]])
-        return self._full.take_steps(previous, auxiliary, ends, step, scheme, samples, reference)
+        return self._full.take_steps(previous, auxiliary, left, ends, probed, step, scheme, samples, reference)
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
