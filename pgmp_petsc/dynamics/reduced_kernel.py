@@ -176,9 +176,7 @@ def allocate(layout):
 def matrix_of(memory, block):
     """Return the iteration matrix of a block."""
     whole = memory.matrix
-    return Matrix(
-        whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block]
-    )
+    return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block])
 
 
 @njit(inline="always")

@@ -288,7 +288,7 @@ def layout_n_rigid(r):
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix):
     """Add what `moved`, `turned` and the loads give, and begin the border of the iteration matrix."""
-    q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
+    q, v, balance, moved, turned = work.q, work.v, work.balance, work.moved, work.turned
     r, n = len(velocity), layout.n_eta
     m = n - r
     for k in range(r):

@@ -46,8 +46,8 @@ from pgmp_petsc.runtime.compiled import njit
 
 LOST, OUTSIDE, CROSSED = int(Outcome.LOST), int(Outcome.OUTSIDE), int(Outcome.CROSSED)
 ALMOST_NONE = 1e-300
-# in the units of `alpha_step`: one correction is then enough in nine of ten steps of the default scene, and leaves 3e-13 of
-# them in the median
+# In the units of `alpha_step`. One correction is then enough in nine of ten steps of the default scene; it leaves 3e-13
+# in the median.
 NEWTON_TOLERANCE = 1e-11
 
 

@@ -325,9 +325,7 @@ def _horner(
     return along(0, 0)
 
 
-def _coefficients(
-    context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int
-) -> Callable[[int], ir.Value]:
+def _coefficients(context: Any, builder: ir.IRBuilder, sig: Any, args: Any, n_powers: int) -> Callable[[int], ir.Value]:
     """Return what loads the coefficients of an entry of kept polynomials."""
     base = builder.mul(args[1], ir.Constant(args[1].type, n_powers ** len(sig.args[2])))
 

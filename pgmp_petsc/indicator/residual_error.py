@@ -22,7 +22,6 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 
 
-
 class ErrorSystem:
     """Full-order equations about a reference motion; see `SecondOrderSystem`.
 

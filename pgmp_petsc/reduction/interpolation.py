@@ -70,12 +70,14 @@ class Interpolant:
         """Return the coefficients of ``s_1^i s_2^j ...`` in each cell, s from 0 to 1, shape (n_cells, 4**n_theta, ...).
 
         Of cells and of powers, those of the last coordinate run fastest. Cells may be divided into equal parts along
-        each coordinate, which then count as cells.
+        every coordinate, which then count as cells.
         """
         result = self.rows
         for k, axis in enumerate(self.axes):
             # (cells and coefficients of the axes before, rows of this one, ...): two axes take the place of one
-            result = np.moveaxis(_cell_polynomials(axis, np.moveaxis(result, 2 * k, 0), parts), (0, 1), (2 * k, 2 * k + 1))
+            result = np.moveaxis(
+                _cell_polynomials(axis, np.moveaxis(result, 2 * k, 0), parts), (0, 1), (2 * k, 2 * k + 1)
+            )
         order = [*range(0, 2 * self.n_theta, 2), *range(1, 2 * self.n_theta, 2)]
         result = np.moveaxis(result, order, range(2 * self.n_theta))
         n_cells = self.n_cells * parts**self.n_theta

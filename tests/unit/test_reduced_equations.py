@@ -346,4 +346,3 @@ def test_samples_beyond_the_range_are_outside() -> None:
     q = np.zeros((3, N_ETA))
     q[:, :2] = [[9.0, 0.0], [0.0, 1.6], [0.0, -1.0]]
     np.testing.assert_array_equal(system.outside(State(q, q, q, np.zeros(0))), [False, True, False])
-
