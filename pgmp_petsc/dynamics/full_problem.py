@@ -32,7 +32,7 @@ from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.effects import Action, Effect, Motion, actions_of, loads_of
-from pgmp_petsc.effects.action import compile_actions
+from pgmp_petsc.effects.action import amplitudes_over, compile_actions
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statement_rows import StatementRows
@@ -62,13 +62,9 @@ class Sources:
         n = times.size
         of_effects = {id(effect): np.broadcast_to(effect.amplitude(times), n) for effect in self.loads}
         loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
-        actions = np.zeros((n, len(self.actions)))
-        for column, action in zip(actions.T, self.actions):
-            if action.amplitude is not None:
-                column[:] = [float(action.amplitude(time)) for time in times]
         moved = np.array([[motion.at(time)[:2] for motion in self.motions] for time in times]).reshape(n, -1, 2)
         angles, speeds = (np.ascontiguousarray(moved[..., k]) for k in range(2))
-        return Strengths(np.ascontiguousarray(loads.T), actions, angles, speeds)
+        return Strengths(np.ascontiguousarray(loads.T), amplitudes_over(self.actions, times), angles, speeds)
 
 
 class FullEquations:

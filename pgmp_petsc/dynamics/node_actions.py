@@ -19,7 +19,7 @@ def evaluate_actions(
     Parameters
     ----------
     actions, amplitudes
-        As from `compile_actions`, `amplitudes_of`.
+        As from `compile_actions`, `amplitudes_over`.
     entries
         Which entries of the tangents are wanted: first one of each action (n_actions + 1,), rows and columns among the
         unknowns of its two nodes, each (n_entries,).

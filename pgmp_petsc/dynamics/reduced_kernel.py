@@ -18,7 +18,6 @@ from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
 from pgmp_petsc.dynamics.reduced_lagrangian import Layout, Matrix, Work, evaluate, layout_n_rigid
 from pgmp_petsc.dynamics.vectors import (
-    ALL,
     LANES,
     absolute,
     add_product,
@@ -378,7 +377,9 @@ def evaluate_residual(equations, memory, strengths, state, result):
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
         evaluate_block(equations, memory, block, strengths.loads, (0.0, 0.0), np.bool_(False), work)
-        scatter(work.balance, memory.samples[block], ALL, result)
+        # lanes behind the last sample have no local effects
+        count = min(LANES, result.shape[0] - block * LANES)
+        scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED, Acting
+from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
@@ -19,22 +18,19 @@ from pgmp_petsc.dynamics.reduced_kernel import (
     Equations,
     Memory,
     Strengths,
-    Weights,
     act_on,
     correct,
     evaluate_residual,
     fill_matrices,
 )
-from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
+from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
-from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros
 from pgmp_petsc.effects import Effect, Motion
-from pgmp_petsc.effects.action import amplitudes_of
+from pgmp_petsc.effects.action import amplitudes_over
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -83,57 +79,12 @@ class ReducedSystem:
         by_name = {effect.name: effect for effect in effects}
         self._load_effects = [by_name[name] for name in dict.fromkeys(tables.load_effects)]
         names = [effect.name for effect in self._load_effects]
-        r = len(layout.rigid)
-        self._actions = actions or ReducedActions.none(r)
-        self._blocks = SampleBlocks(n_samples, LANES, -(-n_samples // LANES))
-        self._weights = tuple(
-            np.broadcast_to(evaluate_weights(w, values).T, (n_samples, len(w))).T
-            for w in (terms.weights, tables.load_weights)
-        )
-        of_terms, of_loads = map(self._packed, self._weights)
-        effects_of_loads = np.array([names.index(name) for name in tables.load_effects], dtype=np.int64)
-        self._equations = Equations(
-            layout,
-            terms.grid,
-            terms.polynomials,
-            Weights(of_terms, of_loads, effects_of_loads, np.zeros(len(terms.weights), dtype=np.int64)),
-            self._actions.of_samples(values, n_samples),
-            0.0 if terms.damping is None else terms.damping.mass,
-            np.array([k in self._motions for k in layout.rigid]),
-            terms.scale,
-        )
-        self._memory = self._allocate(len(names))
+        self._actions = actions or ReducedActions.none(len(layout.rigid))
+        prescribed = np.array([k in motions for k in layout.rigid])
+        self._lanes = ReducedLanes(terms, self._actions, names, values, prescribed, n_samples)
+        self._equations, self._memory = self._lanes.equations, self._lanes.memory
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
-
-    def _allocate(self, n_effects: int) -> Memory:
-        """Return what is kept of every block, empty."""
-        layout, n_blocks, n_actions = self._equations.layout, self._blocks.n_blocks, len(self._actions.actions)
-        r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
-        n_powers = N_POWERS**r
-        shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m - 1) // 2 if layout.second_order else 0)
-        cells = aligned_zeros((n_blocks, LANES))
-        cells[:] = -1.0
-        return Memory(
-            self._blocks.samples,
-            cells,
-            aligned_zeros((n_blocks, layout.n_rigid * N_POWERS_OF_RIGID**r, LANES)),
-            aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
-            aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
-            Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
-            Acting.empty(n_blocks if n_actions else 0, layout.n_eta),
-            np.empty((self.n_samples, 4, n_actions)),
-        )
-
-    def _packed(self, rows: np.ndarray) -> np.ndarray:
-        """Return rows (n, n_samples) as vectors, aligned, (n_blocks, n, LANES)."""
-        blocks = aligned_zeros((self._blocks.n_blocks, len(rows), LANES))
-        blocks[:] = self._blocks.pack(rows)
-        return blocks
-
-    def _lanes(self, samples: np.ndarray) -> np.ndarray:
-        """Return some samples, a mask, as sets of lanes, shape (n_blocks,)."""
-        return self._blocks.mask(samples) @ (1 << np.arange(LANES))
 
     @property
     def n_eta(self) -> int:
@@ -170,9 +121,9 @@ class ReducedSystem:
         active: np.ndarray, fresh: bool,
     ) -> np.ndarray:  # fmt: skip
         """Do one Newton correction of some samples in place; return its size."""
-        size, gains = aligned_zeros((self._blocks.n_blocks, LANES)), (scheme.gain_v, scheme.gain_a)
-        correct(equations, memory, strengths, _parts(state), gains, self._lanes(active), np.bool_(fresh), size)
-        return self._blocks.unpack(size).copy()
+        size, gains = self._lanes.zeros(), (scheme.gain_v, scheme.gain_a)
+        correct(equations, memory, strengths, _parts(state), gains, self._lanes.sets(active), np.bool_(fresh), size)
+        return self._lanes.unpacked(size).copy()
 
     def settle(self, settled: Settled) -> None:
         """Let the samples start at rest in static equilibria."""
@@ -202,11 +153,11 @@ class ReducedSystem:
             Size of the correction before it was shortened.
         """
         before, memory, at_start = state.q.copy(), self._memory, self._at(0.0)
-        acting = Acting.empty(self._blocks.n_blocks, self.n_eta)
+        acting = self._lanes.nothing_acting()
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
             acting.balance[:], acting.tangent[:] = share * memory.acting.balance, share * memory.acting.tangent
-        acting.balance[:] += self._packed(force.T)
+        acting.balance[:] += self._lanes.packed(force.T)
         size = self._correct(
             self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool)),
             memory._replace(acting=acting),
@@ -289,7 +240,7 @@ class ReducedSystem:
 
     def load_amplitudes(self, time: float) -> np.ndarray:
         """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
-        return self._weights[1].T * self._at(time).loads[self._equations.weights.effects]
+        return self._lanes.load_weights.T * self._at(time).loads[self._equations.weights.effects]
 
     def action_forces(self, time: float, state: State) -> np.ndarray:
         """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
@@ -336,44 +287,22 @@ class ReducedSystem:
         n_corrections
             Newton corrections, all samples together.
         """
-        self._regroup(moment[0].q, samples)
-        at_ends = [self._at(time) for time in ends]
-        strengths = Strengths(*(np.array(parts) for parts in zip(*at_ends)))
-        shape, edges = (self._blocks.n_blocks, LANES), np.array(self._actions.edges, dtype=np.int64)
+        self._lanes.regroup(moment[0].q, samples)
+        edges = np.array(self._actions.edges, dtype=np.int64)
         progress = Progress(
-            np.zeros(shape, dtype=np.int64),
-            np.zeros(shape, dtype=np.int64),
+            self._lanes.zeros(np.int64),
+            self._lanes.zeros(np.int64),
             np.zeros(1, dtype=np.int64),
             np.ascontiguousarray(beyond.T),
             trail,
         )
         state, *others = moment
         advance(
-            self._equations, self._memory, strengths, astuple(scheme), step, first, (*_parts(state), *others),
-            self._bounds, edges, self._lanes(samples), progress,
+            self._equations, self._memory, self._over(ends), astuple(scheme), step, first, (*_parts(state), *others),
+            self._bounds, edges, self._lanes.sets(samples), progress,
         )  # fmt: skip
-        outcome, n_steps = (self._blocks.unpack(part) for part in (progress.outcome, progress.n_steps))
+        outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
         return outcome, n_steps, int(progress.n_corrections[0])
-
-    def _regroup(self, q: np.ndarray, samples: np.ndarray) -> None:
-        """Put samples that are near each other in the tables side by side, and those that are not to advance last.
-
-        Lanes that enter a cell together are filled at once. No sample's numbers depend on its lane.
-        """
-        if self._blocks.n_blocks == 1:
-            return
-        number = np.zeros(self.n_samples)
-        with np.errstate(invalid="ignore"):
-            for theta, axis in zip(q.T, self._equations.grid):
-                place = (theta - axis.lower) / axis.step
-                number = np.floor(number) * axis.n_cells + (place % axis.n_cells if axis.periodic else place)
-        blocks = self._blocks.ordered(np.argsort(np.where(samples, number, np.inf), kind="stable"))
-        memory, weights, of_lanes = self._memory, self._equations.weights, blocks.samples
-        moved = of_lanes != memory.samples
-        if moved.any():
-            self._blocks = blocks
-            memory.samples[:], memory.cells[moved] = of_lanes, -1.0
-            weights.terms[:], weights.loads[:] = (blocks.pack(rows) for rows in self._weights)
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
@@ -406,15 +335,7 @@ class ReducedSystem:
     def _tangents(self, time: float, state: State, gain_a: float) -> np.ndarray:
         """Return the iteration matrices with a given gain of the accelerations, shape (n_samples, n_eta, n_eta)."""
         fill_matrices(self._equations, self._memory, self._at(time), _parts(state), gain_a)
-        r, n = self.tables.n_coordinates, self.n_eta
-        factor, corner, column, row = (self._blocks.unpack(part).T for part in self._memory.matrix[:4])
-        matrices = np.empty((self.n_samples, n, n))
-        rows, columns = np.tril_indices(n - r)
-        matrices[:, r + rows, r + columns] = matrices[:, r + columns, r + rows] = factor
-        matrices[:, :r, :r] = corner.reshape(-1, r, r)
-        matrices[:, r:, :r] = np.swapaxes(column.reshape(-1, r, n - r), 1, 2)
-        matrices[:, :r, r:] = row.reshape(-1, r, n - r)
-        return matrices
+        return self._lanes.matrices()
 
     def _prescribe(self, time: float, state: State, samples: np.ndarray) -> None:
         """Put the prescribed coordinates of some samples (a mask) where they are at a time."""
@@ -425,7 +346,7 @@ class ReducedSystem:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
             act_on(
-                self._equations, self._memory, self._at(time), _parts(state), self._lanes(active), gain_v,
+                self._equations, self._memory, self._at(time), _parts(state), self._lanes.sets(active), gain_v,
                 np.bool_(with_tangent),
             )  # fmt: skip
 
@@ -434,11 +355,17 @@ class ReducedSystem:
 
     def _at(self, time: float) -> Strengths:
         """Return what acts at an instant."""
-        loads = np.array([effect.amplitude(time) for effect in self._load_effects])
-        motions = np.zeros((self.tables.n_coordinates, 3))
+        return Strengths(*(part[0] for part in self._over(np.array([time]))))
+
+    def _over(self, times: np.ndarray) -> Strengths:
+        """Return what acts at several instants, one a row."""
+        loads = np.empty((times.size, len(self._load_effects)))
+        for column, effect in zip(loads.T, self._load_effects):
+            column[:] = effect.amplitude(times)
+        motions = np.zeros((times.size, self.tables.n_coordinates, 3))
         for k, motion in self._motions.items():
-            motions[k] = motion.at(time)
-        return Strengths(loads, amplitudes_of(self._actions.actions, time), motions)
+            motions[:, k] = [motion.at(time) for time in times]
+        return Strengths(loads, amplitudes_over(self._actions.actions, times), motions)
 
 
 def _parts(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -25,7 +25,6 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 from pgmp_petsc.runtime.compiled import njit
 
 LANES = 8
-ALL = (1 << LANES) - 1  # all lanes, as a set
 CACHE_LINE = 64  # bytes
 
 _DOUBLES = ir.VectorType(ir.DoubleType(), LANES)

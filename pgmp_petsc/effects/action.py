@@ -102,6 +102,10 @@ def compile_actions(
     )
 
 
-def amplitudes_of(actions: Sequence[Action], time: float) -> np.ndarray:
-    """Return the amplitude of every action now, 0 where it is no source, shape (n_actions,)."""
-    return np.array([0.0 if action.amplitude is None else float(action.amplitude(time)) for action in actions])
+def amplitudes_over(actions: Sequence[Action], times: np.ndarray) -> np.ndarray:
+    """Return the amplitudes of actions at times (n,), 0 where one is no source, shape (n, n_actions)."""
+    result = np.zeros((times.size, len(actions)))
+    for column, action in zip(result.T, actions):
+        if action.amplitude is not None:
+            column[:] = action.amplitude(times)
+    return result
