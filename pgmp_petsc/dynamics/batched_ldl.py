@@ -2,7 +2,7 @@
 
 The iteration matrices of a batch of full-order samples differ in their numbers only. Ordering and fill-in are found
 once; the numeric factorisation ``L D L^T`` then runs over the common pattern, with the samples of a block side by side
-in the innermost loop (see `lanes`), where they vectorise. A sample never touches another's numbers.
+in the innermost loop (lanes), where they vectorise. A sample never touches another's numbers.
 
 There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]``, and the order of elimination makes every
 leading block non-singular. With S positive definite at reasonable steps a constraint comes behind all unknowns that it

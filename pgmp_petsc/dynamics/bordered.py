@@ -1,4 +1,4 @@
-"""Solving with the iteration matrices of LANES samples at once, compiled; see `reduced_lagrangian.Matrix`.
+"""Solving with the iteration matrices of LANES samples at once, compiled; see `reduced_arrays.Matrix`.
 
 The flexible block is positive definite at reasonable steps: it has Cholesky factors. Where it has not, they are NaN,
 and so is every correction of that sample.

@@ -9,14 +9,13 @@ row is the driving force.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import Acting, LocalEffects, act, add_tangents, allocate_local
+from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
-from pgmp_petsc.dynamics.cells import Grid, locate_all, refill
-from pgmp_petsc.dynamics.reduced_lagrangian import Layout, Matrix, Work, evaluate, layout_n_rigid
+from pgmp_petsc.dynamics.cells import locate_all, refill
+from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of
+from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
 from pgmp_petsc.dynamics.vectors import (
     LANES,
     absolute,
@@ -34,154 +33,6 @@ from pgmp_petsc.dynamics.vectors import (
     store,
 )
 from pgmp_petsc.runtime.compiled import njit
-
-
-class Tables(NamedTuple):
-    """Polynomials of the rigid inertia, of all other terms and of the loads, (n_cells, n_terms, n_entries * n_powers).
-
-    In radians from the lower end of a cell: of degree 7 in each coordinate for the rigid inertia, cubic for the others.
-    """
-
-    rigid: np.ndarray
-    terms: np.ndarray
-    loads: np.ndarray
-
-
-class Weights(NamedTuple):
-    """Of the terms and of the load terms, (n_blocks, n, LANES); and the number of the effect of each load term.
-
-    `together` are as many zeros as there are terms: all of them add to one polynomial.
-    """
-
-    terms: np.ndarray
-    loads: np.ndarray
-    effects: np.ndarray
-    together: np.ndarray
-
-
-class Equations(NamedTuple):
-    """What the equations of motion of a batch are made of.
-
-    Attributes
-    ----------
-    layout
-        Parts of a table row.
-    grid
-        `Grid` of every coordinate.
-    tables, weights
-        See `Tables`, `Weights`.
-    local
-        Local effects.
-    mass_damping
-        Factor alpha of the damping proportional to the mass, 1/s.
-    prescribed
-        Whether a coordinate's motion is given, shape (n_theta,).
-    scale
-        Displacement (in units of the mechanism's size or 1 rad) per unit of each coordinate, shape (n_eta,).
-    """
-
-    layout: Layout
-    grid: tuple[Grid, ...]
-    tables: Tables
-    weights: Weights
-    local: LocalEffects
-    mass_damping: float
-    prescribed: np.ndarray
-    scale: np.ndarray
-
-
-class Memory(NamedTuple):
-    """What is kept of every block from one evaluation to the next.
-
-    Attributes
-    ----------
-    samples
-        Number of the sample in each lane, (n_blocks, LANES); where none is left the last one again.
-    cells
-        Numbers of the cells that the samples are in, -1 before the first, vectors (n_blocks, LANES).
-    rigid, terms, loads
-        Polynomials there, (n_blocks, n_entries * n_powers, LANES): of the rigid inertia, of the other terms, and of a
-        unit of every effect's amplitude, effect after effect.
-    matrix
-        Iteration matrices, each array with an axis of blocks in front.
-    acting
-        What local effects add; see `action_kernel.Acting`.
-    known
-        See `action_kernel.act`.
-    """
-
-    samples: np.ndarray
-    cells: np.ndarray
-    rigid: np.ndarray
-    terms: np.ndarray
-    loads: np.ndarray
-    matrix: Matrix
-    acting: Acting
-    known: np.ndarray
-
-
-class Strengths(NamedTuple):
-    """What acts at one instant or, with an axis in front, at the ends of several steps.
-
-    Attributes
-    ----------
-    loads, actions
-        Amplitudes of the effects with loads (n_effects,) and of the actions (n_actions,).
-    motions
-        Position, velocity and acceleration of every coordinate, where they are given, shape (n_theta, 3).
-    """
-
-    loads: np.ndarray
-    actions: np.ndarray
-    motions: np.ndarray
-
-
-@njit(error_model="numpy", forceinline=True)
-def vectors_of(n):
-    """Return n vectors that begin at a cache line, not set."""
-    buffer = np.empty((n + 1) * LANES)
-    first = (-buffer.ctypes.data % (8 * LANES)) // 8
-    return buffer[first : first + n * LANES].reshape((n, LANES))
-
-
-@njit(error_model="numpy", forceinline=True)
-def allocate(layout):
-    """Return work arrays of one block."""
-    r, n = len(layout.rigid), layout.n_eta
-    m = n - r
-    return Work(
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(layout_n_rigid(r)),
-        vectors_of(r * layout_n_rigid(r)),
-        vectors_of(layout.load_end),
-        vectors_of(r * layout.load_end),
-        vectors_of(r * n),
-        vectors_of(r * n),
-        vectors_of(r * m),
-        vectors_of(m * (m + 1) // 2),
-        vectors_of(max(r, m)),
-        vectors_of(max(r, m)),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(r),
-    )
-
-
-@njit(inline="always")
-def matrix_of(memory, block):
-    """Return the iteration matrix of a block."""
-    whole = memory.matrix
-    return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block])
-
-
-@njit(inline="always")
-def acting_of(memory, block):
-    """Return what local effects add to a block."""
-    return Acting(memory.acting.balance[block], memory.acting.tangent[block])
 
 
 @njit(error_model="numpy", forceinline=True)

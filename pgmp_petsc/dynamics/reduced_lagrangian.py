@@ -36,10 +36,7 @@ symmetric but for gyroscopic terms, rows and columns of theta border it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
+from pgmp_petsc.dynamics.reduced_arrays import layout_n_rigid, pair
 from pgmp_petsc.dynamics.second_order_terms import add_bent_loads, add_cubic, add_gyroscopic, add_swing
 from pgmp_petsc.dynamics.vectors import (
     add,
@@ -55,124 +52,6 @@ from pgmp_petsc.dynamics.vectors import (
     zeros,
 )
 from pgmp_petsc.runtime.compiled import njit
-
-
-class Layout(NamedTuple):
-    """Where the parts of a table row begin.
-
-    Packed mass; couplings b_kl, k >= l, one after the other; packed stiffness; with terms of second order packed V,
-    c_kl, k >= l, and A_k; packed structural damping, if there is any; and the end. A load row has n_eta entries, and
-    with terms of second order packed B after them. Symmetric matrices are packed as lower triangles row by row, skew
-    ones as strict lower triangles, V over ``i >= j >= k``, k fastest.
-
-    Attributes
-    ----------
-    rigid
-        Numbers of the rigid coordinates: a tuple, so that the compiler knows how many there are.
-    n_eta
-        Number of coordinates.
-    quadratic
-        Whether inertia forces quadratic in the velocities act; in slow motion they may be left out.
-    """
-
-    rigid: tuple[int, ...]
-    n_eta: int
-    coupling: int
-    stiffness: int
-    cubic: int
-    swing: int
-    gyroscopic: int
-    damping: int
-    end: int
-    load_end: int
-    quadratic: bool
-
-    @property
-    def second_order(self) -> bool:
-        """Whether there are terms of second order."""
-        return self.cubic < self.damping
-
-    @property
-    def n_rigid(self) -> int:
-        """Number of entries of the packed rigid inertia, with which a row begins."""
-        return len(self.rigid) * (len(self.rigid) + 1) // 2
-
-
-class Work(NamedTuple):
-    """State of one block of samples, and what is evaluated there: arrays of vectors (n, LANES).
-
-    Attributes
-    ----------
-    q, v, a, rate
-        Coordinates; velocities and accelerations as the inertia forces see them (see the module and
-        ``Layout.quadratic``); velocities as damping sees them; n_eta each.
-    balance
-        The residual, n_eta.
-    rigid, rigid_slope
-        Packed rigid inertia, and its derivatives, coordinate after coordinate.
-    load, load_slope
-        ``a Q`` and ``a B`` (layout.load_end), and derivatives, coordinate after coordinate.
-    moved, pulled, turned
-        ``(d_k M) eta'`` and ``(d_k M) eta''`` (n_eta), and ``(d_k K) delta - a d_k Q_delta`` (n_delta), coordinate
-        after coordinate.
-    bent
-        ``V delta``, packed.
-    along, across
-        Products of a matrix with delta and with delta', n_delta each.
-    kept_a
-        Accelerations of the iterate, n_eta.
-    refined
-        What refines a correction, n_eta.
-    place
-        In the cells, n_theta, rad.
-    """
-
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    rate: np.ndarray
-    balance: np.ndarray
-    rigid: np.ndarray
-    rigid_slope: np.ndarray
-    load: np.ndarray
-    load_slope: np.ndarray
-    moved: np.ndarray
-    pulled: np.ndarray
-    turned: np.ndarray
-    bent: np.ndarray
-    along: np.ndarray
-    across: np.ndarray
-    kept_a: np.ndarray
-    refined: np.ndarray
-    place: np.ndarray
-
-
-class Matrix(NamedTuple):
-    """Iteration matrix ``[[corner, row], [column, factor]]`` of one block of samples, arrays of vectors (n, LANES).
-
-    Attributes
-    ----------
-    factor
-        Symmetric part of the flexible block, packed, or its factors.
-    corner
-        ``d r_k / d theta_j``, row by row; n_theta^2 entries.
-    column, row
-        ``d r_delta / d theta_k`` and ``d r_k / d delta``, n_delta entries of each k.
-    skew
-        Skew part of the flexible block, packed; no entries without terms of second order.
-    """
-
-    factor: np.ndarray
-    corner: np.ndarray
-    column: np.ndarray
-    row: np.ndarray
-    skew: np.ndarray
-
-
-@njit(inline="always")
-def pair(k, j):
-    """Return the place of entry (k, j) of a packed symmetric matrix."""
-    return k * (k + 1) // 2 + j if k >= j else j * (j + 1) // 2 + k
 
 
 @njit(inline="always")
@@ -277,12 +156,6 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
             store(matrix.factor, into, gain_a * mass + gain_v * dot(slopes, velocity) + stiffness)
         into += 1
         entry += i + 1
-
-
-@njit(inline="always")
-def layout_n_rigid(r):
-    """Return the number of entries of the packed rigid inertia."""
-    return r * (r + 1) // 2
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)

@@ -9,8 +9,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.action_kernel import Acting
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
-from pgmp_petsc.dynamics.reduced_kernel import Equations, Memory, Weights
-from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
+from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros

@@ -21,16 +21,8 @@ from pgmp_petsc.dynamics.alpha_step import (
     ROUND_OFF,
     WORST_CONTRACTION,
 )
-from pgmp_petsc.dynamics.reduced_kernel import (
-    Strengths,
-    acting_of,
-    allocate,
-    correct_block,
-    gather,
-    scatter,
-    size_of,
-    vectors_of,
-)
+from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, vectors_of
+from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
 from pgmp_petsc.dynamics.vectors import (
     LANES,

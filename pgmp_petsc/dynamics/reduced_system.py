@@ -13,16 +13,9 @@ from mpi4py import MPI
 from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
-from pgmp_petsc.dynamics.reduced_kernel import (
-    Equations,
-    Memory,
-    Strengths,
-    act_on,
-    correct,
-    evaluate_residual,
-    fill_matrices,
-)
+from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
 from pgmp_petsc.dynamics.reduced_lanes import ReducedLanes
 from pgmp_petsc.dynamics.reduced_steps import Progress, advance
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms

@@ -18,8 +18,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
-from pgmp_petsc.dynamics.reduced_kernel import Tables
-from pgmp_petsc.dynamics.reduced_lagrangian import Layout
+from pgmp_petsc.dynamics.reduced_arrays import Layout, Tables
 from pgmp_petsc.dynamics.vectors import N_POWERS_OF_RIGID
 from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics

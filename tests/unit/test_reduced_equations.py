@@ -12,7 +12,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.reduced_energy import reduced_energy
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
-from pgmp_petsc.dynamics.reduced_lagrangian import Layout
+from pgmp_petsc.dynamics.reduced_arrays import Layout
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms, coupling_of, pack, pack_cubic, pack_skew
 from pgmp_petsc.dynamics.second_order_system import Scheme, State

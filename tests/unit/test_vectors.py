@@ -8,7 +8,7 @@ from numpy.polynomial import polynomial as series
 
 from pgmp_petsc.dynamics.bordered import eliminate, factorise, solve, substitute
 from pgmp_petsc.dynamics.cells import Grid, locate, refill
-from pgmp_petsc.dynamics.reduced_lagrangian import Matrix
+from pgmp_petsc.dynamics.reduced_arrays import Matrix
 from pgmp_petsc.dynamics.reduced_terms import pack
 from pgmp_petsc.dynamics.vectors import (
     LANES,
