@@ -25,6 +25,39 @@ TOLERANCE_OF_ONE = 1e-13  # the same after one correction, where the contraction
 
 
 @dataclass(frozen=True, eq=False)
+class StepsAsked:
+    """Equal steps that a system is asked to take.
+
+    Attributes
+    ----------
+    previous, auxiliary
+        State at the beginning, and the auxiliary accelerations there.
+    behind
+        Accelerations one step before.
+    expected
+        Contraction of Newton's iteration that is expected, as the system keeps it; None where nothing is known.
+    ends, step
+        Ends of the steps, shape (n,), and length of each, s.
+    probed
+        Which of them are corrected as if nothing were known of the contraction, shape (n,).
+    scheme
+        Coefficients for a step.
+    samples
+        Mask of the samples to advance, shape (n_samples,).
+    """
+
+    previous: State
+    auxiliary: np.ndarray
+    behind: np.ndarray
+    expected: np.ndarray | None
+    ends: np.ndarray
+    step: float
+    probed: np.ndarray
+    scheme: Scheme
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class StepTaken:
     """A step that a system took by itself.
 
@@ -72,7 +105,7 @@ class AlphaStep:
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._ahead: deque[StepTaken] = deque()
-        self._expected: tuple[State | None, float, float] = (None, 0.0, 0.0)
+        self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
         self.n_iterations = 0
@@ -148,17 +181,14 @@ class AlphaStep:
         self, previous: State, auxiliary: np.ndarray, end: float, samples: np.ndarray, following: np.ndarray
     ) -> StepTaken:
         """Return a step that the system takes, or took ahead from the very state that it begins with."""
-        known, known_end, known_step = self._expected
+        known, known_end, known_step = self._asked_next
         if not (self._ahead and previous is known and end == known_end and self._step == known_step):
             ends = np.append(end, following)
-            left = self._left[1:] if previous is self._left[0] else None
-            self._ahead = deque(
-                self._system.take_steps(
-                    previous, auxiliary, left, ends, self._probed(ends), self._step, self._scheme, samples
-                )
-            )
+            left = self._left[1:] if previous is self._left[0] else (previous.a, None)
+            asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)
+            self._ahead = deque(self._system.take_steps(asked))
         taken = self._ahead.popleft()
-        self._expected = taken.state, float(following[0]) if following.size else np.nan, self._step
+        self._asked_next = taken.state, float(following[0]) if following.size else np.nan, self._step
         self.n_iterations += taken.n_iterations
         return taken
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepTaken
+from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepsAsked, StepTaken
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
@@ -136,37 +136,25 @@ class FullBatch:
         for q, turns in zip(state.q, state.turns):
             count_turns(self._problem, q, turns)
 
-    def take_steps(
-        self,
-        previous: State,
-        auxiliary: np.ndarray,
-        left: tuple[np.ndarray, np.ndarray] | None,
-        ends: np.ndarray,
-        probed: np.ndarray,
-        step: float,
-        scheme: Scheme,
-        samples: np.ndarray,
-        reference: np.ndarray | None = None,
-    ) -> list[StepTaken]:
-        """Take equal steps that end at `ends`, up to one in which an iteration fails; see `AlphaStep`.
+    def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> list[StepTaken]:
+        """Take equal steps, up to one in which an iteration fails; see `AlphaStep`.
 
-        `left` are the accelerations one step before and the contraction to expect, None where nothing is known of them.
-        States may be those about a motion: `reference` has its positions and accelerations there, shape (2, n_steps,
-        n_dofs, n_samples).
+        States may be those about a motion: `reference` has its positions and accelerations at the ends of the steps,
+        shape (2, n_steps, n_dofs, n_samples).
         """
-        behind, expected = left or (previous.a, np.full(self._size.shape, FIRST_CONTRACTION))
-        n = ends.size
+        previous, scheme, n = asked.previous, asked.scheme, asked.ends.size
+        expected = np.full(self._size.shape, FIRST_CONTRACTION) if asked.expected is None else asked.expected
         if reference is None:
             reference = np.empty((2, 0, self.n_dofs, self.n_samples))
         about = np.moveaxis(self.pack(reference), 0, 2)
-        before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, auxiliary, expected)
+        before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, asked.auxiliary, expected)
         after = tuple(np.empty((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._problem, self._factors, self._sources.at(ends), probed, coefficients, self._typical_mass, step,
-            (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), behind, before,
-            self._blocks.mask(samples), after, lost, n_corrections,
+            self._problem, self._factors, self._sources.at(asked.ends), asked.probed, coefficients, self._typical_mass,
+            asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), asked.behind, before,
+            self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
         return [

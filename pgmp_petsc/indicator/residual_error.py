@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.alpha_step import StepTaken
+from pgmp_petsc.dynamics.alpha_step import StepsAsked, StepTaken
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
@@ -80,21 +80,11 @@ class ErrorSystem:
         state.a += moved.a - before[1]
         return size
 
-    def take_steps(
-        self,
-        previous: State,
-        auxiliary: np.ndarray,
-        left: tuple[np.ndarray, np.ndarray] | None,
-        ends: np.ndarray,
-        probed: np.ndarray,
-        step: float,
-        scheme: Scheme,
-        samples: np.ndarray,
-    ) -> list[StepTaken]:
+    def take_steps(self, asked: StepsAsked) -> list[StepTaken]:
         """Take steps of the error; see `FullBatch.take_steps`."""
-        instants = [self._motion.at(round(end / self._interval)) for end in ends]
+        instants = [self._motion.at(round(end / self._interval)) for end in asked.ends]
         reference = np.array([[instant.q for instant in instants], [instant.a for instant in instants]])
-        return self._full.take_steps(previous, auxiliary, left, ends, probed, step, scheme, samples, reference)
+        return self._full.take_steps(asked, reference)
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
