@@ -62,7 +62,7 @@ class Work(NamedTuple):
     Attributes
     ----------
     q, v, a, rate
-        Coordinates; velocities and accelerations as the inertia forces see them (see the module and
+        Coordinates; velocities and accelerations as the inertia forces see them (see `reduced_lagrangian` and
         ``Layout.quadratic``); velocities as damping sees them; n_eta each.
     balance
         The residual, n_eta.

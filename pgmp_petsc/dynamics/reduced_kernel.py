@@ -18,6 +18,7 @@ from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rig
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
 from pgmp_petsc.dynamics.vectors import (
     LANES,
+    N_POWERS,
     absolute,
     add_product,
     blend,
@@ -40,6 +41,8 @@ def interpolate(equations, memory, block, amplitudes, work):
     """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
     layout, tables, weights = equations.layout, equations.tables, equations.weights
     loads, n_rigid = memory.loads[block], layout_n_rigid(len(equations.grid))
+    n_powers = N_POWERS ** len(equations.grid)
+    first, end = n_rigid * n_powers, layout.end * n_powers
     cells = locate_all(work.q, equations.grid, work.place)
     moved = differing(cells, load(memory.cells, block))
     store(memory.cells, block, cells)
@@ -47,10 +50,8 @@ def interpolate(equations, memory, block, amplitudes, work):
         number = memory.cells[block, first_lane(moved)]
         entering, cell, own = moved & equal(cells, spread(number)), int(number), weights.terms[block]
         moved &= ~entering
-        n_powers = tables.loads.shape[2] // layout.load_end
-        end = layout.end * n_powers
         refill(tables.rigid, cell, own, weights.together, 0, tables.rigid.shape[2], entering, memory.rigid[block])
-        refill(tables.terms, cell, own, weights.together, n_rigid * n_powers, end, entering, memory.terms[block])
+        refill(tables.terms, cell, own, weights.together, first, end, entering, memory.terms[block])
         if amplitudes.size > 0:
             refill(tables.loads, cell, weights.loads[block], weights.effects, 0, tables.loads.shape[2], entering, loads)
     place = load_rows(work.place, 0, 1, layout.rigid)

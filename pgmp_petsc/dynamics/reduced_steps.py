@@ -195,9 +195,9 @@ def _converge(equations, memory, block, strengths, gains, lanes, expected, work,
         progress.n_corrections[0] += count_lanes(active)
         contraction = load(expected, 0)
         if iteration > 0:
-            contraction = _smaller(size / larger(last, spread(ALMOST_NONE)))
+            contraction = _bounded(size / larger(last, spread(ALMOST_NONE)))
         if iteration == 1:
-            known = larger(_smaller(CAUTION * contraction), spread(LEAST_CONTRACTION))
+            known = larger(_bounded(CAUTION * contraction), spread(LEAST_CONTRACTION))
             store(expected, 0, blend(active, known, load(expected, 0)))
         remaining = size * contraction / (1.0 - contraction)
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
@@ -210,7 +210,7 @@ def _converge(equations, memory, block, strengths, gains, lanes, expected, work,
 
 
 @njit(inline="always")
-def _smaller(contraction):
+def _bounded(contraction):
     """Return contractions, none of them larger than the worst that is reckoned with."""
     return blend(exceeding(contraction, spread(WORST_CONTRACTION)), spread(WORST_CONTRACTION), contraction)
 
