@@ -32,6 +32,7 @@ from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.scene.schema import Scene
 from pgmp_petsc.studies.inputs import read_scene
 
 COARSE = (40, 80, 160)
@@ -105,6 +106,20 @@ def frequencies(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[np.ndarray
     RunError
         If the eigenproblem fails.
     """
+    scene, kinematics = refined(path, n_elements, comm)
+    theta = np.array([c.lower + PLACE * (c.upper - c.lower) for c in kinematics.coordinates])
+    with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, comm) as problem:
+        return theta, problem.solve(theta).frequencies_hz
+
+
+def refined(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[Scene, RigidKinematics]:
+    """Return a scene whose beams are lines of as many elements, and its kinematics. Collective on `comm`.
+
+    Raises
+    ------
+    InputError
+        If a body is no straight beam along the x axis.
+    """
     scene, meshes = read_scene(path, (), (), comm, Purpose.MODES)
     overrides = []
     for name, body in scene.bodies.items():
@@ -115,10 +130,7 @@ def frequencies(path: Path, n_elements: int, comm: MPI.Comm) -> tuple[np.ndarray
         entries["line"] = {"length": float(np.ptp(x)), "elements": n_elements, "start": float(x.min())}
         overrides.append(f"bodies.{name}={toml(entries)}")
     scene, meshes = read_scene(path, overrides, (), comm, Purpose.MODES)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
-    theta = np.array([c.lower + PLACE * (c.upper - c.lower) for c in kinematics.coordinates])
-    with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, comm) as problem:
-        return theta, problem.solve(theta).frequencies_hz
+    return scene, RigidKinematics(Mechanism.from_scene(scene, meshes))
 
 
 def toml(value: object) -> str:

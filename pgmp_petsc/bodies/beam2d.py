@@ -200,7 +200,13 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
     return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
 
 
-def third_derivative(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def third_derivative(
+    lengths: np.ndarray,
+    alphas: np.ndarray,
+    section: np.ndarray,
+    vectors: np.ndarray,
+    pairs: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
     """Contract the third derivative of the strain energy at rest with pairs of vectors, in the mesh's own frame.
 
     At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
@@ -220,18 +226,20 @@ def third_derivative(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarra
         ``(EA, k_s GA, EI)``, shape (3,).
     vectors
         Element unknowns, shape (n_elements, 6, m).
+    pairs
+        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
 
     Returns
     -------
-    ndarray, shape (n_elements, 6, m (m + 1) / 2)
-        ``K3[v_i, v_j]`` for i >= j, packed as ``np.tril_indices`` orders them.
+    ndarray, shape (n_elements, 6, n_pairs)
+        ``K3[v_i, v_j]``.
     """
     cos, sin, zero = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas)
     half = np.full_like(alphas, 0.5)
     along = np.array([-cos, -sin, zero, cos, sin, zero]).T / lengths[:, None]
     across = np.array([sin, -cos, zero, -sin, cos, zero]).T / lengths[:, None]
     mean = np.array([zero, zero, half, zero, zero, half]).T
-    i, j = np.tril_indices(vectors.shape[2])
+    i, j = pairs
     u, w, psi = (np.einsum("ek,ekm->em", row, vectors)[:, None] for row in (along, across, mean))
     along, across, mean = along[..., None], across[..., None], mean[..., None]
     # e'' applied to one vector: its gradient in the other, shape (n_elements, 6, m)

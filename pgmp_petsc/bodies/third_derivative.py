@@ -39,25 +39,25 @@ class ThirdDerivative:
             )
             self._parts.append((body, chosen, dofs, gather))
 
-    def times(self, vectors: np.ndarray) -> dict[Monomial, np.ndarray]:
-        """Contract with all pairs of vectors.
+    def times(self, vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]) -> dict[Monomial, np.ndarray]:
+        """Contract with pairs of vectors.
 
         Parameters
         ----------
         vectors
             All rows, shape (n_dofs, m).
+        pairs
+            Numbers j and k of the vectors of every pair, shape (n_pairs,) each.
 
         Returns
         -------
         dict
-            For every weight an array of shape (n_rows, m (m + 1) / 2): ``K3_i[v_j, v_k]`` for j >= k, packed as
-            ``np.tril_indices`` orders them.
+            For every weight an array of shape (n_rows, n_pairs): ``K3_i[v_j, v_k]``.
         """
-        m = vectors.shape[1]
-        n_pairs = m * (m + 1) // 2
+        n_pairs = pairs[0].size
         result: dict[Monomial, np.ndarray] = {}
         for body, chosen, dofs, gather in self._parts:
-            for monomial, entries in body.cubic_entries(chosen, vectors[dofs]).items():
+            for monomial, entries in body.cubic_entries(chosen, vectors[dofs], pairs).items():
                 total = result.setdefault(monomial, np.zeros((self._n_rows, n_pairs)))
                 total += gather @ entries.reshape(dofs.size, n_pairs)
         return result

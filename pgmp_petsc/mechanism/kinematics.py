@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,25 @@ LEAST_STEPS = 8
 MOST_COORDINATES = 2
 FURTHEST = 1e6  # rad that a coordinate turns; beyond, round-off shows in where it stands, and runs have run away
 REACH = 0.05  # rad beyond a limited range: the bending of a joint's node at the range's end
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """The rigid mechanism at one configuration.
+
+    Attributes
+    ----------
+    poses
+        Shape (n_bodies, n_pose).
+    rates
+        ``dP/dtheta_k``, shape (n_bodies, n_pose, n_theta).
+    curvatures
+        ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta).
+    """
+
+    poses: np.ndarray
+    rates: np.ndarray
+    curvatures: np.ndarray
 
 
 class RigidKinematics:
@@ -75,6 +94,7 @@ class RigidKinematics:
         for k, coordinate in enumerate(self.coordinates):
             if coordinate.periodic:
                 self._winding[k] = self._branch.winding(k)
+        self._followed: dict[bytes, RigidMotion] = {}
 
     @property
     def n_coordinates(self) -> int:
@@ -96,6 +116,22 @@ class RigidKinematics:
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
         other.coordinate, other._closure = mechanism.coordinates[0], LoopClosure(mechanism)
         return other
+
+    def follow(self, theta: np.ndarray) -> None:
+        """Compute the motion at configurations (n, n_theta) together, for `motion` to be asked one by one."""
+        theta = self.configurations(theta)
+        poses = self.poses(theta)
+        rates = self.rates(poses)
+        curvatures = self.curvatures(poses, rates)
+        parts = zip(*(np.moveaxis(part, -1, 0) for part in (poses, rates, curvatures)))
+        self._followed.update((one.tobytes(), RigidMotion(*part)) for one, part in zip(theta, parts))
+
+    def motion(self, theta: np.ndarray) -> RigidMotion:
+        """Return the motion at one configuration (n_theta,)."""
+        key = np.asarray(theta, dtype=float).tobytes()
+        if key not in self._followed:
+            self.follow(theta)
+        return self._followed[key]
 
     def configurations(self, theta: np.ndarray | Sequence[float]) -> np.ndarray:
         """Return configurations as an array (n, n_theta)."""

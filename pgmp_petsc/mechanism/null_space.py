@@ -13,6 +13,7 @@ dropped and counted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,69 +21,132 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse.csgraph import connected_components
 
 RANK_TOLERANCE = 1e-10  # of the largest pivot of a block; joint Jacobians have entries of order 1
+PATTERNS = 64  # of Jacobians whose blocks are remembered
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """Unknowns of one block expressed by others: ``u[dependent] = weights @ u[by]``.
+
+    Attributes
+    ----------
+    dependent, by
+        Numbers of unknowns, shapes (rank,) and (k,).
+    weights
+        Shape (rank, k).
+    """
+
+    dependent: np.ndarray
+    by: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class NullSpace:
     """A basis of the null space in terms of independent unknowns.
 
     Attributes
     ----------
-    matrix
-        N, CSR of shape (n_dofs, n_independent); row ``independent[j]`` is the j-th unit vector.
-    independent
-        The unknowns that stay, shape (n_independent,), increasing.
+    n_dofs
+        Number of unknowns.
+    eliminations
+        One a block.
     n_redundant
         Number of constraints that followed from the others.
     rows
         As many constraints as the rank, from which the others follow, shape (rank,), increasing.
     """
 
-    matrix: sp.csr_matrix
-    independent: np.ndarray
+    n_dofs: int
+    eliminations: tuple[Elimination, ...]
     n_redundant: int
     rows: np.ndarray
+
+    @cached_property
+    def independent(self) -> np.ndarray:
+        """The unknowns that stay, shape (n_independent,), increasing."""
+        stays = np.ones(self.n_dofs, dtype=bool)
+        for elimination in self.eliminations:
+            stays[elimination.dependent] = False
+        return np.flatnonzero(stays)
+
+    @cached_property
+    def _column(self) -> np.ndarray:
+        column = np.full(self.n_dofs, -1)
+        column[self.independent] = np.arange(self.independent.size)
+        return column
+
+    @cached_property
+    def matrix(self) -> sp.csr_matrix:
+        """N, shape (n_dofs, n_independent); row ``independent[j]`` is the j-th unit vector."""
+        rows, columns, values = [self.independent], [self.independent], [np.ones(self.independent.size)]
+        for part in self.eliminations:
+            rows.append(np.repeat(part.dependent, part.by.size))
+            columns.append(np.tile(part.by, part.dependent.size))
+            values.append(part.weights.ravel())
+        entries = np.concatenate(values), (np.concatenate(rows), self._column[np.concatenate(columns)])
+        return sp.coo_matrix(entries, shape=(self.n_dofs, self.independent.size)).tocsr()
+
+    def dense(self) -> np.ndarray:
+        """Return N as a dense array."""
+        matrix = np.zeros((self.n_dofs, self.independent.size))
+        matrix[self.independent, np.arange(self.independent.size)] = 1.0
+        for part in self.eliminations:
+            matrix[part.dependent[:, None], self._column[part.by]] = part.weights
+        return matrix
 
 
 def null_space(constraints: sp.csr_matrix) -> NullSpace:
     """Compute the sparse null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
     constraints = sp.csr_matrix(constraints)
-    n_dofs = constraints.shape[1]
-    # the pattern, not the values: orthogonal rows that share unknowns belong together
-    ones = np.ones_like(constraints.data)
-    pattern = sp.csr_matrix((ones, constraints.indices, constraints.indptr), constraints.shape)
-    n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)
-    dependent = np.zeros(n_dofs, dtype=bool)
-    rows, columns, values = [], [], []
-    chosen_rows = [np.zeros(0, dtype=int)]
-    n_redundant = 0
-    for group in range(n_groups):
-        members = np.flatnonzero(group_of == group)
-        block_rows = constraints[members]
-        touched = np.unique(block_rows.indices)
-        r, order = qr(block_rows[:, touched].toarray(), mode="r", pivoting=True)
+    n_redundant, eliminations, chosen = 0, [], [np.zeros(0, dtype=int)]
+    for block in _blocks(constraints.indptr.tobytes(), constraints.indices.tobytes(), constraints.shape):
+        values = np.zeros((block.rows.size, block.touched.size))
+        np.add.at(values, block.places, constraints.data[block.entries])
+        r, order = qr(values, mode="r", pivoting=True, check_finite=False)
         pivots = np.abs(np.diagonal(r))
         rank = int(np.sum(pivots > RANK_TOLERANCE * max(pivots[0], 1e-300))) if pivots.size else 0
-        n_redundant += block_rows.shape[0] - rank
+        n_redundant += block.rows.size - rank
         if rank == 0:
             continue
-        if rank < members.size:
-            members = members[qr(block_rows[:, touched].toarray().T, mode="r", pivoting=True)[1][:rank]]
-        chosen_rows.append(members)
-        gone, kept = touched[order[:rank]], touched[order[rank:]]
-        dependent[gone] = True
-        weights = -solve_triangular(r[:rank, :rank], r[:rank, rank:])
-        rows.append(np.repeat(gone, kept.size))
-        columns.append(np.tile(kept, gone.size))
-        values.append(weights.ravel())
-    independent = np.flatnonzero(~dependent)
-    position = np.full(n_dofs, -1)
-    position[independent] = np.arange(independent.size)
-    rows.append(independent)
-    columns.append(independent)
-    values.append(np.ones(independent.size))
-    matrix = sp.coo_matrix(
-        (np.concatenate(values), (np.concatenate(rows), position[np.concatenate(columns)])),
-        shape=(n_dofs, independent.size),
-    ).tocsr()
-    return NullSpace(matrix, independent, n_redundant, np.sort(np.concatenate(chosen_rows)))
+        independent_rows = slice(None)
+        if rank < block.rows.size:
+            independent_rows = qr(values.T, mode="r", pivoting=True, check_finite=False)[1][:rank]
+        chosen.append(block.rows[independent_rows])
+        weights = -solve_triangular(r[:rank, :rank], r[:rank, rank:], check_finite=False)
+        eliminations.append(Elimination(block.touched[order[:rank]], block.touched[order[rank:]], weights))
+    return NullSpace(constraints.shape[1], tuple(eliminations), n_redundant, np.sort(np.concatenate(chosen)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Constraints that share unknowns, and where their entries are.
+
+    Attributes
+    ----------
+    rows, touched
+        Numbers of the constraints and of the unknowns.
+    entries, places
+        Numbers of the entries among those of the Jacobian, and their places in the block.
+    """
+
+    rows: np.ndarray
+    touched: np.ndarray
+    entries: np.ndarray
+    places: tuple[np.ndarray, np.ndarray]
+
+
+@lru_cache(maxsize=PATTERNS)
+def _blocks(indptr: bytes, indices: bytes, shape: tuple[int, int]) -> tuple[_Block, ...]:
+    """Return the blocks of a pattern, which from one configuration to the next is mostly the same."""
+    starts, columns = np.frombuffer(indptr, dtype=np.int32), np.frombuffer(indices, dtype=np.int32)
+    # the pattern, not the values: orthogonal rows that share unknowns belong together
+    pattern = sp.csr_matrix((np.ones(columns.size), columns, starts), shape)
+    n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)
+    row_of = np.repeat(np.arange(shape[0]), np.diff(starts))
+    blocks = []
+    for group in range(n_groups):
+        rows, entries = np.flatnonzero(group_of == group), np.flatnonzero(group_of[row_of] == group)
+        touched, column = np.unique(columns[entries], return_inverse=True)
+        blocks.append(_Block(rows, touched, entries, (np.searchsorted(rows, row_of[entries]), column)))
+    return tuple(blocks)

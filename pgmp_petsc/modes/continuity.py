@@ -53,6 +53,8 @@ def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
     cosine
         Cosine of the largest angle between the two subspaces; 1 where they agree.
     """
+    if len(overlap) == 1:  # a sign; most groups are single vectors
+        return np.where(overlap < 0.0, -1.0, 1.0), float(np.abs(overlap[0, 0]))
     left, cosines, right = np.linalg.svd(overlap)
     return left @ right, float(cosines[-1])
 

@@ -32,7 +32,6 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.runtime.matrices import times
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,17 +87,17 @@ class CurvatureProblem:
         """
         problem = self._problem
         everywhere = problem.all_rows(shape)
-        third = self._third.times(everywhere)
+        third = self._third.times(everywhere, np.tril_indices(shape.shape[1]))
         forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
         chi = np.zeros_like(forces)
-        poses = problem.kinematics.poses(modes.theta)[..., 0]
+        poses = problem.kinematics.motion(modes.theta).poses
         hessians = constraint_hessians(problem.mechanism, poses)
         if hessians:
-            reactions = problem.all_rows(answered - times(problem.stiffness, shape))
+            reactions = problem.all_rows(answered - problem.times_stiffness(shape))
             joints = _TurningJoints(problem.constraints_at(poses), hessians, everywhere)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
-            forces = forces + joints.forces(reactions)[own] + times(problem.stiffness, chi)
+            forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
         where = problem.kinematics.describe(modes.theta)
         chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
         if self._axial is None:
@@ -113,7 +112,7 @@ class CurvatureProblem:
         made steeper by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.
         """
         problem, everywhere = self._problem, self._problem.all_rows(shape)
-        stiffness = problem.inner(shape, times(problem.stiffness, shape))
+        stiffness = problem.inner(shape, problem.times_stiffness(shape))
         share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
         stretching = share @ share @ (3.0 * np.eye(len(share)) - 2.0 * share)
         # Psi is M-orthonormal at the nominal parameters but for parameter modes
@@ -142,7 +141,7 @@ class CurvatureProblem:
         m_kept = problem.times_mass(kept)
         balanced = loads - m_kept @ np.linalg.solve(problem.inner(kept, m_kept), problem.inner(kept, loads))
         # S = K^-1 B R with an unknown R, so that S^T K S = S^T B R
-        stiffness = problem.inner(static, times(problem.stiffness, static))
+        stiffness = problem.inner(static, problem.times_stiffness(static))
         return np.hstack([inertia, balanced @ np.linalg.solve(problem.inner(static, balanced), stiffness)])
 
 

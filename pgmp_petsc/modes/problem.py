@@ -23,14 +23,13 @@ from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
+from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
 from pgmp_petsc.modes.mode_set import ModeSet
+from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
-from pgmp_petsc.runtime.matrices import aij_matrix, times, transposed_times
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-    from petsc4py import PETSc
 
 PREFIX = "pgmp_modes_"
 SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift
@@ -75,27 +74,18 @@ class ModalProblem:
         rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
         self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
         self.rows = rows
-        self.mass, self.stiffness = (
-            aij_matrix(self._sum(terms), comm, len(rows)) for terms in (self.matrices.mass, self.matrices.stiffness)
-        )
-        self._null: PETSc.Mat | None = None
-        self._reduced: tuple[PETSc.Mat, PETSc.Mat] | None = None
-        self._signature: bytes = b""
-        self._solver: ShiftInvertSolver | None = None
+        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), comm)
+        self._known: ModeSet | None = None
         try:
             self._check_size()
-            self._solver = self._scaled_solver()
+            self._find_shift()
         except PgmpError:
             self.close()
             raise
 
     def close(self) -> None:
         """Destroy the PETSc objects."""
-        self._drop_reduced()
-        if self._solver is not None:
-            self._solver.close()
-        self.mass.destroy()
-        self.stiffness.destroy()
+        self._pencil.close()
 
     def __enter__(self) -> ModalProblem:
         return self
@@ -114,11 +104,11 @@ class ModalProblem:
         theta, n_free = np.atleast_1d(theta), self.free.size
         rigid, curvature = self._move_to(theta)
         where = self.kinematics.describe(theta)
-        pairs = self._solver.solve(*self._reduced, n_free, self.n_modes, where)
-        vectors = self._expand(pairs.vectors)
-        self._check_rigid(pairs.values, vectors[:, :n_free], rigid[:, self.free], where)
-        flexible = self._deflate(vectors[:, n_free:], rigid[:, self.free])
-        return ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
+        pairs = self._pencil.solve(n_free, self.n_modes, where)
+        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], rigid[:, self.free], where)
+        flexible = self._deflate(pairs.vectors[:, n_free:], rigid[:, self.free])
+        self._known = ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
+        return self._known
 
     def resume(self, theta: np.ndarray, eigenvalues: np.ndarray, flexible: np.ndarray) -> ModeSet:
         """Return to a configuration whose modes are known: `static_answers` holds there again.
@@ -131,8 +121,9 @@ class ModalProblem:
             As they were found there.
         """
         rigid, curvature = self._move_to(theta)
-        self._solver.factor(*self._reduced)
-        return ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free)
+        self._pencil.factor()
+        self._known = ModeSet(theta, eigenvalues, rigid, curvature, flexible, self.free)
+        return self._known
 
     def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
         """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
@@ -140,17 +131,15 @@ class ModalProblem:
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
-        self._project(self.kinematics.poses(theta)[..., 0])
+        self._pencil.move_to(null_space(self.constraints_at(self.kinematics.motion(theta).poses)))
+        self._known = None
         return self.rigid_motion(theta)
 
     def rigid_motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``d rho / d theta`` and ``d2 rho / d theta2`` at a configuration, local rows, as in `ModeSet`."""
-        poses = self.kinematics.poses(theta)
-        rates = self.kinematics.rates(poses)
-        curvatures = self.kinematics.curvatures(poses, rates)
-        own, pose, rate = slice(self.rows.start, self.rows.stop), poses[..., 0], rates[..., 0]
-        rigid = rigid_velocities(self.mechanism, pose, rate)[own]
-        return rigid, rigid_curvatures(self.mechanism, pose, rate, curvatures[..., 0])[own]
+        motion, own = self.kinematics.motion(theta), slice(self.rows.start, self.rows.stop)
+        rigid = rigid_velocities(self.mechanism, motion.poses, motion.rates)[own]
+        return rigid, rigid_curvatures(self.mechanism, motion.poses, motion.rates, motion.curvatures)[own]
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them, or that clamped joints take up.
@@ -175,7 +164,8 @@ class ModalProblem:
         """Return ``K^-1 f`` with vectors deflated from f and from the answers, by iterative refinement.
 
         The refinement takes the shift-invert factor at hand, ``x <- x + (K - sigma M)^-1 (f - K x)``, which contracts
-        by ``|sigma| / (lambda + |sigma|)`` for the eigenvalues lambda beyond the kept ones.
+        by ``|sigma| / (lambda + |sigma|)`` along an eigenvector. Along those that are known, the slowest ones, the step
+        is made exact: what is left contracts as the first unknown one does.
 
         Parameters
         ----------
@@ -200,15 +190,15 @@ class ModalProblem:
         gram = self.inner(kept, m_kept)
         balanced = loads - m_kept @ np.linalg.solve(gram, self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
-        undeflated = self.norms(self._shifted_answers(loads))
+        undeflated = self.norms(self._pencil.shifted_answers(loads))
         answers = np.zeros_like(loads)
         last = np.full(loads.shape[1], np.inf)
         active = np.flatnonzero(self._feels(loads))
         if not active.size:
             return answers
         for _ in range(MAX_REFINEMENTS):
-            residual = balanced[:, active] - times(self.stiffness, answers[:, active])
-            step = self._shifted_answers(residual)
+            residual = balanced[:, active] - self.times_stiffness(answers[:, active])
+            step = self._steps(residual)
             step -= kept @ np.linalg.solve(gram, self.inner(m_kept, step))
             answers[:, active] += step
             size, whole = np.split(self.norms(np.hstack([step, answers[:, active]])), 2)
@@ -225,13 +215,18 @@ class ModalProblem:
             "be too fine for double precision"
         )
 
-    def _shifted_answers(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_local, k), with the factor of the last solve."""
-        return times(self._null, self._solver.apply_inverse(transposed_times(self._null, loads)))
+    def _steps(self, residual: np.ndarray) -> np.ndarray:
+        """Return ``(K - sigma M)^-1`` times residuals (n_local, k), and ``K^-1`` of their part along known modes."""
+        step = self._pencil.shifted_answers(residual)
+        if self._known is not None:
+            flexible, values = self._known.flexible, self._known.eigenvalues
+            missed = 1.0 / values - 1.0 / (values - self._pencil.shift)
+            step += flexible @ (missed[:, None] * self.inner(flexible, residual))
+        return step
 
     def _feels(self, loads: np.ndarray) -> np.ndarray:
         """Return which loads the constraints do not take up altogether, shape (k,)."""
-        sizes = [np.sum(part**2, axis=0) for part in (transposed_times(self._null, loads), loads)]
+        sizes = [np.sum(part**2, axis=0) for part in (self._pencil.felt(loads), loads)]
         felt, whole = np.sqrt(self._summed(np.array(sizes)))
         return felt > TAKEN_UP * whole
 
@@ -246,7 +241,11 @@ class ModalProblem:
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times local columns (n_local, k)."""
-        return times(self.mass, vectors)
+        return self._pencil.times_mass(vectors)
+
+    def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
+        """Return K times local columns (n_local, k)."""
+        return self._pencil.times_stiffness(vectors)
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return ``left^T right`` over all rows (those of all ranks)."""
@@ -282,7 +281,7 @@ class ModalProblem:
             )
 
     def _check_size(self) -> None:
-        null = null_space(self.constraints_at(self.kinematics.poses(self._lowest())[..., 0]))
+        null = null_space(self.constraints_at(self.kinematics.motion(self._lowest()).poses))
         self._available = null.independent.size - self.free.size
         if self.n_modes > self._available:
             raise InputError(
@@ -291,21 +290,18 @@ class ModalProblem:
             )
         self.n_redundant = null.n_redundant
 
-    def _scaled_solver(self) -> ShiftInvertSolver:
-        """Return a solver with a shift that fits the first flexible eigenvalue.
+    def _find_shift(self) -> None:
+        """Set a shift that fits the first flexible eigenvalue.
 
         The shift must be negative, far from zero for round-off's sake, and not far beyond the first flexible
         eigenvalue, or zero eigenvalues converge late; a first solve with a guess finds the scale.
         """
         n_free, lowest = self.free.size, self._lowest()
-        self._project(self.kinematics.poses(lowest)[..., 0])
-        guess = 1e-9 * self.stiffness.norm() / self.mass.norm()
-        trial = ShiftInvertSolver(self.mass.getComm(), -guess, SCALE_PREFIX)
-        try:
-            pairs = trial.solve(*self._reduced, n_free, 1, self.kinematics.describe(lowest))
-        finally:
-            trial.close()
-        return ShiftInvertSolver(self.mass.getComm(), -0.5 * pairs.values[n_free], PREFIX)
+        self._move_to(lowest)
+        stiffness, mass = self._pencil.norms()
+        self._pencil.shift_to(-1e-9 * stiffness / mass, SCALE_PREFIX)
+        pairs = self._pencil.solve(n_free, 1, self.kinematics.describe(lowest))
+        self._pencil.shift_to(-0.5 * pairs.values[n_free], PREFIX)
 
     def _sum(self, terms: Mapping[Monomial, sp.csr_matrix]) -> sp.csr_matrix:
         """Return the local rows of a matrix at the problem's parameter values."""
@@ -314,38 +310,6 @@ class ModalProblem:
     def _lowest(self) -> np.ndarray:
         """Return the configuration at the lower end of every coordinate, shape (n_theta,)."""
         return np.array([coordinate.lower for coordinate in self.kinematics.coordinates])
-
-    def _project(self, poses: np.ndarray) -> None:
-        """Refill N, ``N^T K N`` and ``N^T M N``; symbolic work is repeated only where N's pattern changes."""
-        null = null_space(self.constraints_at(poses))
-        lo, hi = np.searchsorted(null.independent, (self.rows.start, self.rows.stop))
-        local = null.matrix[self.rows.start : self.rows.stop].tocsr()
-        signature = null.matrix.indptr.tobytes() + null.matrix.indices.tobytes()
-        if signature != self._signature:
-            self._drop_reduced()
-            self._signature = signature
-        if self._null is None:
-            self._null = aij_matrix(local, self.comm, int(hi - lo))
-            self._reduced = (self.stiffness.ptap(self._null), self.mass.ptap(self._null))
-            for matrix in self._reduced:
-                matrix.setOption(matrix.Option.SYMMETRIC, True)
-        else:
-            self._null.setValuesCSR(local.indptr, local.indices, local.data)
-            self._null.assemble()
-            self.stiffness.ptap(self._null, result=self._reduced[0])
-            self.mass.ptap(self._null, result=self._reduced[1])
-
-    def _drop_reduced(self) -> None:
-        if self._null is not None:
-            for matrix in (self._null, *self._reduced):
-                matrix.destroy()
-            self._null = self._reduced = None
-        if self._solver is not None:
-            self._solver.forget_pattern()
-
-    def _expand(self, vectors: np.ndarray) -> np.ndarray:
-        """Return ``N psi`` for local columns of independent unknowns."""
-        return times(self._null, vectors)
 
     def _deflate(self, vectors: np.ndarray, rigid: np.ndarray) -> np.ndarray:
         """Make vectors M-orthogonal to the free rigid motion to the last digits."""
@@ -372,3 +336,13 @@ class ModalProblem:
                 f"eigenproblem at {where}: the modes of frequency zero are not the mechanism's rigid motion "
                 f"(they share {captured:.6f} of its kinetic energy)"
             )
+
+
+def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: MPI.Comm) -> SparsePencil | DensePencil:
+    """Return a pencil; PETSc's and SLEPc's where ranks share it, it is large, or the user has options for them."""
+    from petsc4py import PETSc
+
+    small = comm.size == 1 and mass.shape[0] <= MOST_UNKNOWNS
+    if small and not any(PETSc.Options(prefix).getAll() for prefix in (PREFIX, SCALE_PREFIX)):
+        return DensePencil(mass, stiffness)
+    return SparsePencil(mass, stiffness, comm)

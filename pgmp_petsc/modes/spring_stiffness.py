@@ -79,7 +79,7 @@ class SpringStiffness:
         matrices
             The rows that a rank of `comm` has of the mechanism's matrices: the weights are made of them.
         """
-        poses = self.kinematics.poses(theta)[..., 0]
+        poses = self.kinematics.motion(theta).poses
         loaded = self._weights is not None
         forces = [
             spring_force(spring, self._mechanism, poses, theta, self._values) if loaded else 0.0
@@ -115,8 +115,8 @@ class SpringStiffness:
 
     def _rigid(self, theta: np.ndarray) -> np.ndarray:
         """Return ``rho,k`` of the free coordinates in body frames, all rows, shape (n_dofs, n_free)."""
-        poses = self.kinematics.poses(theta)
-        return rigid_velocities(self._mechanism, poses[..., 0], self.kinematics.rates(poses)[..., 0])[:, self.free]
+        motion = self.kinematics.motion(theta)
+        return rigid_velocities(self._mechanism, motion.poses, motion.rates)[:, self.free]
 
     def _turning(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return unknowns of the free coordinates' joints, and the coordinates' derivatives in them, (n, n_free)."""
@@ -134,11 +134,10 @@ class SpringStiffness:
         """Return ``-(sum_j F_j g_j + f).rho,kl`` of the free coordinates, shape (n_free, n_free), N m."""
         from mpi4py import MPI
 
-        poses = self.kinematics.poses(theta)
-        rates = self.kinematics.rates(poses)
-        curved = self.kinematics.curvatures(poses, rates)
-        poses, rates, curved = poses[..., 0], rates[..., 0], curved[..., 0]
-        curvature = rigid_curvatures(self._mechanism, poses, rates, curved)[:, self.free][:, :, self.free]
+        motion = self.kinematics.motion(theta)
+        poses = motion.poses
+        curvature = rigid_curvatures(self._mechanism, poses, motion.rates, motion.curvatures)
+        curvature = curvature[:, self.free][:, :, self.free]
         pulled = np.zeros(self._mechanism.n_dofs)
         for spring, force in zip(self._springs, forces):
             pulled += force * unit_force(spring, self._mechanism, poses)

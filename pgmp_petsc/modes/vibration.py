@@ -28,7 +28,7 @@ from pgmp_petsc.effects.springs import Block
 from pgmp_petsc.modes.problem import PREFIX, ModalProblem
 from pgmp_petsc.modes.spring_stiffness import SpringStiffness, is_negative
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.solvers.shift_invert import EigenPairs, ShiftInvertSolver
+from pgmp_petsc.solvers.shift_invert import EigenPairs
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -74,8 +74,8 @@ class VibrationProblem(ModalProblem):
         self._put(blocks)
         rigid = self._move_to(theta)[0][:, self.free]
         pairs = self._pairs(any(is_negative(block) for block in blocks), where)
-        vectors = self._expand(pairs.vectors)
-        values = self._refined(pairs, vectors, rigid, blocks)
+        vectors = pairs.vectors
+        values = self._refined(vectors, rigid, blocks)
         # no more of them vanish than there are free coordinates
         scale = np.sort(np.abs(values))[: self.free.size + 1][-1]
         values[np.abs(values) < ROUND_OFF * scale] = 0.0
@@ -106,30 +106,29 @@ class VibrationProblem(ModalProblem):
             own = np.flatnonzero((block.dofs >= self.rows.start) & (block.dofs < self.rows.stop))
             keys = (block.dofs[own, None] - self.rows.start) * matrix.shape[1] + block.dofs
             np.add.at(matrix.data, np.searchsorted(place, keys), block.matrix[own])
-        self.stiffness.setValuesCSR(matrix.indptr, matrix.indices, matrix.data)
-        self.stiffness.assemble()
+        self._pencil.set_stiffness(matrix)
 
     def _pairs(self, negative: bool, where: str) -> EigenPairs:
         """Return the lowest eigenpairs: rigid motions that no spring resists, and all that is wanted."""
         n_free = self.free.size
         wanted = max(1, self.n_modes - (n_free - self.n_rigid))
         if not negative:
-            return self._solver.solve(*self._reduced, n_free, wanted, where)
-        shift = self._solver.shift
-        for _ in range(MOST_SHIFTS):
-            solver = ShiftInvertSolver(self.mass.getComm(), shift, PREFIX)
-            try:
-                if solver.count_below(*self._reduced, shift) == 0:
-                    return solver.solve(*self._reduced, n_free, wanted, where)
-            finally:
-                solver.close()
-            shift *= FURTHER
+            return self._pencil.solve(n_free, wanted, where)
+        usual = shift = self._pencil.shift
+        try:
+            for _ in range(MOST_SHIFTS):
+                self._pencil.shift_to(shift, PREFIX)
+                if self._pencil.count_below(shift) == 0:
+                    return self._pencil.solve(n_free, wanted, where)
+                shift *= FURTHER
+        finally:
+            self._pencil.shift_to(usual, PREFIX)
         raise RunError(
             f"eigenproblem at {where}: eigenvalues lie below {shift / FURTHER:.3g} (rad/s)^2: springs of negative "
             "stiffness, or forces of springs, are far beyond what the bodies bear"
         )
 
-    def _refined(self, pairs: EigenPairs, vectors: np.ndarray, rigid: np.ndarray, blocks: list[Block]) -> np.ndarray:
+    def _refined(self, vectors: np.ndarray, rigid: np.ndarray, blocks: list[Block]) -> np.ndarray:
         """Return Rayleigh quotients, to which the rigid part of a vector adds no strain energy of the bodies.
 
         In the solver's own values of soft springs that is the round-off of stiff bodies.

@@ -206,6 +206,7 @@ class _Setting:
             self._problem() as problem,
             ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
         ):
+            self.kinematics.follow(np.array(list(missing.values())))
             sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem))
             try:
                 for number, theta in missing.items():

@@ -24,7 +24,6 @@ from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.spanning_values import spanning_values
 
@@ -138,7 +137,7 @@ class _Configuration:
         found = snapshots.at(theta, flexible)
         rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))
         everything = np.hstack([flexible, rest])
-        stiffness = [problem.inner(everything, times(other.stiffness, everything)) for other in snapshots.problems]
+        stiffness = [problem.inner(everything, other.times_stiffness(everything)) for other in snapshots.problems]
         n, q = len(found), found[0].shape[1]
         mass = problem.inner(rest, problem.times_mass(rest)).reshape(n, q, n, q)
         along = problem.inner(flexible, problem.times_mass(np.hstack(found)))

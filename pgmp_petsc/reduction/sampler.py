@@ -179,7 +179,7 @@ def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray
     """Return load vectors in body frames at a configuration (n_theta,), local rows, shape (n_local, n_loads)."""
     if not loads:
         return np.zeros((len(problem.rows), 0))
-    poses = problem.kinematics.poses(theta)[..., 0]
+    poses = problem.kinematics.motion(theta).poses
     own = slice(problem.rows.start, problem.rows.stop)
     vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
     turned = to_body(problem.mechanism, poses, vectors)[own]

@@ -103,7 +103,7 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
 
 def _forces(problem: ModalProblem, actions: tuple[Action, ...], theta: np.ndarray) -> np.ndarray:
     """Return the unit forces of actions at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
-    poses = problem.kinematics.poses(theta)[..., 0]
+    poses = problem.kinematics.motion(theta).poses
     own = slice(problem.rows.start, problem.rows.stop)
     return np.array([unit_force(action, problem.mechanism, poses)[own] for action in actions]).T
 

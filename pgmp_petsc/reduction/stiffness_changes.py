@@ -83,14 +83,13 @@ class InfluenceProbe:
             Load terms in body frames, local rows, shape (n_local, n_loads).
         """
         problem = self._problem
-        # K3[psi_j, psi_k], pairs j >= k packed row by row: those of equal numbers end the rows
-        own = np.cumsum(np.arange(1, modes.flexible.shape[1] + 1)) - 1
-        third = self._third.times(problem.all_rows(modes.flexible))
-        forces = sum(float(weight.evaluate(problem.values)) * part[:, own] for weight, part in third.items())
+        each = np.arange(modes.flexible.shape[1])
+        third = self._third.times(problem.all_rows(modes.flexible), (each, each))
+        forces = sum(float(weight.evaluate(problem.values)) * part for weight, part in third.items())
         answers = problem.static_answers(modes.rigid[:, modes.free], forces, "influence of loads on the stiffness")
         columns = [problem.inner(answers, loads)]
         if self._actions:
-            poses = problem.kinematics.poses(modes.theta)[..., 0]
+            poses = problem.kinematics.motion(modes.theta).poses
             rows = slice(problem.rows.start, problem.rows.stop)
             turned = [unit_force(action, problem.mechanism, poses)[rows] for action in self._actions]
             columns.append(problem.inner(answers, np.array(turned).T))

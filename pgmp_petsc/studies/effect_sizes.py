@@ -183,9 +183,8 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
             shape = modes.flexible[:, :1]
             bending = problem.static_answers(rigid, forces[:, None], "static deformation")
-            pairs = third.times(np.hstack([bending, shape]))
-            # pairs (0, 0), (1, 0), (1, 1): the second is K3[u, psi]
-            change = sum(float(w.evaluate(scene.values)) * part[:, 1] for w, part in pairs.items()) @ shape[:, 0]
+            pulled = third.times(np.hstack([bending, shape]), (np.array([0]), np.array([1])))
+            change = sum(float(w.evaluate(scene.values)) * part[:, 0] for w, part in pulled.items()) @ shape[:, 0]
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
             flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
             spin = np.max(np.abs(rates[flexible, 2, :, 0] @ speed), initial=0.0)

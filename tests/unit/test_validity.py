@@ -144,8 +144,8 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
             bent = problem.static_answers(modes.rigid, forces[:, None], "static deformation")
             expected = []
             for k in range(3):
-                pairs = third.times(np.hstack([bent, modes.flexible[:, k : k + 1]]))
-                change = sum(float(w.evaluate(scene.nominal)) * part[:, 1] for w, part in pairs.items())
+                pairs = third.times(np.hstack([bent, modes.flexible[:, k : k + 1]]), (np.array([0]), np.array([1])))
+                change = sum(float(w.evaluate(scene.nominal)) * part[:, 0] for w, part in pairs.items())
                 expected.append(float(change @ modes.flexible[:, k]) / modes.eigenvalues[k])
             loading = loading_of(of_loads * amplitudes, np.zeros((1, rom_actions(scene))), of_mass, v, a)
             changes, found = rom.stiffness_changes, []

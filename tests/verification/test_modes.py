@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 from scenes import RADIUS, four_bar, kinematics_of, pendulum, slider_crank, trammel
 
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
@@ -14,9 +15,13 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh import LineMesh
+from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.modes import dense_pencil as dense_module
 from pgmp_petsc.modes import problem as problem_module
 from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
+from pgmp_petsc.modes.dense_pencil import DensePencil
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 VALUES = {"r1": RADIUS}
@@ -161,23 +166,34 @@ def test_counting_by_inertia_agrees_with_the_dense_pencil(pencil: tuple, solver:
     assert solver.count_below(a, b, 2 * values[-1]) == 40
 
 
-def test_counting_by_inertia_agrees_at_all_configurations() -> None:
+@pytest.fixture(params=["LAPACK", "SLEPc"])
+def solved_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Solve small problems with either; the name of which."""
+    if request.param == "SLEPc":
+        monkeypatch.setattr(problem_module, "MOST_UNKNOWNS", 0)
+    return request.param
+
+
+def test_counting_by_inertia_agrees_at_all_configurations(solved_by: str) -> None:
     """The pattern of N changes with the configuration, and what is kept from one to the next must not count."""
     kinematics = kinematics_of(slider_crank())
     with modal_problem(kinematics, 5) as problem:
         for theta in (0.0, 0.7, np.pi / 2, np.pi, 4.0, 0.0):
-            problem._project(kinematics.poses(np.array([theta]))[..., 0])
+            problem.solve(theta)
             exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))
             for k in range(2, 16):
                 tau = 0.5 * (exact[k - 1] + exact[k])
-                assert problem._solver.count_below(*problem._reduced, tau) == k
+                assert problem._pencil.count_below(tau) == k
 
 
 @pytest.mark.parametrize("n_modes", range(1, 16))
-def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int) -> None:
-    with modal_problem(kinematics_of(slider_crank()), n_modes) as problem:
+def test_any_number_of_modes_is_found_at_all_configurations(n_modes: int, solved_by: str) -> None:
+    kinematics = kinematics_of(slider_crank())
+    with modal_problem(kinematics, n_modes) as problem:
+        assert isinstance(problem._pencil, DensePencil if solved_by == "LAPACK" else SparsePencil)
         for theta in np.arange(12) * np.pi / 6:
-            assert problem.solve(theta).frequencies_hz.shape == (n_modes,)
+            exact = scipy.linalg.eigvalsh(*dense_pencil(kinematics, theta))[1 : 1 + n_modes]
+            np.testing.assert_allclose(problem.solve(theta).eigenvalues, exact, rtol=1e-7)  # the exact ones' own error
 
 
 def test_the_solver_is_exact_on_a_random_pencil(pencil: tuple, solver: ShiftInvertSolver) -> None:
@@ -335,7 +351,7 @@ def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
     solver.close()
 
 
-def test_a_rigid_motion_that_is_none_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rigid_motion_that_is_none_is_noticed(solved_by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with modal_problem(kinematics_of(slider_crank()), 3) as problem:
         true = problem_module.rigid_velocities
         monkeypatch.setattr(problem_module, "rigid_velocities", lambda *a: true(*a) + 0.01)
@@ -343,8 +359,64 @@ def test_a_rigid_motion_that_is_none_is_noticed(monkeypatch: pytest.MonkeyPatch)
             problem.solve(1.0)
 
 
-def test_a_mechanism_that_does_not_move_freely_is_noticed() -> None:
+def test_a_mechanism_that_does_not_move_freely_is_noticed(solved_by: str) -> None:
     with modal_problem(kinematics_of(slider_crank()), 3) as problem:
-        problem.stiffness.shift(1.0)  # springs to the ground
+        stiffness = problem._sum(problem.matrices.stiffness)
+        stiffness.setdiag(stiffness.diagonal() + 1.0)  # springs to the ground
+        problem._pencil.set_stiffness(stiffness)
         with pytest.raises(RunError, match=r"at theta = 1 rad: 1 eigenvalues should vanish, but the largest is"):
             problem.solve(1.0)
+
+
+@pytest.mark.parametrize("kept", ["rigid motion", "rigid motion and modes"])
+def test_static_answers_are_those_of_the_whole_equations(kept: str, solved_by: str) -> None:
+    """K x + C^T mu = f less the inertia forces of what is deflated, C x = 0, x M-orthogonal to it: one linear system."""
+    kinematics, theta = kinematics_of(slider_crank()), 0.7
+    mechanism = kinematics.mechanism
+    matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
+    stiffness, mass = (weighted_sum(terms, VALUES).toarray() for terms in (matrices.stiffness, matrices.mass))
+    constraints = constraint_jacobian(mechanism, kinematics.poses(np.array([theta]))[..., 0]).toarray()
+    loads = np.random.default_rng(4).normal(size=(mechanism.n_dofs, 3))
+    with modal_problem(kinematics, 5) as problem:
+        modes = problem.solve(theta)
+        deflated = modes.rigid if kept == "rigid motion" else modes.eigenvectors
+        answers = problem.static_answers(deflated, loads)
+    border = np.hstack([constraints.T, mass @ deflated])
+    n, m = border.shape
+    whole = np.block([[stiffness, border], [border.T, np.zeros((m, m))]])
+    scale = 1.0 / np.sqrt(np.abs(whole).max(axis=1))  # of stiffness and constraints, for round-off's sake
+    right = np.vstack([loads, np.zeros((m, 3))])
+    expected = (scale[:, None] * np.linalg.solve(scale[:, None] * whole * scale, scale[:, None] * right))[:n]
+    np.testing.assert_allclose(answers, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+
+
+def test_with_options_for_slepc_it_is_slepc_that_solves(options: object) -> None:
+    options["pgmp_modes_eps_ncv"] = 25
+    with modal_problem(kinematics_of(slider_crank()), 3) as problem:
+        assert isinstance(problem._pencil, SparsePencil)
+
+
+def test_a_dense_pencil_without_mass_is_refused() -> None:
+    pencil = DensePencil(sp.csr_matrix(np.diag([1.0, 1.0, 0.0])), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
+    pencil.move_to(null_space(sp.csr_matrix((0, 3))))
+    pencil.shift_to(-0.5, "")
+    with pytest.raises(RunError, match=r"eigenproblem at here: the mass matrix: the matrix is not positive definite"):
+        pencil.solve(0, 2, "here")
+
+
+def test_a_dense_pencil_with_eigenvalues_below_the_shift_is_refused() -> None:
+    pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([-1.0, 2.0, 3.0])))
+    pencil.move_to(null_space(sp.csr_matrix((0, 3))))
+    pencil.shift_to(-0.5, "")
+    assert pencil.count_below(-0.5) == 1
+    with pytest.raises(RunError, match=r"eigenproblem at here with the shift -0.5: the matrix is not positive"):
+        pencil.solve(0, 2, "here")
+
+
+def test_a_dense_pencil_checks_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
+    pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
+    pencil.move_to(null_space(sp.csr_matrix((0, 3))))
+    pencil.shift_to(-0.5, "")
+    monkeypatch.setattr(dense_module, "solve_triangular", lambda a, b, **_: b + 1e-3)
+    with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
+        pencil.solve(0, 2, "here")

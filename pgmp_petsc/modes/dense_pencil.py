@@ -1,0 +1,139 @@
+"""The pencil (K, M) of a small mechanism in the null space N of its constraints, with LAPACK on one rank.
+
+For a hundred unknowns a sparse factorisation is all overhead. All eigenvalues are computed, so that none can be missed;
+as with shift-invert they are those of the inverse,
+
+    S y = mu y,    S = W^T W,    W = L^-1 L_M,    K - sigma M = L L^T,    M = L_M L_M^T,    lambda = sigma + 1/mu,
+
+so that the lowest ones, which are sought, come out to the last digits, however stiff the bodies are along their axes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh, solve_triangular
+
+from pgmp_petsc.mechanism.null_space import NullSpace
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs
+
+MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
+
+
+class DensePencil:
+    """A pencil that one rank has whole; methods and attributes are those of `SparsePencil`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        Shape (n_dofs, n_dofs).
+    """
+
+    def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
+        self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
+        self.shift = 0.0
+        self._null = np.zeros((len(self._mass), 0))
+        self._reduced = (np.zeros((0, 0)), np.zeros((0, 0)))
+        self._factor: np.ndarray | None = None
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to destroy."""
+
+    def norms(self) -> tuple[float, float]:
+        """Return the Frobenius norms of K and M."""
+        return float(np.linalg.norm(self._stiffness)), float(np.linalg.norm(self._mass))
+
+    def set_stiffness(self, stiffness: sp.csr_matrix) -> None:
+        """Take another stiffness; it holds from the next `move_to` on."""
+        self._stiffness = stiffness.toarray()
+
+    def shift_to(self, shift: float, prefix: str) -> None:  # noqa: ARG002  (no options reach LAPACK)
+        """Solve with another shift."""
+        self.shift, self._factor = shift, None
+
+    def move_to(self, null: NullSpace) -> None:
+        """Project K and M."""
+        self._null, self._factor = null.dense(), None
+        self._reduced = tuple(self._null.T @ (part @ self._null) for part in (self._stiffness, self._mass))
+
+    def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
+        """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
+
+        Raises
+        ------
+        RunError
+            If a factorisation fails, or a residual is too large.
+        """
+        what = f"eigenproblem at {where}"
+        self.factor(what)
+        mass = _factor(self._reduced[1], f"{what}: the mass matrix")
+        n, n_pairs = len(mass), n_rigid + n_flexible
+        whole = solve_triangular(self._factor, mass, lower=True, check_finite=False)
+        inverse, vectors = eigh(whole.T @ whole, subset_by_index=(n - n_pairs, n - 1), check_finite=False)
+        values = self.shift + 1.0 / inverse[::-1]
+        vectors = solve_triangular(mass, vectors[:, ::-1], lower=True, trans="T", check_finite=False)
+        self._check_residuals(values, vectors, n_rigid, what)
+        return EigenPairs(values, self._null @ vectors, np.zeros(0))
+
+    def _check_residuals(self, values: np.ndarray, vectors: np.ndarray, n_rigid: int, what: str) -> None:
+        """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one."""
+        a, b = self._reduced
+        inertia = b @ vectors
+        floor = np.max(np.abs(values[: n_rigid + 1]))
+        scale = np.linalg.norm(inertia, axis=0) * np.maximum(np.abs(values), floor)
+        residuals = np.linalg.norm(a @ vectors - values * inertia, axis=0) / scale
+        wrong = np.flatnonzero(~(residuals < RESIDUAL_TOLERANCE))
+        if wrong.size:
+            raise RunError(
+                f"{what}: eigenvalue {values[wrong[0]]:.6g} has the relative residual {residuals[wrong[0]]:.2g}, above "
+                f"{RESIDUAL_TOLERANCE:g}; the mesh may be too fine for double precision"
+            )
+
+    def factor(self, what: str = "factorisation") -> None:
+        """Factor ``K - sigma M`` for `shifted_answers`, without solving for eigenpairs.
+
+        Raises
+        ------
+        RunError
+            If it is not positive definite.
+        """
+        a, b = self._reduced
+        self._factor = _factor(a - self.shift * b, f"{what} with the shift {self.shift:.6g}")
+
+    def count_below(self, tau: float) -> int:
+        """Return the number of eigenvalues below tau."""
+        values = eigh(*self._reduced, eigvals_only=True, check_finite=False)
+        return int(np.sum(values < tau))
+
+    def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_dofs, k), with the factor of the last solve."""
+        return self._null @ cho_solve((self._factor, True), self.felt(loads), check_finite=False)
+
+    def felt(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``N^T`` times loads (n_dofs, k)."""
+        return self._null.T @ loads
+
+    def times_mass(self, vectors: np.ndarray) -> np.ndarray:
+        """Return M times columns (n_dofs, k)."""
+        return self._mass @ vectors
+
+    def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
+        """Return K times columns (n_dofs, k)."""
+        return self._stiffness @ vectors
+
+
+def _factor(matrix: np.ndarray, what: str) -> np.ndarray:
+    """Return the lower Cholesky factor.
+
+    Raises
+    ------
+    RunError
+        If the matrix is not positive definite, or not finite.
+    """
+    try:
+        return cholesky(matrix, lower=True, check_finite=True)
+    except (LinAlgError, ValueError):
+        raise RunError(
+            f"{what}: the matrix is not positive definite; the mesh may be too fine for double precision"
+        ) from None
