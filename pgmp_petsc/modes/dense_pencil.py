@@ -3,9 +3,10 @@
 For a hundred unknowns a sparse factorisation is all overhead. All eigenvalues are computed, so that none can be missed;
 as with shift-invert they are those of the inverse,
 
-    S y = mu y,    S = W^T W,    W = L^-1 L_M,    K - sigma M = L L^T,    M = L_M L_M^T,    lambda = sigma + 1/mu,
+    L^-1 M L^-T y = mu y,    K - sigma M = L L^T,    psi = L^-T y,    lambda = sigma + 1/mu,
 
 so that the lowest ones, which are sought, come out to the last digits, however stiff the bodies are along their axes.
+Unknowns without mass have mu = 0.
 """
 
 from __future__ import annotations
@@ -67,12 +68,24 @@ class DensePencil:
         """
         what = f"eigenproblem at {where}"
         self.factor(what)
-        mass = _factor(self._reduced[1], f"{what}: the mass matrix")
-        n, n_pairs = len(mass), n_rigid + n_flexible
-        whole = solve_triangular(self._factor, mass, lower=True, check_finite=False)
-        inverse, vectors = eigh(whole.T @ whole, subset_by_index=(n - n_pairs, n - 1), check_finite=False)
-        values = self.shift + 1.0 / inverse[::-1]
-        vectors = solve_triangular(mass, vectors[:, ::-1], lower=True, trans="T", check_finite=False)
+        mass, n_pairs = self._reduced[1], n_rigid + n_flexible
+        half = solve_triangular(self._factor, mass, lower=True, check_finite=False)
+        inverse = solve_triangular(self._factor, half.T, lower=True, check_finite=False)
+        n = len(mass)
+        mu, vectors = eigh(inverse, subset_by_index=(n - n_pairs, n - 1), check_finite=False)
+        mu, vectors = mu[::-1], vectors[:, ::-1]
+        n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
+        if n_finite < n_pairs:
+            raise RunError(
+                f"{what}: {n_finite} of {n_pairs} eigenvalues are finite; the other unknowns have no mass: take fewer "
+                "modes"
+            )
+        values = self.shift + 1.0 / mu
+        vectors = solve_triangular(self._factor, vectors, lower=True, trans="T", check_finite=False)
+        # a step of inverse iteration takes the round-off out of the stiffest directions, where it costs most energy
+        vectors = cho_solve((self._factor, True), mass @ vectors, check_finite=False) / mu
+        size = cholesky(vectors.T @ mass @ vectors, lower=True, check_finite=False)
+        vectors = solve_triangular(size, vectors.T, lower=True, check_finite=False).T
         self._check_residuals(values, vectors, n_rigid, what)
         return EigenPairs(values, self._null @ vectors, np.zeros(0))
 

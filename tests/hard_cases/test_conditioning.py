@@ -77,7 +77,7 @@ def test_nearly_massless_rotations(share: float) -> None:
 
 def test_more_modes_than_are_finite_are_refused() -> None:
     with modal_problem(with_rotary_inertia(0.0), VALUES, N_FINITE + 2) as problem:
-        with pytest.raises(RunError, match=r"at theta = 0.7 rad: 19 of 21 eigenpairs converged"):
+        with pytest.raises(RunError, match=r"at theta = 0.7 rad: 19 of 21 eigenvalues are finite"):
             problem.solve(THETA)
 
 
