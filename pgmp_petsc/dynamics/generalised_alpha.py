@@ -73,6 +73,7 @@ class GeneralisedAlpha:
         alive: np.ndarray,
         stops: np.ndarray,
         observer: Observer | None,
+        pulse: Callable[[], object] | None,
     ) -> None:
         self.system = system
         self.state = system.start()
@@ -88,7 +89,7 @@ class GeneralisedAlpha:
         self._auxiliary, self._before = self.state.a.copy(), self.state.a.copy()
         self._contraction = np.full((system.n_samples, 1), FIRST_CONTRACTION)
         self._events = EventLocation(system, self._stepper, self.state) if system.n_events else None
-        self._observer = observer
+        self._observer, self._pulse = observer, pulse
         self._show(0, self.state)
 
     @property
@@ -114,6 +115,8 @@ class GeneralisedAlpha:
                 self._show(number + 1, self.state)
         self.n_done = last
         u.setArray(self.state.q.ravel())
+        if self._pulse is not None:
+            self._pulse()
 
     def _advance_one_step(self, number: int) -> None:
         """Advance all living samples from one instant to the next."""
@@ -249,6 +252,7 @@ def integrate(
     alive: np.ndarray | None = None,
     observer: Observer | None = None,
     prefix: str = PREFIX,
+    pulse: Callable[[], object] | None = None,
 ) -> Run:
     """Integrate a system over a scene's duration. Collective on ``system.comm``.
 
@@ -264,6 +268,8 @@ def integrate(
         Called with step number, time and state at the start and after every step. The state may change afterwards.
     prefix
         Of the options that reach this integration.
+    pulse
+        Called at every step of PETSc's TS, which may be many of the integrator's.
 
     Raises
     ------
@@ -280,7 +286,7 @@ def integrate(
     n_steps = count_steps(simulation.duration, simulation.step)
     stops = stops_of(n_steps, prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
-    stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer)
+    stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     solution = PETSc.Vec().createMPI((stepper.state.q.size, None), comm=system.comm)
     solution.setArray(stepper.state.q.ravel())
     ts = PETSc.TS().create(comm=system.comm)

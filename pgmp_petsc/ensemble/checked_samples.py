@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 PERIOD = 10_000
 FEWEST = 1_000  # samples of which a share is taken, where there are less: already a small ensemble has some
 
 
-def checked(share: float, first: int, last: int, n_samples: int) -> np.ndarray:
-    """Return which of the samples first to last - 1 of an ensemble are checked, shape (last - first,).
+def checked(share: float, n_samples: int) -> list[tuple[int, int]]:
+    """Return the ranges (first, last) of the samples 0 to n_samples - 1 that are checked, last - 1 the last of each.
 
-    The first ``share`` of every ten thousand: they come in one batch, where many cost little more than one. As samples
-    are independent, these are as good as any others.
+    The first ``share`` of every ten thousand. As samples are independent, these are as good as any others.
     """
-    numbers = np.arange(first, last)
-    if share == 0.0:
-        return np.zeros(numbers.size, dtype=bool)
-    together = np.clip(n_samples - numbers // PERIOD * PERIOD, FEWEST, PERIOD)
-    return numbers % PERIOD < np.maximum(1, np.rint(share * together))
+    found = []
+    for first in range(0, n_samples if share > 0.0 else 0, PERIOD):
+        together = min(max(n_samples - first, FEWEST), PERIOD)
+        found.append((first, min(first + max(1, round(share * together)), n_samples)))
+    return found

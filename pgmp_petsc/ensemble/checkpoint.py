@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
-FORMAT = 4
+FORMAT = 5
 # of a batch: arrays by name
 NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity", "balance")
+SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
+CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a checkpoint holds: ranges (first, last) of samples, and of those whose errors were estimated; sorted."""
+
+    samples: tuple[tuple[int, int], ...]
+    checked: tuple[tuple[int, int], ...]
 
 
 class Checkpoint:
@@ -33,8 +45,6 @@ class Checkpoint:
     tables
         Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
         differ, and so may meshes of the same name.
-    size
-        Samples of a batch.
 
     Attributes
     ----------
@@ -42,14 +52,13 @@ class Checkpoint:
         What was found and not taken up.
     """
 
-    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str, size: int) -> None:
-        self._plan, self._size = plan, size
+    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str) -> None:
+        self._plan = plan
         run = {
             "format": FORMAT,
             "model": model,
             "samples": plan.n_samples,
             "seed": plan.seed,
-            "batch": size,
             "scene": identity(scene_toml),
             "reduced model" if model == "reduced" else "meshes": tables,
         }
@@ -61,10 +70,10 @@ class Checkpoint:
         """Where the batches are."""
         return self._folder.path
 
-    def open(self) -> set[int]:
-        """Start anew, or take up what is there if the plan says so; return the first samples of finished batches.
+    def open(self) -> Finished:
+        """Start anew, or take up what is there if the plan says so.
 
-        A batch that is damaged, of another run or in no place of this one is set aside, with a remark.
+        A piece that is damaged, of another run or in no place of this one is set aside, with a remark.
 
         Raises
         ------
@@ -72,47 +81,67 @@ class Checkpoint:
             If what is there belongs to another run.
         """
         started = self._folder.open(self._plan.resume)
-        taken, broken = self._folder.sound(self._read)
-        self.remarks = started + broken
-        return {int(path.stem) for path in taken}
+        samples, of_samples = self._taken_up(SAMPLES)
+        checked, of_checked = self._taken_up(CHECKED)
+        self.remarks = started + of_samples + of_checked
+        return Finished(samples, checked)
 
-    def add(self, batch: Batch) -> None:
-        """Store a finished batch."""
+    def _taken_up(self, kind: str) -> tuple[tuple[tuple[int, int], ...], tuple[Remark, ...]]:
+        """Return the ranges of samples that sound pieces of a kind hold, and a remark on each other piece."""
+        found: list[tuple[int, int]] = []
+
+        def read(path: Path) -> None:
+            batch = self._read(path)
+            last = batch.first + len(batch.status)
+            if found and batch.first < found[-1][1]:
+                raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, of which others are there already")
+            found.append((batch.first, last))
+
+        _, remarks = self._folder.sound(read, f"{kind}*")
+        return tuple(found), remarks
+
+    def add(self, piece: Piece, batch: Batch) -> None:
+        """Store what came of a piece."""
         arrays = {f"{kind}.{name}": values for kind in NAMED for name, values in getattr(batch, kind).items()}
-        self._folder.put(f"{batch.first:09d}", {"status": batch.status, "failure_time": batch.failure_time, **arrays})
+        name = f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}"
+        self._folder.put(name, {"status": batch.status, "failure_time": batch.failure_time, **arrays})
+
+    def estimates(self) -> list[Batch]:
+        """Return the pieces of samples whose errors were estimated."""
+        return self._all(CHECKED)
 
     def batches(self) -> list[Batch]:
-        """Return all batches in the order of their samples, which are those of the plan, each once.
+        """Return the pieces in the order of their samples, which are those of the plan, each once.
 
         Raises
         ------
         RunError
             If samples are missing, there twice, or damaged.
         """
-        cure = "nothing was written; repeat the command with --resume, which computes what is missing"
-        try:
-            found = [self._read(path) for path in self._folder.pieces()]
-        except BrokenSeal as broken:
-            what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
-            raise RunError(f"{what}; {cure}") from broken
-        place = 0
+        found, place = self._all(SAMPLES), 0
         for batch in found:
             if batch.first != place:
                 missing = f"samples {place} to {batch.first - 1} are missing"
                 what = missing if batch.first > place else "samples are there twice"
-                raise RunError(f"in '{self.folder}' {what}; {cure}")
+                raise RunError(f"in '{self.folder}' {what}; {CURE}")
             place += len(batch.status)
         if place != self._plan.n_samples:
-            raise RunError(f"'{self.folder}' holds {place} of {self._plan.n_samples} samples; {cure}")
+            raise RunError(f"'{self.folder}' holds {place} of {self._plan.n_samples} samples; {CURE}")
         return found
 
+    def _all(self, kind: str) -> list[Batch]:
+        try:
+            return [self._read(path) for path in self._folder.pieces(f"{kind}*")]
+        except BrokenSeal as broken:
+            what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
+            raise RunError(f"{what}; {CURE}") from broken
+
     def _read(self, path: Path) -> Batch:
-        """Return the batch of a piece; raises `BrokenSeal` unless it is one of this run."""
-        batch = self._folder.take(path, lambda arrays: _batch(int(path.stem), arrays))
-        expected = min(self._size, self._plan.n_samples - batch.first)
-        if batch.first % self._size or len(batch.status) != expected:
-            last = batch.first + len(batch.status) - 1
-            raise BrokenSeal(f"it holds samples {batch.first} to {last}, which are no batch of this run")
+        """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
+        batch = self._folder.take(path, lambda arrays: _batch(int(path.stem.rpartition("_")[2]), arrays))
+        last = batch.first + len(batch.status)
+        if not batch.first < last <= self._plan.n_samples:
+            raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, which are none of this run")
         return batch
 
 

@@ -1,7 +1,7 @@
 """Monte Carlo over ranks.
 
-The samples are worked off in rounds: in each, every rank integrates one batch as one system, or a group of ranks one
-sample, and rank 0 gathers what came out and puts it into a checkpoint. Nothing that was computed is lost when a run is
+The samples are dealt out in pieces (`pieces`): a rank integrates one as one system, a group of ranks one sample, and
+rank 0 puts what came out into a checkpoint while the others go on. Nothing that was computed is lost when a run is
 killed; `resume` takes up the checkpoint, with another number of ranks too, because a sample's numbers depend on seed
 and sample number alone.
 """
@@ -27,6 +27,7 @@ from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.pieces import Piece, joined, missing, pieces
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher, together
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
@@ -34,6 +35,7 @@ from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
@@ -61,32 +63,31 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     """
     timings, comm = Timings(), group.world
     scene_toml = scene_to_toml(model.scene)
-    size = model.largest_batch if group.count == comm.size else 1
     # a scene with nothing to draw, and options that would change it, are refused before anything is touched
     with agreed(comm, "checking what the run is asked for"):
         draw(model.scene, plan.seed, 0, 1)
         check_ts_options()
-    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, size)
+    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity)
     finished = on_root(comm, checkpoint.open)
-    missing = [first for first in range(0, plan.n_samples, size) if first not in finished]
     with agreed(comm, "preparing the error indicator"):
-        watchers = _watchers(model, plan.n_samples)
-    taken_up = plan.n_samples - sum(min(size, plan.n_samples - first) for first in missing)
+        watching = _Watching(model)
+    todo = missing([(0, plan.n_samples)], finished.samples)
+    to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
+    dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
+    taken_up = plan.n_samples - sum(last - first for first, last in todo)
     with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
-        for start in range(0, len(missing), group.count):
-            turn = missing[start : start + group.count]
-            batch = None
-            with agreed(comm, "integration of the samples"):
-                if group.index < len(turn):
-                    first = turn[group.index]
-                    batch = run_batch(model, plan.seed, first, min(first + size, plan.n_samples), watchers, group.comm)
-            batches = comm.gather(batch if group.comm.rank == 0 else None)
-            with agreed(comm, "writing the checkpoint"):
-                if comm.rank == 0:
-                    done = [item for item in batches if item is not None]
-                    for item in done:
-                        checkpoint.add(item)
-                    bar.update(sum(len(item.status) for item in done))
+
+        def work(number: int, pulse: Pulse) -> Batch:
+            piece = dealt[number]
+            watchers = watching.of(piece)
+            return run_batch(model, plan.seed, piece.first, piece.last, watchers, group.comm, pulse)
+
+        def take(number: int, batch: Batch) -> None:
+            checkpoint.add(dealt[number], batch)
+            bar.update(0 if dealt[number].is_checked else len(batch.status))
+
+        with agreed(comm, "integration of the samples"):
+            deal_to_groups(group, len(dealt), work, take)
     timings = timings.maximum(comm)
     with agreed(comm, "statistics"):
         return _described(model, plan, checkpoint, scene_toml, comm.size, timings) if comm.rank == 0 else None
@@ -97,18 +98,24 @@ def _described(
 ) -> Ensemble:
     """Describe what the checkpoint holds, with what was found in it."""
     with timings.phase("statistics"):
-        ensemble = describe_ensemble(model, plan, checkpoint.batches(), scene_toml, ranks, timings)
+        ensemble = describe_ensemble(model, plan, checkpoint, scene_toml, ranks, timings)
     remarks = (*checkpoint.remarks, *ensemble.record.remarks)
     return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
 
 
 def run_batch(
-    model: Model, seed: int, first: int, last: int, watchers: Sequence[Watcher] = (), comm: MPI.Comm = MPI.COMM_SELF
+    model: Model,
+    seed: int,
+    first: int,
+    last: int,
+    watchers: Sequence[Watcher] = (),
+    comm: MPI.Comm = MPI.COMM_SELF,
+    pulse: Pulse | None = None,
 ) -> Batch:
     """Integrate samples first to last - 1 as one system, those that fail again with smaller steps.
 
-    Several ranks share one sample. What the watchers find is added where they look, and is NaN elsewhere. Collective on
-    `comm`.
+    Several ranks share one sample. What the watchers find is added, NaN where nothing is known. `pulse` is called now
+    and then. Collective on `comm`.
     """
     scene = model.scene
     values = draw(scene, seed, first, last)
@@ -116,7 +123,6 @@ def run_batch(
     n = last - first
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
-    wanted = [alive & watcher.chosen(first, last) for watcher in watchers]
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
     unstable = np.zeros(n, dtype=bool)
     found: Found = {}
@@ -124,7 +130,7 @@ def run_batch(
     def run(attempt: Attempt) -> Run:
         samples = attempt.samples
         some = {name: value[samples] for name, value in safe.items()}
-        chosen = [np.flatnonzero(mask[samples]) for mask in wanted]
+        places = np.flatnonzero(alive[samples])
         if comm.size == 1:
             made = model.batch(some, samples.size)
         else:
@@ -132,15 +138,12 @@ def run_batch(
         with closing(made) as system:
             if system.settled is not None:
                 unstable[samples] = system.settled.unstable & attempt.alive
-            watched = [
-                (places, watcher.watch(Begun(system, some, places, attempt.simulation)))
-                for watcher, places in zip(watchers, chosen)
-                if places.size
-            ]
-            observer = together([watch for _, watch in watched])
-            done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer)
+            begun = Begun(system, some, places, attempt.simulation)
+            watches = [watcher.watch(begun) for watcher in watchers if places.size]
+            observer = together(watches)
+            done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
             done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
-        for places, watch in watched:
+        for watch in watches:
             for kind, arrays in watch.found(done.status).items():
                 for name, estimates in arrays.items():
                     kept = found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
@@ -173,16 +176,26 @@ def _with_outputs(
     return replace(done, status=status, failure_time=failure_time)
 
 
-def _watchers(model: Model, n_samples: int) -> list[Watcher]:
-    """Return what looks at the runs of a model's samples."""
-    watchers: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
-    if not isinstance(model, ReducedModel):
-        return watchers
-    share = model.scene.ensemble.checked_share
-    validity = ValidityWatcher(model)
-    if is_indicated(model.scene) and share > 0.0:
-        watchers.append(ErrorWatcher(ErrorIndicator(model), share, n_samples))
-    return [*watchers, validity]
+class _Watching:
+    """What looks at the runs of a model's samples.
+
+    Attributes
+    ----------
+    share
+        Of the samples whose errors are estimated.
+    """
+
+    def __init__(self, model: Model) -> None:
+        reduced = isinstance(model, ReducedModel)
+        self.share = model.scene.ensemble.checked_share if reduced and is_indicated(model.scene) else 0.0
+        self._errors: list[Watcher] = [ErrorWatcher(ErrorIndicator(model))] if self.share > 0.0 else []
+        self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
+        if reduced:
+            self._others.append(ValidityWatcher(model))
+
+    def of(self, piece: Piece) -> list[Watcher]:
+        """Return what looks at a piece."""
+        return self._errors if piece.is_checked else self._others
 
 
 def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray) -> tuple[Remark, ...]:
@@ -191,8 +204,10 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
     if not isinstance(model, ReducedModel):
         return why_not_of_full_order(scene)
     remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
-    chosen = checked(scene.ensemble.checked_share, 0, status.size, status.size) & (status == Status.FINE)
     if estimates["errors"]:
+        chosen = np.zeros(status.size, dtype=bool)
+        for first, last in checked(scene.ensemble.checked_share, status.size):
+            chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:
             remarks.append(
@@ -205,10 +220,10 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
 
 
 def describe_ensemble(
-    model: Model, plan: Plan, batches: list[Batch], scene_toml: str, ranks: int, timings: Timings
+    model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
 ) -> Ensemble:
-    """Put batches together and describe parameters and outputs."""
-    scene = model.scene
+    """Put pieces together and describe parameters and outputs."""
+    scene, batches, estimated = model.scene, checkpoint.batches(), checkpoint.estimates()
     parameters = {name: np.concatenate([b.parameters[name] for b in batches]) for name in scene.parameters}
     outputs = {name: np.concatenate([b.outputs[name] for b in batches]) for name in model.outputs.functions}
     status = np.concatenate([b.status for b in batches])
@@ -220,8 +235,12 @@ def describe_ensemble(
     statistics |= {name: describe(v[np.isfinite(v)], bins, probabilities) for name, v in drawn.items()}
     estimates = {
         kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
-        for kind in ("numerics", "errors", "errors_at_end", "validity", "balance")
+        for kind in ("numerics", "validity", "balance")
     }
+    for kind in ("errors", "errors_at_end"):
+        names = getattr(estimated[0], kind) if estimated else {}
+        parts = {name: [(batch.first, getattr(batch, kind)[name]) for batch in estimated] for name in names}
+        estimates[kind] = {name: joined(found, status.size) for name, found in parts.items()}
     numerics = estimates.pop("numerics")
     divisors = numerics["steps_divided"]
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units

@@ -12,7 +12,6 @@ from pgmp_petsc.dynamics.generalised_alpha import Observer
 from pgmp_petsc.dynamics.running_balance import RunningBalance
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, WatchedRun
 from pgmp_petsc.indicator.validity import Validity
 from pgmp_petsc.models import ReducedModel
@@ -34,7 +33,7 @@ class Begun:
     system, values
         The system, and the parameter values of all its samples.
     samples
-        Numbers of those that are watched.
+        Numbers of those that are watched: what is no mechanism at all is not.
     simulation
         Its steps.
     """
@@ -69,32 +68,23 @@ class Watcher(Protocol):
 
     names: Mapping[str, Sequence[str]]
 
-    def chosen(self, first: int, last: int) -> np.ndarray:
-        """Return which of the samples first to last - 1 are watched, shape (last - first,)."""
-
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
 
 
 class ErrorWatcher:
-    """Estimates the errors of a share of the samples.
+    """Estimates the errors of all samples.
 
     Parameters
     ----------
     indicator
         Of the model.
-    share, n_samples
-        Share that is checked, and number of samples.
     """
 
-    def __init__(self, indicator: ErrorIndicator, share: float, n_samples: int) -> None:
-        self._indicator, self._share, self._n_samples = indicator, share, n_samples
+    def __init__(self, indicator: ErrorIndicator) -> None:
+        self._indicator = indicator
         outputs = list(indicator.model.outputs.functions)
         self.names = {"errors": outputs, "errors_at_end": outputs}
-
-    def chosen(self, first: int, last: int) -> np.ndarray:
-        """Return which samples are checked; see `checked`."""
-        return checked(self._share, first, last, self._n_samples)
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""
@@ -112,15 +102,7 @@ class _ErrorWatch:
         return {"errors": estimate.largest, "errors_at_end": estimate.at_end}
 
 
-class EverySample:
-    """Watches all samples."""
-
-    def chosen(self, first: int, last: int) -> np.ndarray:
-        """Return that all samples are watched."""
-        return np.ones(last - first, dtype=bool)
-
-
-class ValidityWatcher(EverySample):
+class ValidityWatcher:
     """Keeps how far every sample leaves small deformations.
 
     Parameters
@@ -149,7 +131,7 @@ class _ValidityWatch:
         return {"validity": {name: values[self._samples] for name, values in self._validity.extremes.items()}}
 
 
-class BalanceWatcher(EverySample):
+class BalanceWatcher:
     """Draws up the balance of energy of every sample; see `results.balance`."""
 
     names = {"balance": list(BALANCE)}

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.ensemble.batch import Batch, Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint, remove_checkpoint
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
+from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.seal import SIZE as SEAL
 
 SCENE = "[scene]\nname = 'a'\n"
-TABLES, SIZE = "0123", 4
+TABLES = "0123"
 
 
 @pytest.fixture
@@ -44,25 +45,33 @@ def batch(first: int, n: int = 4) -> Batch:
 
 
 def started(plan: Plan, *firsts: int) -> Checkpoint:
-    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES, SIZE)
-    assert checkpoint.open() == set()
+    checkpoint = Checkpoint(plan, SCENE, "reduced", TABLES)
+    assert checkpoint.open() == Finished((), ())
     for first in firsts:
-        checkpoint.add(batch(first))
+        add(checkpoint, first)
     return checkpoint
 
 
+def add(checkpoint: Checkpoint, first: int, n: int = 4, is_checked: bool = False) -> None:
+    checkpoint.add(Piece(first, first + n, is_checked), batch(first, n))
+
+
 def taken_up(
-    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, size: int = SIZE, **changes: object
+    plan: Plan, scene: str = SCENE, model: str = "reduced", tables: str = TABLES, **changes: object
 ) -> Checkpoint:
-    return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables, size)
+    return Checkpoint(replace(plan, resume=True, **changes), scene, model, tables)
 
 
 def again(plan: Plan, **changes: object) -> set[int]:
-    return taken_up(plan, **changes).open()
+    return firsts(taken_up(plan, **changes))
+
+
+def firsts(checkpoint: Checkpoint) -> set[int]:
+    return {first for first, _ in checkpoint.open().samples}
 
 
 def piece(checkpoint: Checkpoint, first: int) -> Path:
-    return checkpoint.folder / f"{first:09d}.npz"
+    return checkpoint.folder / f"samples_{first:09d}.npz"
 
 
 def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
@@ -95,7 +104,7 @@ def test_a_resumed_run_takes_up_finished_batches(plan: Plan) -> None:
 
 def test_a_batch_that_was_not_finished_does_not_count(plan: Plan) -> None:
     checkpoint = started(plan, 0)
-    (checkpoint.folder / ".000000004.npz.123.partial").write_bytes(b"half")
+    (checkpoint.folder / ".samples_000000004.npz.123.partial").write_bytes(b"half")
     assert again(plan) == {0}
 
 
@@ -118,7 +127,6 @@ def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
         ({"seed": 4}, r"its seed differs \(3 there, 4 here\)"),
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
-        ({"size": 6}, r"its batch differs \(4 there, 6 here\)"),
         ({"tables": "4567"}, r"its reduced model differs"),
     ],
 )
@@ -149,11 +157,11 @@ def test_a_damaged_batch_is_named_and_computed_again(plan: Plan, damage: str) ->
     path.unlink()
     path.mkdir() if damage == "folder" else path.write_bytes(spoilt.get(damage, whole))
     checkpoint = taken_up(plan)
-    assert checkpoint.open() == {0, 8}
+    assert firsts(checkpoint) == {0, 8}
     assert f"note: piece '{path}' was not taken up, and is computed again: it " in str(*checkpoint.remarks)
     with pytest.raises(RunError, match=r"samples 4 to 7 are missing; nothing was written; repeat .* --resume"):
         checkpoint.batches()
-    checkpoint.add(batch(4))
+    add(checkpoint, 4)
     assert [one.first for one in checkpoint.batches()] == [0, 4, 8]
     # the damaged one is kept aside until the result is written
     assert path.with_name(f"{path.name}.damaged").exists()
@@ -166,17 +174,34 @@ def test_a_batch_of_another_run_is_not_taken_up(plan: Plan, tmp_path: Path) -> N
     checkpoint = started(plan, 0)
     shutil.copy(piece(stranger, 4), piece(checkpoint, 4))
     checkpoint = taken_up(plan)
-    assert checkpoint.open() == {0}
+    assert firsts(checkpoint) == {0}
     assert "it belongs to another run" in str(*checkpoint.remarks)
 
 
-@pytest.mark.parametrize(("first", "n"), [(2, 4), (4, 3), (8, 5), (12, 4), (16, 0)])
+@pytest.mark.parametrize(("first", "n"), [(2, 4), (8, 5), (12, 4), (16, 0)])
 def test_a_batch_in_no_place_of_the_run_is_not_taken_up(plan: Plan, first: int, n: int) -> None:
     checkpoint = started(plan, 0)
-    checkpoint.add(batch(first, n))
+    add(checkpoint, first, n)
     checkpoint = taken_up(plan)
-    assert checkpoint.open() == {0}
-    assert f"it holds samples {first} to {first + n - 1}, which are no batch of this run" in str(*checkpoint.remarks)
+    assert firsts(checkpoint) == {0}
+    why = "of which others are there already" if first == 2 else "which are none of this run"
+    assert f"it holds samples {first} to {first + n - 1}, {why}" in str(*checkpoint.remarks)
+
+
+def test_pieces_have_any_size(plan: Plan) -> None:
+    """Of runs on other numbers of ranks."""
+    checkpoint = started(plan)
+    for first, n in ((0, 1), (1, 7), (8, 4)):
+        add(checkpoint, first, n)
+    assert taken_up(plan).open() == Finished(((0, 1), (1, 8), (8, 12)), ())
+    assert [len(one.status) for one in checkpoint.batches()] == [1, 7, 4]
+
+
+def test_estimates_of_errors_are_pieces_of_their_own(plan: Plan) -> None:
+    checkpoint = started(plan, 0)
+    add(checkpoint, 2, 3, is_checked=True)
+    assert taken_up(plan).open() == Finished(((0, 4),), ((2, 5),))
+    assert [one.first for one in checkpoint.estimates()] == [2]
 
 
 def test_samples_that_are_missing_or_damaged_at_the_end_are_no_result(plan: Plan) -> None:
@@ -185,8 +210,12 @@ def test_samples_that_are_missing_or_damaged_at_the_end_are_no_result(plan: Plan
     with pytest.raises(RunError, match="holds 8 of 12 samples"):
         started(plan, 0, 4).batches()
     checkpoint = started(plan, 0, 4, 8)
-    checkpoint.add(batch(2))
-    with pytest.raises(RunError, match="damaged during the run: it holds samples 2 to 5, which are no batch"):
+    add(checkpoint, 2)
+    with pytest.raises(RunError, match="samples are there twice"):
+        checkpoint.batches()
+    checkpoint = started(plan, 0, 4)
+    add(checkpoint, 8, 5)
+    with pytest.raises(RunError, match="damaged during the run: it holds samples 8 to 12, which are none of this run"):
         checkpoint.batches()
     checkpoint = started(plan, 0, 4, 8)
     piece(checkpoint, 4).write_bytes(b"x")
@@ -215,7 +244,7 @@ def test_a_folder_of_somebody_else_is_never_removed(plan: Plan, content: str, tm
         (folder / content).write_text('{"name": "mine"}')
     for resume in (False, True):
         with pytest.raises(InputError, match=r"e\.h5\.partial' is in the way of this run's checkpoint"):
-            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES, SIZE).open()
+            Checkpoint(replace(plan, resume=resume), SCENE, "reduced", TABLES).open()
         remove_checkpoint(plan)
     assert os.path.lexists(folder) and (content in ("file", "link") or (folder / content).exists())
 
@@ -241,10 +270,10 @@ def test_a_full_disk_keeps_what_was_finished(plan: Plan) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
         with pytest.raises(RunError, match="could not be written: File too large; what was finished before is kept"):
-            checkpoint.add(batch(4))
+            add(checkpoint, 4)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert sorted(path.name for path in checkpoint.folder.iterdir()) == ["000000000.npz", "run.json"]
+    assert sorted(path.name for path in checkpoint.folder.iterdir()) == ["run.json", "samples_000000000.npz"]
     assert again(plan) == {0}
 
 
@@ -252,6 +281,6 @@ def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
     checkpoint = started(plan, 0)
     shutil.rmtree(checkpoint.folder)
     with pytest.raises(RunError, match="could not be written: No such file or directory"):
-        checkpoint.add(batch(4))
+        add(checkpoint, 4)
     with pytest.raises(RunError, match="holds 0 of 12 samples"):
         checkpoint.batches()

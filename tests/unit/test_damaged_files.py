@@ -24,6 +24,7 @@ from sealed import resealed
 from pgmp_petsc.cli.info import describe
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.export.xdmf import write_xdmf
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
@@ -192,16 +193,16 @@ def piece_of(first: int) -> Batch:
 @given(change=byte_changes, first=st.sampled_from((0, 4, 8)))
 def test_a_damaged_piece_is_named_and_the_others_stay(folder: Path, change: tuple, first: int) -> None:
     plan = Plan(12, 3, folder / "e.h5", False)
-    checkpoint = Checkpoint(plan, "scene", "reduced", "tables", 4)
+    checkpoint = Checkpoint(plan, "scene", "reduced", "tables")
     checkpoint.open()
     for number in (0, 4, 8):
-        checkpoint.add(piece_of(number))
-    path = checkpoint.folder / f"{first:09d}.npz"
+        checkpoint.add(Piece(number, number + 4), piece_of(number))
+    path = checkpoint.folder / f"samples_{first:09d}.npz"
     whole = path.read_bytes()
     path.write_bytes(damaged(whole, change))
     same = path.read_bytes() == whole
-    again = Checkpoint(Plan(12, 3, folder / "e.h5", True), "scene", "reduced", "tables", 4)
-    assert again.open() == {0, 4, 8} - (set() if same else {first})
+    again = Checkpoint(Plan(12, 3, folder / "e.h5", True), "scene", "reduced", "tables")
+    assert {begin for begin, _ in again.open().samples} == {0, 4, 8} - (set() if same else {first})
     assert len(again.remarks) == (0 if same else 1) and all(path.name in str(remark) for remark in again.remarks)
 
 
@@ -209,16 +210,16 @@ def test_a_damaged_piece_is_named_and_the_others_stay(folder: Path, change: tupl
 @given(change=byte_changes)
 def test_a_damaged_label_is_a_message(folder: Path, change: tuple) -> None:
     plan = Plan(12, 3, folder / "l.h5", False)
-    checkpoint = Checkpoint(plan, "scene", "reduced", "tables", 4)
+    checkpoint = Checkpoint(plan, "scene", "reduced", "tables")
     shutil.rmtree(checkpoint.folder, ignore_errors=True)
     checkpoint.open()
-    checkpoint.add(piece_of(0))
+    checkpoint.add(Piece(0, 4), piece_of(0))
     label = checkpoint.folder / "run.json"
     before = label.read_bytes()
     label.write_bytes(damaged(before, change))
-    again = Checkpoint(Plan(12, 3, folder / "l.h5", True), "scene", "reduced", "tables", 4)
+    again = Checkpoint(Plan(12, 3, folder / "l.h5", True), "scene", "reduced", "tables")
     try:
-        assert again.open() == {0}
+        assert again.open().samples == ((0, 4),)
         assert json.loads(label.read_bytes()) == json.loads(before)
     except InputError as error:
         assert "l.h5.partial'" in str(error)

@@ -1,4 +1,4 @@
-"""Which samples are checked for errors, and integrals of what the steps see."""
+"""At which steps errors are evaluated, and integrals of what the steps see."""
 
 from __future__ import annotations
 
@@ -8,22 +8,8 @@ from runs import paper_scene
 from scenes import kinematics_of, slider_crank
 
 from pgmp_petsc.effects import effects_of
-from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.indicator.quadrature import integrals
 from pgmp_petsc.indicator.sampled_load import SampledLoad
-
-
-def test_the_first_of_every_ten_thousand_are_checked() -> None:
-    expected = [*range(200), *range(10_000, 10_200), *range(20_000, 20_060)]
-    assert np.flatnonzero(checked(0.02, 0, 23_000, 23_000)).tolist() == expected
-    assert np.flatnonzero(checked(0.02, 0, 150, 150)).tolist() == list(range(20)), "the share of a thousand"
-    assert checked(1.0, 5, 2500, 2500).all()
-    assert not checked(0.0, 0, 2500, 2500).any()
-    assert checked(1e-5, 0, 1000, 1000).sum() == 1
-    whole = checked(0.3, 0, 2000, 2000)
-    np.testing.assert_array_equal(
-        np.concatenate([checked(0.3, first, first + 125, 2000) for first in range(0, 2000, 125)]), whole
-    )
 
 
 def test_integrals_of_steps() -> None:

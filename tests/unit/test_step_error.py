@@ -86,7 +86,7 @@ def test_the_motion_and_its_error_are_the_exact_motion(held: int) -> None:
     modes = made_up_modes([50.0, 240.0, 900.0])
     force = np.array([1.0, 50.0, 3000.0])
     system = Oscillators(modes, force)
-    stepper = GeneralisedAlpha(system, 0.8, 400 * STEP, 400, np.ones(1, dtype=bool), np.arange(401), None)
+    stepper = GeneralisedAlpha(system, 0.8, 400 * STEP, 400, np.ones(1, dtype=bool), np.arange(401), None, None)
     ts = SimpleNamespace(setTimeStep=lambda step: None)
     error = StepError(STEP, np.array(system.reduced(stepper.state)), modes)
     motion = []

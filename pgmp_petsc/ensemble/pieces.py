@@ -1,0 +1,78 @@
+"""The pieces that an ensemble is dealt out in: neighbouring samples that one rank, or a group, takes through together.
+
+Most samples cost least in large batches, but the last pieces decide how long ranks wait for each other: pieces get
+smaller as fewer samples are left (guided self-scheduling, Polychronopoulos and Kuck 1987). The samples whose errors are
+estimated are integrated once more, in pieces of their own, which are dealt out first: an estimate takes ten times as
+long as a run. A sample's numbers depend on none of this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+LANES = 8  # samples that the compiled engines take side by side
+SHARES = 3  # pieces that a rank would have of what is left, if all were equal
+LEAST = 32
+LEAST_CHECKED, MOST_CHECKED = 8, 64
+
+Ranges = Sequence[tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Samples first to last - 1, and whether it is their errors that are estimated."""
+
+    first: int
+    last: int
+    is_checked: bool = False
+
+
+def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> list[Piece]:
+    """Return the pieces of an ensemble, or of what is left of it, in the order in which they are dealt out.
+
+    Parameters
+    ----------
+    samples, to_check
+        Ranges (first, last) of the samples to be integrated, and of those whose errors are to be estimated.
+    n_groups
+        Number of ranks, or of groups of ranks that share a sample.
+    largest
+        Most samples of a piece.
+    """
+    most = min(MOST_CHECKED, largest)
+    found = [Piece(*ends, True) for ends in _cut(to_check, n_groups, min(LEAST_CHECKED, most), most)]
+    return found + [Piece(*ends) for ends in _cut(samples, n_groups, min(LEAST, largest), largest)]
+
+
+def _cut(ranges: Ranges, n_groups: int, least: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield parts of ranges, shrinking with what is left."""
+    left = sum(last - first for first, last in ranges)
+    for first, last in ranges:
+        while first < last:
+            share = -(-left // (SHARES * n_groups))
+            size = min(max(-(-share // LANES) * LANES, least), most, last - first)
+            yield first, first + size
+            first, left = first + size, left - size
+
+
+def missing(wanted: Ranges, there: Ranges) -> list[tuple[int, int]]:
+    """Return what of some ranges is not there; both are sorted and do not overlap."""
+    found = []
+    for first, last in wanted:
+        for begin, end in there:
+            if begin < last and first < end:
+                found.append((first, begin))
+                first = end
+        found.append((first, last))
+    return [(first, last) for first, last in found if first < last]
+
+
+def joined(parts: Sequence[tuple[int, np.ndarray]], n: int) -> np.ndarray:
+    """Return an array (n,) of parts that begin at given places, NaN elsewhere."""
+    whole = np.full(n, np.nan)
+    for first, part in parts:
+        whole[first : first + part.size] = part
+    return whole

@@ -1,0 +1,54 @@
+"""The pieces of an ensemble: every sample once, large ones first, enough of them for all ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.pieces import LANES, LEAST, Piece, joined, missing, pieces
+
+
+def numbers(found: list[Piece], is_checked: bool) -> list[int]:
+    """Return the samples of all pieces of a kind, in order."""
+    return sorted(k for piece in found if piece.is_checked == is_checked for k in range(piece.first, piece.last))
+
+
+@pytest.mark.parametrize("n_groups", [1, 2, 3, 64, 5000])
+@pytest.mark.parametrize("largest", [1, 5, 16, 512])
+@pytest.mark.parametrize("ranges", [[(0, 10_000)], [(0, 1)], [(3, 40), (41, 42), (700, 2000)], []])
+def test_every_sample_is_in_one_piece(n_groups: int, largest: int, ranges: list) -> None:
+    to_check = [(first, min(first + 7, last)) for first, last in ranges]
+    found = pieces(ranges, to_check, n_groups, largest)
+    assert numbers(found, False) == [k for first, last in ranges for k in range(first, last)]
+    assert numbers(found, True) == [k for first, last in to_check for k in range(first, last)]
+    assert all(piece.last - piece.first <= largest for piece in found)
+    kinds = [piece.is_checked for piece in found]
+    assert kinds == sorted(kinds, reverse=True), "the dear ones first"
+
+
+def test_pieces_are_large_at_first_and_small_at_last() -> None:
+    sizes = [piece.last - piece.first for piece in pieces([(0, 10_000)], [], 2, 512)]
+    assert sizes[0] == 512 and sizes == sorted(sizes, reverse=True)
+    assert all(size % LANES == 0 for size in sizes[:-1]) and sizes[-2] == LEAST
+    of_many_ranks = pieces([(0, 10_000)], [], 64, 512)
+    assert len(of_many_ranks) > 3 * 64 and max(piece.last - piece.first for piece in of_many_ranks) < 60
+
+
+def test_what_is_missing() -> None:
+    assert missing([(0, 10)], []) == [(0, 10)]
+    assert missing([(0, 10)], [(0, 10)]) == []
+    assert missing([(0, 10)], [(0, 2), (4, 5)]) == [(2, 4), (5, 10)]
+    assert missing([(0, 3), (10, 14)], [(2, 3), (10, 12)]) == [(0, 2), (12, 14)]
+
+
+def test_parts_of_an_array() -> None:
+    np.testing.assert_array_equal(joined([(1, np.array([5.0, 6.0]))], 4), [np.nan, 5.0, 6.0, np.nan])
+
+
+def test_the_first_of_every_ten_thousand_are_checked() -> None:
+    assert checked(0.02, 23_000) == [(0, 200), (10_000, 10_200), (20_000, 20_060)]
+    assert checked(0.02, 150) == [(0, 20)], "the share of a thousand"
+    assert checked(1.0, 2500) == [(0, 2500)]
+    assert checked(0.0, 2500) == []
+    assert checked(1e-5, 1000) == [(0, 1)]
