@@ -15,6 +15,7 @@ from typing import Any
 import numba
 from numba.core import sigutils
 from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
 _problems: list[str] = []
@@ -47,9 +48,14 @@ class _LenientCache(FunctionCache):
     """The cache of one function; what cannot be read counts as absent, what cannot be written stays away."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled function of a signature, or None."""
+        """Return the compiled function of a signature, or None.
+
+        Numba would first load all that it can compile, which takes longer than all else here together. What is compiled
+        already needs of it the allocation of arrays alone; where something is to be compiled, numba loads the rest.
+        """
         try:
-            found = super().load_overload(sig, target_context)
+            rtsys.initialize(target_context)
+            found = self._load_overload(sig, target_context)
         except Exception as error:  # a damaged pickle raises anything
             _note(f"damaged files in {self.cache_path} are written anew ({_first(error)})")
             self._drop()

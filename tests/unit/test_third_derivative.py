@@ -14,6 +14,7 @@ from pgmp_petsc.scene import Scene
 SCENES = {"slider_crank": slider_crank(), "four_bar": four_bar()}
 # a section other than the nominal one: every weight counts
 VALUES = {"r1": 7.0e-3}
+PAIRS = np.tril_indices(3)
 every_scene = pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
 
 
@@ -28,14 +29,14 @@ def test_it_is_the_slope_of_the_tangent_at_rest(scene: Scene) -> None:
     mechanism = kinematics.mechanism
     energy = StaticEquilibrium(kinematics, VALUES, 0.7)
     vectors, step = vectors_of(mechanism.n_dofs), 1e-4
-    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors)
+    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors, PAIRS)
     assert set(terms) == set(mechanism.stiffness_weights)
     found = sum(weight.evaluate(VALUES) * term for weight, term in terms.items())
     slopes = [
         (energy.forces(step * vector)[1] - energy.forces(-step * vector)[1]) / (2 * step) @ vectors
         for vector in vectors.T
     ]
-    expected = np.array([slopes[i][:, j] for i, j in zip(*np.tril_indices(3))]).T
+    expected = np.array([slopes[i][:, j] for i, j in zip(*PAIRS)]).T
     # central differences: the square of the step times the ratio of vectors to elements' lengths
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(found).max())
 
@@ -45,9 +46,9 @@ def test_it_is_the_slope_of_the_tangent_at_rest(scene: Scene) -> None:
 def test_rows_of_all_ranks_make_the_whole(scene: Scene, size: int) -> None:
     mechanism = kinematics_of(scene).mechanism
     vectors = vectors_of(mechanism.n_dofs)
-    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors)
+    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(vectors, PAIRS)
     shares = [
-        ThirdDerivative(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size)).times(vectors)
+        ThirdDerivative(mechanism.bodies, owned_rows(mechanism.n_dofs, rank, size)).times(vectors, PAIRS)
         for rank in range(size)
     ]
     for weight, expected in whole.items():
@@ -57,5 +58,6 @@ def test_rows_of_all_ranks_make_the_whole(scene: Scene, size: int) -> None:
 
 def test_without_vectors_there_are_no_pairs() -> None:
     mechanism = kinematics_of(slider_crank()).mechanism
-    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(np.empty((mechanism.n_dofs, 0)))
+    none = np.tril_indices(0)
+    terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(np.empty((mechanism.n_dofs, 0)), none)
     assert all(term.shape == (mechanism.n_dofs, 0) for term in terms.values())
