@@ -164,7 +164,7 @@ def watched(model: ReducedModel, values: Mapping[str, np.ndarray]) -> dict[str, 
     """Integrate samples and return the largest estimated error of every output, shape (n,)."""
     n = len(next(iter(values.values())))
     run_of_all = ErrorIndicator(model).watch(values, np.arange(n))
-    run = integrate(model.batch(values, n), model.scene.simulation, observer=run_of_all.observe)
+    run = integrate(model.batch(values, n), model.scene.simulation, observer=run_of_all)
     return run_of_all.estimate(run.status).largest
 
 

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -41,8 +41,29 @@ if TYPE_CHECKING:
 
     from pgmp_petsc.scene.numerics import Simulation
 
-Observer = Callable[[int, float, State], None]
 MOST_AT_ONCE = 50  # steps of the scheme in one of the TS: more gain nothing
+
+
+class Observer(Protocol):
+    """Sees the states of a run as it goes on."""
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """See the state after a step, given by its number, 0 for the start."""
+
+
+class TrailObserver(Observer, Protocol):
+    """Sees the states of many steps at once too, where the system takes them so."""
+
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """See positions, velocities and accelerations after the steps from number `first` on.
+
+        Parameters
+        ----------
+        times
+            Shape (n_steps,), s.
+        trail
+            Shape (n_steps, 3, n_samples, n); of samples that have failed, where they stand.
+        """
 
 
 class GeneralisedAlpha:
@@ -169,8 +190,12 @@ class GeneralisedAlpha:
                 trail[number - self.n_done :, :, there] = self._now()[:, there]
                 at[there] += 1
             todo &= self._alive & (at < last)
+        first = self.n_done + 1
+        if hasattr(self._observer, "over"):
+            self._observer.over(first, self.instants[first : last + 1], trail)
+            return
         for k, parts in enumerate(trail):
-            self._show(self.n_done + 1 + k, State(*parts, self.state.multipliers))
+            self._show(first + k, State(*parts, self.state.multipliers))
 
     def _now(self) -> np.ndarray:
         """Return positions, velocities and accelerations of all samples together."""

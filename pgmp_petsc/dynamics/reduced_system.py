@@ -231,14 +231,20 @@ class ReducedSystem:
             energies.add_power(motion.name, residual[:, k] * state.v[:, k])
         return energies
 
-    def load_amplitudes(self, time: float) -> np.ndarray:
-        """Return the weighted amplitude of every load term, shape (n_samples, n_load_terms)."""
-        return self._lanes.load_weights.T * self._at(time).loads[self._equations.weights.effects]
+    def load_amplitudes(self, times: np.ndarray) -> np.ndarray:
+        """Return the weighted amplitude of every load term at times (n_t,), shape (n_t, n_samples, n_load_terms)."""
+        return self._over(times).loads[:, None, self._equations.weights.effects] * self._lanes.load_weights.T
 
-    def action_forces(self, time: float, state: State) -> np.ndarray:
-        """Return the force (N or N m) of every action, shape (n_samples, n_actions)."""
-        self._act_on_all(time, state)
-        return self._memory.known[:, FORCE].copy()
+    def action_forces(self, times: np.ndarray, trail: np.ndarray) -> np.ndarray:
+        """Return the force (N or N m) of every action at times (n_t,), in states of shape (n_t, 3, n_samples, n_eta).
+
+        Shape (n_t, n_samples, n_actions).
+        """
+        found = np.zeros((times.size, self.n_samples, len(self._actions.actions)))
+        for time, parts, forces in zip(times, trail, found if found.size else ()):
+            self._act_on_all(float(time), State(*parts, np.zeros(0)))
+            forces[:] = self._memory.known[:, FORCE]
+        return found
 
     def close(self) -> None:
         """Nothing is to be given back."""

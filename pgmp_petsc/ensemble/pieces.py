@@ -2,8 +2,9 @@
 
 Most samples cost least in large batches, but the last pieces decide how long ranks wait for each other: pieces get
 smaller as fewer samples are left (guided self-scheduling, Polychronopoulos and Kuck 1987). The samples whose errors are
-estimated are integrated once more, in pieces of their own, which are dealt out first: an estimate takes ten times as
-long as a run. A sample's numbers depend on none of this.
+estimated are integrated once more, in pieces of their own: an estimate takes ten times as long as a run, and a piece of
+them costs as much as fifteen samples before there is any in it. They are dealt out first, as few as there are ranks. A
+sample's numbers depend on none of this.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 LANES = 8  # samples that the compiled engines take side by side
 SHARES = 3  # pieces that a rank would have of what is left, if all were equal
 LEAST = 32
-LEAST_CHECKED, MOST_CHECKED = 8, 64
+LEAST_CHECKED, MOST_CHECKED = 8, 128
 
 Ranges = Sequence[tuple[int, int]]
 
@@ -42,8 +43,9 @@ def pieces(samples: Ranges, to_check: Ranges, n_groups: int, largest: int) -> li
     largest
         Most samples of a piece.
     """
-    most = min(MOST_CHECKED, largest)
-    found = [Piece(*ends, True) for ends in _cut(to_check, n_groups, min(LEAST_CHECKED, most), most)]
+    a_rank = -(-sum(last - first for first, last in to_check) // n_groups)
+    even = min(max(_whole_lanes(a_rank), LEAST_CHECKED), MOST_CHECKED, largest)
+    found = [Piece(*ends, True) for ends in _cut(to_check, n_groups, even, even)]
     return found + [Piece(*ends) for ends in _cut(samples, n_groups, min(LEAST, largest), largest)]
 
 
@@ -52,10 +54,15 @@ def _cut(ranges: Ranges, n_groups: int, least: int, most: int) -> Iterator[tuple
     left = sum(last - first for first, last in ranges)
     for first, last in ranges:
         while first < last:
-            share = -(-left // (SHARES * n_groups))
-            size = min(max(-(-share // LANES) * LANES, least), most, last - first)
+            share = _whole_lanes(-(-left // (SHARES * n_groups)))
+            size = min(max(share, least), most, last - first)
             yield first, first + size
             first, left = first + size, left - size
+
+
+def _whole_lanes(n: int) -> int:
+    """Return a number of samples that fills lanes, at least n."""
+    return -(-n // LANES) * LANES
 
 
 def missing(wanted: Ranges, there: Ranges) -> list[tuple[int, int]]:

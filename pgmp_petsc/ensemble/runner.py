@@ -28,7 +28,7 @@ from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, joined, missing, pieces
-from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher, together
+from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Together, Watcher
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
@@ -140,7 +140,7 @@ def run_batch(
                 unstable[samples] = system.settled.unstable & attempt.alive
             begun = Begun(system, some, places, attempt.simulation)
             watches = [watcher.watch(begun) for watcher in watchers if places.size]
-            observer = together(watches)
+            observer = Together([watch.observer for watch in watches]) if watches else None
             done = integrate(system, attempt.simulation, alive=attempt.alive, observer=observer, pulse=pulse)
             done = _with_outputs(model, system, done, samples, outputs, attempt.simulation.duration)
         for watch in watches:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pgmp_petsc.dynamics.generalised_alpha import Observer
+from pgmp_petsc.dynamics.generalised_alpha import TrailObserver
 from pgmp_petsc.dynamics.running_balance import RunningBalance
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
@@ -45,10 +45,15 @@ class Begun:
 
 
 class Watch(Protocol):
-    """Looks at one run of some samples."""
+    """Looks at one run of some samples.
 
-    def observe(self, number: int, time: float, state: State) -> None:
-        """Take in the state of the whole run after a step."""
+    Attributes
+    ----------
+    observer
+        Takes in the states of the whole run.
+    """
+
+    observer: TrailObserver
 
     def found(self, status: np.ndarray) -> Found:
         """Return what was found once the run has ended with the given status of all its samples.
@@ -93,8 +98,7 @@ class ErrorWatcher:
 
 class _ErrorWatch:
     def __init__(self, run: WatchedRun) -> None:
-        self._run = run
-        self.observe = run.observe
+        self._run = self.observer = run
 
     def found(self, status: np.ndarray) -> Found:
         """Return the estimate."""
@@ -124,7 +128,7 @@ class ValidityWatcher:
 class _ValidityWatch:
     def __init__(self, validity: Validity, samples: np.ndarray) -> None:
         self._validity, self._samples = validity, samples
-        self.observe = validity.observe
+        self.observer = validity
 
     def found(self, status: np.ndarray) -> Found:
         """Return the extremes."""
@@ -148,8 +152,14 @@ class _BalanceWatch:
         self._system, self._samples = system, samples
         self._residual = self._exchanged = np.zeros(system.n_samples)
         self._sums = RunningBalance()
+        self.observer = self
 
-    def observe(self, number: int, time: float, state: State) -> None:
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps."""
+        for k, (time, parts) in enumerate(zip(times, trail)):
+            self(first + k, float(time), State(*parts, np.zeros(0)))
+
+    def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""
         with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
             residual, exchanged = self._sums.add(time, self._system.energies(time, state))
@@ -162,13 +172,18 @@ class _BalanceWatch:
         return {"balance": dict(zip(BALANCE, kept))}
 
 
-def together(watches: Sequence[Watch]) -> Observer | None:
-    """Return one observer for several watches, None for none."""
-    if not watches:
-        return None
+@dataclass(frozen=True)
+class Together:
+    """One observer for several."""
 
-    def observe(number: int, time: float, state: State) -> None:
-        for watch in watches:
-            watch.observe(number, time, state)
+    observers: Sequence[TrailObserver]
 
-    return observe
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Show the state after a step to all."""
+        for observer in self.observers:
+            observer(number, time, state)
+
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """Show the states after many steps to all."""
+        for observer in self.observers:
+            observer.over(first, times, trail)

@@ -148,19 +148,26 @@ class WatchedRun:
         self._waiting = np.empty((LOOK, 3, samples.size, n_eta))
         self._n_waiting = 0
 
-    def observe(self, number: int, time: float, state: State) -> None:
+    def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
-        waiting = self._waiting[self._n_waiting]
-        for target, part in zip(waiting, (state.q, state.v, state.a)):
-            np.take(part, self._samples, axis=0, out=target)
-        self._n_waiting += 1
         if number == 0:
-            self._begin(waiting)
-        elif self._n_waiting == LOOK or number == self._indicator.n_steps:
-            # a sample that fails may overflow here before it is given up
-            with np.errstate(all="ignore"):
-                self._look(self._waiting[: self._n_waiting], number)
-            self._n_waiting = 0
+            self._begin(np.array([part[self._samples] for part in (state.q, state.v, state.a)]))
+        else:
+            self.over(number, np.array([time]), np.array([[state.q, state.v, state.a]]))
+
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `TrailObserver`."""
+        chosen, last = trail[:, :, self._samples], first + times.size - 1
+        while chosen.size:
+            some, chosen = np.split(chosen, [LOOK - self._n_waiting])
+            self._waiting[self._n_waiting : self._n_waiting + len(some)] = some
+            self._n_waiting += len(some)
+            number = last - len(chosen)
+            if self._n_waiting == LOOK or number == self._indicator.n_steps:
+                # a sample that fails may overflow here before it is given up
+                with np.errstate(all="ignore"):
+                    self._look(self._waiting[: self._n_waiting], number)
+                self._n_waiting = 0
 
     def _begin(self, start: np.ndarray) -> None:
         q, v, a = start
@@ -170,7 +177,6 @@ class WatchedRun:
         self._step_error = StepError(self._indicator.step, start.copy(), modes)
         self._states[0] = q, v, a, np.zeros_like(q)
         self._angles[0] = q[:, 0]
-        self._n_waiting = 0
 
     def _look(self, motion: np.ndarray, last: int) -> None:
         """Follow the errors over some steps, the last one given by its number, and take modes anew where needed."""

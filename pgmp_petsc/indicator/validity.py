@@ -74,36 +74,51 @@ class Validity:
             for weights in (tables.mass_weights, tables.stiffness_weights)
         ]
         self._block: list[tuple[np.ndarray, ...]] = []
+        self._n_waiting = 0
         self._deformed: list[np.ndarray] = []
         self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
 
-    def observe(self, number: int, time: float, state: State) -> None:
+    def __call__(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
-        last = number == self._n_steps
-        if number % EVERY and not last:
-            return
+        self.over(number, np.array([time]), np.array([[state.q, state.v, state.a]]))
+
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """Look at those of many states whose turn it is; see `TrailObserver`."""
+        numbers = first + np.arange(times.size)
+        looked_at = np.flatnonzero((numbers % EVERY == 0) | (numbers == self._n_steps))
+        while looked_at.size:
+            now, looked_at = np.split(looked_at, [self._part - self._n_waiting])
+            self._wait(times[now], trail[now])
+            # a sample that fails may overflow here before it is given up
+            with np.errstate(all="ignore"):
+                last = numbers[now[-1]] == self._n_steps
+                if last or self._n_waiting == self._part:
+                    self._evaluate()
+                # the states of a single run together: they cost little more than one
+                if last or self._system.n_samples > 1:
+                    self._strain()
+
+    def _wait(self, times: np.ndarray, trail: np.ndarray) -> None:
+        """Keep states, (n_t, 3, n, n_eta), until there are enough of them."""
         r = self._model.terms.tables.n_coordinates
-        known = (state.q.copy(),)
+        known = (trail[:, 0],)
         if self._model.stiffness_changes is not None:
-            loads, forces = self._system.load_amplitudes(time), self._system.action_forces(time, state)
-            known += (loads, forces, state.v[:, :r].copy(), state.a[:, :r].copy())
-        self._block.append(known)
-        # a sample that fails may overflow here before it is given up
-        with np.errstate(all="ignore"):
-            if last or len(self._block) == self._part:
-                self._evaluate()
-            # the states of a single run together: they cost little more than one
-            if last or self._system.n_samples > 1:
-                self._strain()
+            loads, forces = self._system.load_amplitudes(times), self._system.action_forces(times, trail)
+            known += (loads, forces, trail[:, 1, :, :r], trail[:, 2, :, :r])
+        # a copy: the trail goes on
+        self._block.append(
+            tuple(np.array(part).reshape(times.size * self._system.n_samples, part.shape[2]) for part in known)
+        )
+        self._n_waiting += times.size
 
     def _evaluate(self) -> None:
         """Follow the stiffness over the states at hand, and find the most deformed ones."""
         model, tables, of_stiffness = self._model, self._model.terms.tables, self._weights[1]
         q, *loading = (np.concatenate(parts) for parts in zip(*self._block))
-        n_steps, (n, n_eta) = len(self._block), self._block[0][0].shape
-        self._block = []
+        n, n_steps = self._system.n_samples, self._n_waiting
+        self._block, self._n_waiting = [], 0
         places = tables.samples.nearest(q[:, : tables.n_coordinates])
-        states = np.zeros((n, n_eta))
+        states = np.zeros((n, q.shape[1]))
         keep_most_deformed(places, q, tables.stiffness, of_stiffness, states)
         self._deformed.append(states)
         if loading:

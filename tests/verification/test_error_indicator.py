@@ -47,7 +47,7 @@ SEEN = (
 def estimated(model: ReducedModel, values: Mapping[str, np.ndarray], n: int) -> Estimate:
     """Run all samples and estimate their errors."""
     watched = ErrorIndicator(model).watch(values, np.arange(n))
-    run = integrate(model.batch(values, n), model.scene.simulation, observer=watched.observe)
+    run = integrate(model.batch(values, n), model.scene.simulation, observer=watched)
     return watched.estimate(run.status)
 
 
@@ -221,7 +221,7 @@ def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
     values = draw(paper_scene(), SEED, 0, 3)
     expected = estimated(model, values, 3)
     watched = ErrorIndicator(model).watch(values, np.array([0, 1, 2]))
-    integrate(model.batch(values, 3), model.scene.simulation, observer=watched.observe)
+    integrate(model.batch(values, 3), model.scene.simulation, observer=watched)
     watched._states[1:, :, 2] = np.nan  # noqa: SLF001 (a motion that cannot be placed)
     found = watched.estimate(np.array([Status.FINE, Status.NOT_CONVERGED, Status.FINE]))
     for kind in ("largest", "at_end"):
