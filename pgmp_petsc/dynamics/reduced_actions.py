@@ -9,11 +9,12 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import LocalEffects, Places
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.dynamics.reduced_terms import fine_grid, grid_of
+from pgmp_petsc.dynamics.reduced_terms import grid_of
 from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 

@@ -1,8 +1,7 @@
 """The terms of the reduced equations of motion as interpolants, shared by all samples of an ensemble.
 
-What belongs to the rigid motion alone, ``(d rho/d theta)^T M_i (d rho/d theta)``, follows from the exact rigid
-kinematics without an eigenproblem, on a grid as fine as wanted; only what involves flexible modes is interpolated
-between the samples.
+What belongs to the rigid motion alone comes on a fine grid (`reduction.rigid_inertia`); what involves flexible modes is
+interpolated between the samples.
 """
 
 from __future__ import annotations
@@ -15,23 +14,18 @@ from functools import cached_property
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_arrays import Layout, Tables
 from pgmp_petsc.dynamics.vectors import N_POWERS_OF_RIGID
-from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
-from pgmp_petsc.reduction.sample_grid import SampleGrid
-from pgmp_petsc.reduction.samples import Samples
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.tables import ReducedTables
 
-N_RIGID = 1024  # cubic spline: an error of (2 pi / 1024)^4 / 384 = 4e-12 of the fourth derivative
 # rad; in such cells polynomials of degree 7 agree with the rigid inertia to 4e-10 of its largest value in all scenes of
 # one coordinate. Of two, 12 cells a turn are as good as the spline is: 5e-7 in five_bar.
 WIDEST = 2 * np.pi / 48
-N_RIGID_OF_MORE = 192  # along each axis of two coordinates: 3e-9 of the fourth derivative, and some 40 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +67,7 @@ class ReducedTerms:
     def of(
         cls,
         tables: ReducedTables,
+        rigid: np.ndarray,
         kinematics: RigidKinematics,
         projection: np.ndarray,
         scheme: str,
@@ -83,6 +78,10 @@ class ReducedTerms:
 
         Parameters
         ----------
+        rigid
+            Rigid inertia, as from `rigid_inertia`.
+        kinematics
+            The mechanism's; gives its size.
         projection
             Flexible vectors, shape (n, n_dofs, n_delta); gives the scale of the flexible coordinates.
         scheme
@@ -118,7 +117,7 @@ class ReducedTerms:
         return cls(
             tables=tables,
             weights=weights,
-            rigid=rigid_inertia(tables, weights, kinematics),
+            rigid=interpolant(fine_grid(samples), _spread(rigid, tables.mass_weights, weights), "spline"),
             terms=interpolant(samples, np.concatenate(parts, axis=2), scheme),
             layout=Layout(tuple(range(r)), n_eta, *ends[:6], ends[-1], load.shape[2], quadratic),
             load=interpolant(samples, load, scheme),
@@ -178,37 +177,6 @@ def _in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
         scale = np.multiply.outer(scale, axis.step ** -along.astype(float)).ravel()
     moved = np.moveaxis(polynomials * scale[:, None, None], 1, -1)
     return np.ascontiguousarray(moved).reshape(*moved.shape[:2], moved.shape[2] * moved.shape[3])
-
-
-def fine_grid(samples: SampleGrid) -> SampleGrid:
-    """Return the grid on which what the rigid kinematics gives is tabulated, over the range of the samples."""
-    n = N_RIGID if samples.n_coordinates == 1 else N_RIGID_OF_MORE
-    return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in samples))
-
-
-def rigid_inertia(tables: ReducedTables, weights: tuple[Monomial, ...], kinematics: RigidKinematics) -> Interpolant:
-    """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every term, packed, from the kinematics alone.
-
-    In its own frame a body moves as a combination of three constant vectors, so the mass that belongs to the velocities
-    of all bodies is assembled once.
-    """
-    fine = fine_grid(tables.samples)
-    mechanism = kinematics.mechanism
-    unit = np.zeros((mechanism.n_dofs, 0))
-    for body in mechanism.bodies:
-        fields = linear_fields(body)
-        own = np.zeros((mechanism.n_dofs, fields.shape[1]))
-        own[body.dofs] = fields
-        unit = np.hstack([unit, own])
-    terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
-    poses = kinematics.poses(fine.theta)
-    rates = kinematics.rates(poses)
-    local = np.concatenate([mechanism.space.velocity_field(*pair) for pair in zip(poses, rates)])
-    values = [
-        np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True)
-        for w in tables.mass_weights
-    ]
-    return interpolant(fine, _spread(pack(np.stack(values, axis=1)), tables.mass_weights, weights), "spline")
 
 
 def coupling_of(tables: ReducedTables, scheme: str) -> np.ndarray:

@@ -44,7 +44,7 @@ class LoopClosure:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        self.size = max(body.extent for body in mechanism.bodies)
+        self.size = size_of(mechanism)
         self.n_coordinates = len(mechanism.coordinates)
         self.n_pose = mechanism.space.n_pose
         origin = np.zeros(mechanism.space.dimension)
@@ -64,8 +64,7 @@ class LoopClosure:
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
-        values = (f"{c.name} = {value:.6g}" for c, value in zip(self.mechanism.coordinates, theta))
-        return f"{', '.join(values)} rad"
+        return described(self.mechanism, theta)
 
     def measured(self, poses: np.ndarray) -> np.ndarray:
         """Return the coordinates at poses (n_bodies, n_pose, n), shape (n_theta, n)."""
@@ -106,6 +105,13 @@ class LoopClosure:
         right = np.einsum("cijn,cikn,cjln->nckl", self._rows.hessians(unknowns), moving, moving, optimize=True)
         result = -_solved(self.jacobian(poses), right.reshape(n, self._rows.n, -1))
         return np.moveaxis(result, 0, -1).reshape(-1, self.n_pose, n_theta, n_theta, n)
+
+    def gap(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Return the largest scaled residual (n,) at theta (n, n_theta)."""
+        return self._scaled_gap(self.residual(poses, theta))
+
+    def _scaled_gap(self, residual: np.ndarray) -> np.ndarray:
+        return np.max(np.abs(residual) / self._scale[: len(residual), None], axis=0, initial=0.0)
 
     def close(self, poses: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Run Newton's method at all theta (n, n_theta) together, from poses (n_bodies, n_pose, n).
@@ -174,7 +180,7 @@ class LoopClosure:
         for _ in range(MAX_ITERATIONS):
             wanted = self.measured(poses).T if theta is None else theta
             residual = self.residual(poses, wanted)[:n_rows]
-            gap = np.max(np.abs(residual) / self._scale[:n_rows, None], axis=0, initial=0.0)
+            gap = self._scaled_gap(residual)
             # each theta stops by itself, so that the others in the call have no part in its last digits
             open_ones = (gap >= CLOSURE_TOLERANCE) & np.isfinite(gap)
             if not open_ones.any():
@@ -185,6 +191,17 @@ class LoopClosure:
             turn = np.max(self.mechanism.space.turns(step), axis=0)
             poses[..., open_ones] = moving - step * np.minimum(1.0, 0.5 / np.maximum(turn, 1e-300))
         return poses, gap
+
+
+def size_of(mechanism: Mechanism) -> float:
+    """Return a length that is typical of a mechanism: the largest extent of a body, m."""
+    return max(body.extent for body in mechanism.bodies)
+
+
+def described(mechanism: Mechanism, theta: np.ndarray) -> str:
+    """Name a configuration (n_theta,): ``theta = 0.1 rad``."""
+    values = (f"{c.name} = {value:.6g}" for c, value in zip(mechanism.coordinates, theta))
+    return f"{', '.join(values)} rad"
 
 
 def _solved(jacobian: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from pgmp_petsc.mechanism.closure import LoopClosure
+from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
@@ -52,6 +53,8 @@ class RigidKinematics:
 
     Parameters
     ----------
+    branch
+        Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
     mechanism
         The mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two at the
         configuration nearest to the first guess, or else at their lower ends or the middle of their range.
@@ -74,7 +77,7 @@ class RigidKinematics:
         degrees of freedom, or if the coordinates lose control of it (singular J).
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, branch: PoseBranch | None = None) -> None:
         self.mechanism = mechanism
         self.coordinates = mechanism.coordinates
         self.coordinate = mechanism.coordinates[0]
@@ -84,16 +87,9 @@ class RigidKinematics:
                 f"coordinates: {names}: {self.n_coordinates} independent coordinates were given; at most "
                 f"{MOST_COORDINATES} are taken, as the configurations to be followed are a grid over all of them"
             )
-        self._closure = LoopClosure(mechanism)
-        self.size = self._closure.size
-        axes = [self._axis(coordinate.lower, coordinate.upper) for coordinate in self.coordinates]
-        start, assembled = self._assemble(axes)
-        self._check_count(assembled)
-        self._branch = _Branch(self._closure, Continuation(self._closure, axes, start, assembled), axes)
-        self._winding = np.zeros((self.n_coordinates, len(mechanism.bodies)))
-        for k, coordinate in enumerate(self.coordinates):
-            if coordinate.periodic:
-                self._winding[k] = self._branch.winding(k)
+        self.size = size_of(mechanism)
+        self.branch = branch or self._continued()
+        self.n_redundant = self.branch.n_redundant
         self._followed: dict[bytes, RigidMotion] = {}
 
     @property
@@ -114,8 +110,20 @@ class RigidKinematics:
             return RigidKinematics(mechanism)  # masses on rigid bodies are bodies of their own: nothing can be shared
         other = copy(self)
         other.mechanism, other.coordinates = mechanism, mechanism.coordinates
-        other.coordinate, other._closure = mechanism.coordinates[0], LoopClosure(mechanism)
+        other.coordinate = mechanism.coordinates[0]
+        other.__dict__.pop("_closure", None)
         return other
+
+    @cached_property
+    def _closure(self) -> LoopClosure:
+        return LoopClosure(self.mechanism)
+
+    def _continued(self) -> PoseBranch:
+        """Follow the assembly branch over the range."""
+        axes = [self._axis(coordinate.lower, coordinate.upper) for coordinate in self.coordinates]
+        start, assembled = self._assemble(axes)
+        n_redundant = self._check_count(assembled)
+        return PoseBranch.of(self._closure, Continuation(self._closure, axes, start, assembled), axes, n_redundant)
 
     def follow(self, theta: np.ndarray) -> None:
         """Compute the motion at configurations (n, n_theta) together, for `motion` to be asked one by one."""
@@ -139,7 +147,7 @@ class RigidKinematics:
 
     def describe(self, theta: np.ndarray) -> str:
         """Name a configuration (n_theta,), for messages: ``theta = 0.1 rad``."""
-        return self._closure.describe(np.atleast_1d(theta))
+        return described(self.mechanism, np.atleast_1d(theta))
 
     def poses(self, theta: np.ndarray) -> np.ndarray:
         """Solve the rigid closure.
@@ -160,8 +168,10 @@ class RigidKinematics:
             if coordinate.periodic:
                 turns[:, k] = np.floor((theta[:, k] - coordinate.lower) / (2 * np.pi))
         inside = theta - 2 * np.pi * turns
-        poses = self._closure.close(self._branch.guess(inside), inside)
-        return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self._winding, turns))
+        poses = self.branch.guess(inside)
+        if not (self.branch.is_exact and self.branch.covers(inside)):
+            poses = self._closure.close(poses, inside)
+        return self.mechanism.space.turned(poses, np.einsum("kb,nk->bn", self.branch.winding, turns))
 
     def rates(self, poses: np.ndarray) -> np.ndarray:
         """Return ``dP/dtheta_k`` at poses (n_bodies, 3, n), shape (n_bodies, 3, n_theta, n)."""
@@ -243,8 +253,11 @@ class RigidKinematics:
             nearest.append(int(np.argmin(np.abs(axis - value))))
         return [nearest, lowest, [axis.size // 2 for axis in axes]]
 
-    def _check_count(self, poses: np.ndarray) -> None:
-        """Compare the number of coordinates with the degrees of freedom at the assembled configuration."""
+    def _check_count(self, poses: np.ndarray) -> int:
+        """Compare the number of coordinates with the degrees of freedom at the assembled configuration.
+
+        Returns the number of constraints that follow from the others.
+        """
         space, n_bodies = self.mechanism.space, len(self.mechanism.bodies)
         n_tied = space.n_tied * n_bodies  # constraints that make poses rigid, and no joints
         n_constraints, n_poses = self.mechanism.n_constraints, space.n_pose * n_bodies - n_tied
@@ -259,7 +272,7 @@ class RigidKinematics:
                 f"({n_poses} of its {len(self.mechanism.bodies)} bodies less "
                 f"{rank} independent constraints), but {named} named: {names}. Both numbers must be equal"
             )
-        self.n_redundant = n_constraints - rank
+        return n_constraints - rank
 
 
 def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
@@ -267,76 +280,3 @@ def _reaches(coordinate: Coordinate, theta: np.ndarray) -> np.ndarray:
     if coordinate.periodic:
         return np.abs(theta) <= FURTHEST
     return (theta >= coordinate.lower - REACH) & (theta <= coordinate.upper + REACH)
-
-
-class _Branch:
-    """Poses and their derivatives over the grid of the continuation, from which Newton's method starts."""
-
-    def __init__(self, closure: LoopClosure, continued: Continuation, axes: Sequence[np.ndarray]) -> None:
-        self.winding = continued.winding
-        self._axes, self._shape = axes, continued.shape
-        self._steps = np.array([axis[1] - axis[0] for axis in axes])
-        self._theta, poses = continued.theta, continued.poses
-        # one step more, to the last digit: all later poses are interpolated between these
-        poses = poses - closure.newton_step(poses, closure.residual(poses, self._theta))
-        rates = closure.rates(poses)
-        curvatures = closure.curvatures(poses, rates)
-        self._pose_shape, n_poses = poses.shape[:2], poses.shape[0] * poses.shape[1]
-        n_theta = len(axes)
-        self._poses = poses.reshape(n_poses, -1).T
-        self._rates = np.moveaxis(rates.reshape(n_poses, n_theta, -1), -1, 0)
-        self._curvatures = np.moveaxis(curvatures.reshape(n_poses, n_theta, n_theta, -1), -1, 0)
-        if n_theta == 1:
-            step = self._steps[0]
-            derivatives = (self._poses, self._rates[..., 0] * step, self._curvatures[..., 0, 0] * (0.5 * step**2))
-            self._quintic = np.array(derivatives)
-
-    def guess(self, theta: np.ndarray) -> np.ndarray:
-        """Return poses (n_bodies, 3, n) near the solution at theta (n, n_theta)."""
-        guess = self._between(theta[:, 0]) if len(self._axes) == 1 else self._near(theta)
-        return np.ascontiguousarray(guess.T).reshape(*self._pose_shape, len(theta))
-
-    def _between(self, theta: np.ndarray) -> np.ndarray:
-        """Interpolate by quintic Hermite polynomials.
-
-        They are so close (sixth order in `FINE_STEP`) that Newton's method has nothing left to do as a rule.
-        """
-        result = np.empty((theta.size, self._poses.shape[1]))
-        _hermite(np.ascontiguousarray(theta), self._axes[0][0], self._steps[0], self._quintic, result)
-        return result
-
-    def _near(self, theta: np.ndarray) -> np.ndarray:
-        """Continue from the nearest configuration to second order."""
-        places = [
-            np.clip(np.rint((theta[:, k] - axis[0]) / self._steps[k]), 0, axis.size - 1).astype(int)
-            for k, axis in enumerate(self._axes)
-        ]
-        rows = np.ravel_multi_index(places, self._shape)
-        away = theta - self._theta[rows]
-        first = np.einsum("npk,nk->np", self._rates[rows], away)
-        return self._poses[rows] + first + 0.5 * np.einsum("npkl,nk,nl->np", self._curvatures[rows], away, away)
-
-
-@njit(cache=True, error_model="numpy")
-def _hermite(theta, first, step, continued, result):
-    """Fill result (n, n_p) with quintic Hermite polynomials through values and derivatives at equal distances.
-
-    `continued` holds values, first derivatives times the step and second ones times half its square, shape (3,
-    n_points, n_p).
-    """
-    for k in range(theta.size):
-        position = (theta[k] - first) / step
-        cell = min(max(int(position), 0), continued.shape[1] - 2)
-        x = position - cell
-        y = 1.0 - x
-        # seen from its far end, a cell is that of the near one in the mirror
-        a, b = y * y * y, x * x * x
-        for i in range(result.shape[1]):
-            near = continued[0, cell, i] * (1.0 + x * (3.0 + 6.0 * x)) + x * (1.0 + 3.0 * x) * continued[1, cell, i]
-            far = (
-                continued[0, cell + 1, i] * (1.0 + y * (3.0 + 6.0 * y))
-                - y * (1.0 + 3.0 * y) * continued[1, cell + 1, i]
-            )
-            near += x * x * continued[2, cell, i]
-            far += y * y * continued[2, cell + 1, i]
-            result[k, i] = a * near + b * far

@@ -58,7 +58,7 @@ class ReducedModel:
         self.scene = scene
         self.identity = rom.identity
         self.meshes = rom.meshes
-        self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes))
+        self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)
         mechanism = self.kinematics.mechanism
         scheme = scene.reduction.interpolation
         self.effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
@@ -66,7 +66,9 @@ class ReducedModel:
         self._check_start(rom.tables.samples)
         self.outputs = OutputSet.of(scene, self.kinematics, self.start[0])
         damping = ReducedDamping.of(self.effects, self.kinematics, rom)
-        self.terms = ReducedTerms.of(rom.tables, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic)
+        self.terms = ReducedTerms.of(
+            rom.tables, rom.rigid_inertia, self.kinematics, rom.projection, scheme, damping, scene.gyroscopic
+        )
         self._actions = ReducedActions.of(
             actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
         )

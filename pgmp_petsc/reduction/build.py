@@ -33,6 +33,7 @@ from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
+from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sampler import Sample, Sampler
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -152,6 +153,8 @@ def _built(
     )
     return ReducedOrderModel(
         tables=tables,
+        branch=kinematics.branch,
+        rigid_inertia=rigid_inertia(tables.samples, tables.mass_weights, kinematics),
         projection=basis.projection,
         frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,

@@ -12,9 +12,12 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
+from pgmp_petsc.reduction.branch_files import put_branch, take_branch
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.second_order import SecondOrderTables
@@ -34,12 +37,16 @@ CURVATURE_UNITS = "m of the translations, 1 of the rotations, per unit of two mo
 
 @dataclass(frozen=True)
 class ReducedOrderModel:
-    """Reduced tables, and what is needed to come back to the nodes.
+    """Reduced tables, the rigid motion, and what is needed to come back to the nodes.
 
     Attributes
     ----------
     tables
         Reduced matrices and loads at the samples.
+    branch
+        Poses of the rigid mechanism over its range.
+    rigid_inertia
+        That of the rigid motion on the fine grid, as from `reduction.rigid_inertia`.
     projection
         Flexible modes in body frames at the samples, shape (n, n_dofs, n_modes); empty along the second axis where
         only the tables were read.
@@ -65,6 +72,8 @@ class ReducedOrderModel:
     """
 
     tables: ReducedTables
+    branch: PoseBranch
+    rigid_inertia: np.ndarray
     projection: np.ndarray
     frequencies_hz: np.ndarray
     cosines: np.ndarray
@@ -106,6 +115,9 @@ class ReducedOrderModel:
             group["load"].attrs["effects"] = list(tables.load_effects)
             if tables.second_order is not None:
                 _put_second_order(group.create_group("second_order"), tables)
+            about = "(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l"
+            _put_terms(group, "rigid", self.rigid_inertia, tables.mass_weights, about, "theta on a fine grid")
+            put_branch(file.create_group("kinematics"), self.branch)
             about = "flexible modes in body frames, (theta, unknown, mode)"
             put(file, "projection", self.projection, NODE_UNITS, about)
             if self.curvature is not None:
@@ -160,7 +172,10 @@ class ReducedOrderModel:
             second_order=_second_order(group["second_order"]) if "second_order" in group else None,
             changes=_changes(group["second_order"]) if "second_order" in group else None,
         )
-        _check_shapes(tables, file.filename)
+        rigid, branch = take(group, "rigid", 3), take_branch(file["kinematics"])
+        _check_tables(tables, rigid, file.filename)
+        kinematics = {"poses": branch.poses, "rates": branch.rates, "curvatures": branch.curvatures}
+        _check_finite({f"kinematics/{name}": values for name, values in kinematics.items()}, file.filename)
         meshes = {name: take_shape(body) for name, body in file["mesh"].items()}
         n_modes, curvature = tables.n_modes, None
         projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
@@ -169,8 +184,12 @@ class ReducedOrderModel:
             curvature = take(file, "curvature", 3) if with_projection else np.empty((samples.n, 0, n_pairs))
             if curvature.shape != (*projection.shape[:2], n_pairs):
                 raise InputError(f"file '{file.filename}': curvature has shape {curvature.shape}; build it again")
+            _check_finite({"curvature": curvature}, file.filename)
+        _check_finite({"projection": projection}, file.filename)
         return cls(
             tables=tables,
+            branch=branch,
+            rigid_inertia=rigid,
             projection=projection,
             frequencies_hz=take(file, "frequencies_hz", 2),
             cosines=take(file, "cosines", 1),
@@ -229,32 +248,40 @@ def _stiffness_changes(file, n: int) -> StiffnessChanges | None:
     return changes
 
 
-def _check_shapes(tables: ReducedTables, filename: str) -> None:
-    """Raise `InputError` unless the tables fit together."""
-    n, n_eta = tables.samples.n, tables.mass.shape[-1]
+def _check_tables(tables: ReducedTables, rigid: np.ndarray, filename: str) -> None:
+    """Raise `InputError` unless the tables fit together and are finite."""
+    n, n_eta, n_delta, r = tables.samples.n, tables.mass.shape[-1], tables.n_modes, tables.n_coordinates
     n_mass, n_stiffness, n_load = map(len, (tables.mass_weights, tables.stiffness_weights, tables.load_weights))
-    n_delta = tables.n_modes
+    found = {name: getattr(tables, name) for name in ("mass", "inertia", "stiffness", "load")} | {"rigid": rigid}
     wanted = {
         "mass": (n, n_mass, n_eta, n_eta),
         "inertia": (n, n_mass, n_eta - n_delta, n_eta - n_delta, n_delta),
         "stiffness": (n, n_stiffness, n_delta, n_delta),
         "load": (n, n_load, n_eta),
+        "rigid": (fine_grid(tables.samples).n, n_mass, r * (r + 1) // 2),
     }
-    found_shapes = {name: getattr(tables, name).shape for name in wanted}
     if tables.second_order is not None:
-        curved = {
+        found |= {name: getattr(tables.second_order, name) for name in ("cubic", "curved_load", "curved_inertia")}
+        found |= {name: getattr(tables.changes, name) for name in ("gyroscopic", "spread")}
+        wanted |= {
             "cubic": (n, n_stiffness, n_delta, n_delta, n_delta),
             "curved_load": (n, n_load, n_delta, n_delta),
             "curved_inertia": (n, n_mass, n_delta, n_delta),
+            "gyroscopic": (n, n_mass, n_delta, n_delta),
+            "spread": (n, n_mass, n_delta, n_delta),
         }
-        changed = dict.fromkeys(("gyroscopic", "spread"), (n, n_mass, n_delta, n_delta))
-        found_shapes |= {name: getattr(tables.second_order, name).shape for name in curved}
-        found_shapes |= {name: getattr(tables.changes, name).shape for name in changed}
-        wanted |= curved | changed
     for name, shape in wanted.items():
-        found = found_shapes[name]
-        if found != shape or len(tables.load_effects) != n_load:
-            raise InputError(f"file '{filename}': table {name} has shape {found}, not {shape}; build it again")
+        if found[name].shape != shape or len(tables.load_effects) != n_load:
+            raise InputError(
+                f"file '{filename}': table {name} has shape {found[name].shape}, not {shape}; {BUILD_AGAIN}"
+            )
+    _check_finite(found, filename)
+
+
+def _check_finite(arrays: Mapping[str, np.ndarray], filename: str) -> None:
+    for name, values in arrays.items():
+        if not np.isfinite(values).all():
+            raise InputError(f"file '{filename}': {name} holds numbers that are not finite; {BUILD_AGAIN}")
 
 
 def _put_second_order(group, tables: ReducedTables) -> None:
@@ -275,8 +302,10 @@ def _changes(group) -> ModeChanges:
     return ModeChanges(take(group, "gyroscopic", 4), take(group, "spread", 4))
 
 
-def _put_terms(group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str) -> None:
-    dataset = put(group, name, data, "SI, weight taken out", f"{description}, (theta, term, ...)")
+def _put_terms(
+    group, name: str, data: np.ndarray, weights: tuple[Monomial, ...], description: str, places: str = "theta"
+) -> None:
+    dataset = put(group, name, data, "SI, weight taken out", f"{description}, ({places}, term, ...)")
     dataset.attrs["weights"] = [str(weight) for weight in weights]
 
 

@@ -8,7 +8,7 @@ has
 ===================== ==========================================================================
 attribute             meaning
 ===================== ==========================================================================
-``format_version``    integer, :data:`FORMAT_VERSION`
+``format_version``    integer, :func:`version_of` the kind
 ``program_version``   version of pgmp_petsc that wrote it
 ``kind``              ``rom``, ``trajectory``, ``ensemble``, ``modes`` or ``tradeoff``
 ``scene``             the resolved scene as TOML
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT_VERSION = 2
+VERSIONS = {"rom": 3}  # of kinds that have changed since
 WRITE_AGAIN, BUILD_AGAIN = "write it again", "build it again with pgmp build"
 _REQUIRED = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 # that of HDF5 1.8 (2008): attributes beyond 64 kB, such as the probabilities of 10,000 quantiles
@@ -181,14 +182,19 @@ def write_file(
             with h5py.File(
                 partial, "w", driver="fileobj", fileobj=stream, userblock_size=SIZE, libver=_LIBRARIES
             ) as file:
-                file.attrs["format_version"] = FORMAT_VERSION
+                file.attrs["format_version"] = version_of(kind)
                 file.attrs["program_version"] = __version__
                 file.attrs["kind"] = kind
                 for name, value in (attributes or {}).items():
                     file.attrs[name] = value
                 yield file
             stream.finish()
-        seal(partial, kind, FORMAT_VERSION)
+        seal(partial, kind, version_of(kind))
+
+
+def version_of(kind: str) -> int:
+    """Return the format version of files of a kind."""
+    return VERSIONS.get(kind, FORMAT_VERSION)
 
 
 def open_file(path: str | os.PathLike[str], kinds: str | Collection[str]) -> h5py.File:
@@ -282,10 +288,10 @@ def _check_sealed(path: Path, kinds: tuple[str, ...]) -> None:
         raise InputError(f"file '{path}' cannot be read: {first_line(error)}; needed: {_names(kinds)}") from error
     if found.kind not in kinds:
         raise InputError(f"file '{path}' holds {named(found.kind)}; needed: {_names(kinds)}")
-    if found.format != FORMAT_VERSION:
+    if found.format != version_of(found.kind):
         raise InputError(
-            f"file '{path}' has format version {found.format}; this pgmp {__version__} reads version {FORMAT_VERSION}; "
-            "write the file again"
+            f"file '{path}' has format version {found.format}; this pgmp {__version__} reads version "
+            f"{version_of(found.kind)}; {BUILD_AGAIN if found.kind == 'rom' else WRITE_AGAIN}"
         )
 
 
@@ -312,7 +318,7 @@ def _check_attributes(file: h5py.File, path: Path, kinds: tuple[str, ...]) -> No
     if missing:
         raise InputError(f"file '{path}' lacks the attribute(s) {', '.join(missing)}; write it again")
     version, kind = file.attrs["format_version"], file.attrs["kind"]
-    if str(version) != str(FORMAT_VERSION) or str(kind) not in kinds:
+    if str(kind) not in kinds or str(version) != str(version_of(str(kind))):
         raise InputError(f"file '{path}' is damaged: its attributes say {kind}, version {version}; write it again")
 
 

@@ -14,7 +14,7 @@ from runs import PAPER_SCENE, PGMP, SMALL, besides_progress, full_model, history
 
 from pgmp_petsc import __version__
 from pgmp_petsc.results import Ensemble, ModesTable, Trajectory
-from pgmp_petsc.runtime.files import FORMAT_VERSION
+from pgmp_petsc.runtime.files import version_of
 
 ATTRIBUTES = ("format_version", "program_version", "kind", "scene", "parameters", "seed", "ranks", "remarks")
 OUTPUTS = ("crank_angle", "slider_position", "slider_deformation")
@@ -74,7 +74,7 @@ def assert_attributes(path: Path, kind: str, ranks: int = 1, seed: int | None = 
     """Check what every file carries."""
     with h5py.File(path) as file:
         assert set(ATTRIBUTES) <= set(file.attrs)
-        assert file.attrs["format_version"] == FORMAT_VERSION
+        assert file.attrs["format_version"] == version_of(kind)
         assert file.attrs["program_version"] == __version__
         assert file.attrs["kind"] == kind
         assert file.attrs["ranks"] == ranks

@@ -15,9 +15,10 @@ from scenes import slider_crank
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.dynamics.reduced_terms import coupling_of, rigid_inertia
+from pgmp_petsc.dynamics.reduced_terms import coupling_of
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 
@@ -52,7 +53,7 @@ def energy_of(model: ReducedModel) -> tuple[Callable[[np.ndarray, np.ndarray], f
     stiffness = table(tables.stiffness_weights, tables.stiffness)
     coupling = table(tables.mass_weights, coupling_of(tables, scheme))
     weights = evaluate_weights(tables.mass_weights, values)
-    exact = rigid_inertia(tables, tables.mass_weights, model.kinematics)
+    exact = interpolant(fine_grid(tables.samples), rom().rigid_inertia, "spline")
 
     def rigid(theta: float) -> float:
         return float(weights @ exact(np.array([theta % TURN]))[0, :, 0])

@@ -17,10 +17,10 @@ from pgmp_petsc.dynamics.reduced_terms import (
     coupling_of,
     displacement_scale,
     pack,
-    rigid_inertia,
 )
 from pgmp_petsc.mechanism.body_frames import rigid_velocities
-from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene import Scene
 
@@ -35,6 +35,14 @@ SCHEMES = ["overhauser", "spline", "spectral"]
 @pytest.fixture(scope="module")
 def rom() -> ReducedOrderModel:
     return rom_of(slider_crank())
+
+
+def terms_of(rom: ReducedOrderModel, scene: Scene, scheme: str) -> ReducedTerms:
+    return ReducedTerms.of(rom.tables, rom.rigid_inertia, kinematics_of(scene), rom.projection, scheme)
+
+
+def rigid_of(rom: ReducedOrderModel) -> Interpolant:
+    return interpolant(fine_grid(rom.tables.samples), rom.rigid_inertia, "spline")
 
 
 def direct_inertia(scene: Scene, theta: float) -> dict:
@@ -54,27 +62,23 @@ def direct_inertia(scene: Scene, theta: float) -> dict:
 )
 def test_the_rigid_inertia_is_that_of_the_kinematics(scene: Callable[..., Scene]) -> None:
     scene = scene()
-    kinematics, tables = kinematics_of(scene), rom_of(scene).tables
-    weights = tuple(sorted({*tables.mass_weights, *tables.stiffness_weights}))
-    inertia = rigid_inertia(tables, weights, kinematics)
+    tables, inertia = rom_of(scene).tables, rigid_of(rom_of(scene))
     samples = tables.samples.axes[0]
     # neither samples nor points of the fine grid
     for theta in samples.lower + (samples.upper - samples.lower) * np.array([0.0, 0.1234567, 0.5, 0.7654321, 0.9998]):
         expected = direct_inertia(scene, theta)
         size = max(expected.values())
         found = inertia(np.array([theta]))[0, :, 0]
-        for weight, value in zip(weights, found):
-            assert value == pytest.approx(expected.get(weight, 0.0), abs=1e-9 * size), (theta, weight)
+        for weight, value in zip(tables.mass_weights, found):
+            assert value == pytest.approx(expected[weight], abs=1e-9 * size), (theta, weight)
     # at the samples it is the table's own, which knows it from the modes' basis; over two turns the step is double
-    own = np.array([weights.index(weight) for weight in tables.mass_weights])
     of_tables = tables.mass[:, :, 0, 0]
-    np.testing.assert_allclose(inertia(samples.theta)[:, own, 0], of_tables, rtol=0, atol=4e-9 * of_tables.max())
+    np.testing.assert_allclose(inertia(samples.theta)[:, :, 0], of_tables, rtol=0, atol=4e-9 * of_tables.max())
 
 
 def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom: ReducedOrderModel) -> None:
     scene, step = slider_crank(), 1e-4
-    weights = rom.tables.mass_weights
-    slope = rigid_inertia(rom.tables, weights, kinematics_of(scene)).slope
+    weights, slope = rom.tables.mass_weights, rigid_of(rom).slope
     for theta in (0.3, 2.0, 4.4):
         ahead, behind = direct_inertia(scene, theta + step), direct_inertia(scene, theta - step)
         expected = np.array([(ahead[w] - behind[w]) / (2 * step) for w in weights])
@@ -85,7 +89,7 @@ def test_the_slope_of_the_rigid_inertia_is_twice_velocity_times_acceleration(rom
 def test_the_polynomials_of_the_rigid_inertia_are_as_good_as_its_spline(angles: int) -> None:
     """The coefficients, in rad from the lower end of a cell, against the spline at any theta."""
     scene = slider_crank(f"reduction.angles={angles}")
-    terms = ReducedTerms.of(rom_of(scene).tables, kinematics_of(scene), rom_of(scene).projection, "spline")
+    terms = terms_of(rom_of(scene), scene, "spline")
     (grid,) = terms.grid
     assert grid.step <= WIDEST * (1 + 1e-9) and grid.n_cells % angles == 0
     for theta in np.linspace(0.0, 2 * np.pi, 77, endpoint=False):
@@ -127,7 +131,7 @@ def test_the_coupling_is_that_of_the_changing_modes(rom: ReducedOrderModel, sche
 
 def test_terms_stand_where_the_layout_says(rom: ReducedOrderModel) -> None:
     tables = rom.tables
-    terms = ReducedTerms.of(tables, kinematics_of(slider_crank()), rom.projection, "overhauser")
+    terms = terms_of(rom, slider_crank(), "overhauser")
     assert set(terms.weights) == {*tables.mass_weights, *tables.stiffness_weights}
     layout = terms.layout
     assert layout == ((0,), 6, 21, 26, 41, 41, 41, 41, 41, 6, True) and not layout.second_order
@@ -155,5 +159,5 @@ def test_terms_stand_where_the_layout_says(rom: ReducedOrderModel) -> None:
 def test_loads_are_absent_where_the_scene_has_none(scheme: str) -> None:
     scene = slider_crank("effects={}", "reduction.angles=8", "reduction.modes=2")
     rom = rom_of(scene)
-    terms = ReducedTerms.of(rom.tables, kinematics_of(scene), rom.projection, scheme)
+    terms = terms_of(rom, scene, scheme)
     assert terms.load(np.array([0.1, 0.2])).shape == (2, 0, 3)
