@@ -33,7 +33,7 @@ def reduced_energy(
     r = len(layout.rigid)
     entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
     entries[:, : layout.n_rigid] = np.einsum("nt,nte->ne", weights, terms.rigid(q[:, :r]))
-    delta, rate, speed = q[:, r:], v[:, r:], v[:, 0]
+    delta, rate = q[:, r:], v[:, r:]
     mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
     k, j = np.tril_indices(r)
     turning = v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)
@@ -43,7 +43,9 @@ def reduced_energy(
     if layout.second_order:
         i, j = np.tril_indices(delta.shape[1], -1)
         swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
-        kinetic += speed * np.sum(gyroscopic * swept, axis=1) - 0.5 * speed**2 * _form(swing, delta)
+        kinetic += np.einsum("nk,nkp,np->n", v[:, :r], gyroscopic.reshape(len(q), r, -1), swept)
+        for pair, part in enumerate(np.split(swing, layout.n_rigid, axis=1)):
+            kinetic -= 0.5 * turning[:, pair] * _form(part, delta)
         strain += _cubic_form(cubic, delta) / 6.0
     return kinetic, strain
 
@@ -79,9 +81,11 @@ def load_powers(
     if terms.layout.second_order:
         # d/dt of 1/2 delta^T B delta
         for number in range(len(power)):
-            bent, slope = load[:, number, n_eta:], slopes[0][:, number, n_eta:]
+            bent = load[:, number, n_eta:]
             crossed = 0.5 * (_form(bent, delta + rate) - _form(bent, delta) - _form(bent, rate))
-            power[number] += crossed + 0.5 * v[:, 0] * _form(slope, delta)
+            power[number] += crossed
+            for k, slope in enumerate(slopes):
+                power[number] += 0.5 * v[:, k] * _form(slope[:, number, n_eta:], delta)
     weighted = np.broadcast_to(evaluate_weights(tables.load_weights, values).T, power.T.shape).T * power
     result: dict[str, np.ndarray] = {}
     for name, part in zip(tables.load_effects, weighted):

@@ -103,8 +103,10 @@ class ReducedTerms:
         if tables.second_order is not None:
             bent, changes = tables.second_order, tables.changes
             parts.append(_spread(pack_cubic(bent.cubic), tables.stiffness_weights, weights))
-            parts.append(_spread(pack(bent.curved_inertia - changes.spread), tables.mass_weights, weights))
-            parts.append(_spread(pack_skew(changes.gyroscopic), tables.mass_weights, weights))
+            swing, gyroscopic = pack(bent.curved_inertia - changes.spread), pack_skew(changes.gyroscopic)
+            for part in (swing, gyroscopic):  # pairs of rigid coordinates, or these, one after the other
+                side_by_side = part.reshape(*part.shape[:2], math.prod(part.shape[2:]))
+                parts.append(_spread(side_by_side, tables.mass_weights, weights))
             load = np.concatenate([load, pack(bent.curved_load)], axis=2)
         else:
             parts += [np.zeros((*parts[0].shape[:2], 0))] * 3

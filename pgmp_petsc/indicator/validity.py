@@ -279,8 +279,7 @@ def _beyond(scene: Scene) -> dict[str, str]:
             f"beyond it (-1), where geometric_stiffening, of first order in these forces, does not hold; {full}"
         )
         return texts
-    several = len(scene.coordinates) > 1
-    cure = f"it is for one coordinate only; {full}" if several else f"name it in [effects] and build again, or {full}"
+    cure = f"name it in [effects] and build again, or {full}"
     what = "the effect geometric_stiffening, which the model leaves out, changes the stiffness of a mode by {} of it"
     texts["stiffness_gained"] = f"{what}: {cure}"
     texts["stiffness_lost"] = f"{what} (-1 is buckling): {cure}"

@@ -94,7 +94,7 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 
 FEATURES = (
-    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, True, True),
+    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, beams_only=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
     Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION, True, True),
     Feature(
@@ -113,7 +113,6 @@ FEATURES = (
         OF_THE_REDUCTION,
         beams_only=True,
     ),
-    Feature("stiffness by loads", _effects_of("geometric_stiffening"), OF_THE_REDUCTION, one_coordinate=True),
     Feature(
         "sizes of effects",
         _command(Purpose.SIZES),

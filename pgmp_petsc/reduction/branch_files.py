@@ -42,20 +42,26 @@ def take_branch(group: h5py.Group) -> PoseBranch:
         If its parts do not fit together.
     """
     about = group.attrs
-    ends = zip(np.atleast_1d(about["lower"]), np.atleast_1d(about["upper"]), np.atleast_1d(about["shape"]))
-    axes = tuple(np.linspace(lower, upper, int(n)) for lower, upper, n in ends)
+    poses, sizes = take(group, "poses", 3), np.atleast_1d(about["shape"])
+    if not (sizes.ndim == 1 and sizes.dtype.kind in "iu" and np.all(sizes > 1) and np.prod(sizes) == len(poses)):
+        raise _misfit(group)
+    ends = zip(np.atleast_1d(about["lower"]), np.atleast_1d(about["upper"]), sizes, strict=True)
+    axes = tuple(np.linspace(lower, upper, n) for lower, upper, n in ends)
     branch = PoseBranch(
         axes,
-        take(group, "poses", 3),
+        poses,
         take(group, "rates", 4),
         take(group, "curvatures", 5),
         take(group, "winding", 2),
         bool(about["is_exact"]),
         int(about["n_redundant"]),
     )
-    r, shape = len(axes), branch.poses.shape
-    fits = shape[0] == np.prod([axis.size for axis in axes]) and min(axis.size for axis in axes) > 1
-    fits &= branch.rates.shape == (*shape, r) and branch.curvatures.shape == (*shape, r, r)
-    if not fits or branch.winding.shape != (r, shape[1]):
-        raise InputError(f"file '{group.file.filename}': the parts of kinematics do not fit together; {BUILD_AGAIN}")
+    r, shape = len(axes), poses.shape
+    fits = branch.rates.shape == (*shape, r) and branch.curvatures.shape == (*shape, r, r)
+    if not fits or branch.winding.shape != (r, shape[1]) or not np.isfinite(np.concatenate(axes)).all():
+        raise _misfit(group)
     return branch
+
+
+def _misfit(group: h5py.Group) -> InputError:
+    return InputError(f"file '{group.file.filename}': the parts of kinematics do not fit together; {BUILD_AGAIN}")

@@ -248,7 +248,7 @@ class _Setting:
             return None
         ordered = [item for _, item in sorted((k, item) for part in parts for k, item in part.items())]
         curvature = np.array([chi for chi, _ in ordered])
-        return basis.curved(curvature, SecondOrderTables.joined([tables for _, tables in ordered]))
+        return basis.curved(store.samples, curvature, SecondOrderTables.joined([tables for _, tables in ordered]))
 
     def _problem(self) -> ModalProblem:
         return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)

@@ -73,20 +73,23 @@ class ContinuousBasis:
             tables = tables.over_two_turns(flipped[axis], axis)
         return cls(tables, projection, groups, combinations, flipped)
 
-    def curved(self, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
-        """Add what is of second order at the samples of one turn of one rigid coordinate.
+    def curved(self, samples: SampleGrid, curvature: np.ndarray, tables: SecondOrderTables) -> ContinuousBasis:
+        """Add what is of second order at the samples of one turn of the rigid coordinates.
 
         Parameters
         ----------
+        samples
+            These, n_sampled of them.
         curvature
             chi, pairs packed, shape (n_sampled, n_dofs, n_pairs).
         tables
             At n_sampled samples.
         """
-        if self.flipped.any():
-            signs = flipping_signs(self.tables.n_modes, self.flipped[0])
-            tables = tables.over_two_turns(signs)
-            curvature = np.concatenate([curvature, curvature @ pair_rotations(np.diag(signs)[None])])
+        for axis in np.flatnonzero(self.flipped.any(axis=1)):
+            signs = flipping_signs(self.tables.n_modes, self.flipped[axis])
+            tables = tables.over_two_turns(samples, axis, signs)
+            curvature = samples.twice(axis, curvature, curvature @ pair_rotations(np.diag(signs)[None]))
+            samples = samples.over_two_turns(axis)
         return replace(self, curvature=curvature, tables=replace(self.tables, second_order=tables))
 
 

@@ -45,7 +45,7 @@ class Manifold:
         Parameters
         ----------
         theta
-            The configuration, shape (1,), rad.
+            The configuration, shape (n_theta,), rad.
         sample
             What was found there.
         combination
@@ -69,8 +69,9 @@ class Manifold:
             problem.inner(shape, curvature.third[weight] / 3.0 + problem.matrices.stiffness[weight] @ everywhere)
             for weight in problem.mechanism.stiffness_weights
         ]
-        acceleration = modes.rigid_curvature[:, 0, :1]
-        inertia = np.concatenate([problem.inner(acceleration, term @ everywhere) for term in mass])
+        k, j = np.tril_indices(modes.rigid.shape[1])
+        accelerations = modes.rigid_curvature[:, k, j]
+        inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
         return curvature.chi, SecondOrderTables(
             cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
             curved_load=unpacked(problem.inner(turned_loads(problem, self._loads, theta), curvature.chi))[None],

@@ -1,7 +1,7 @@
-"""How modes change with theta: the kinetic energy of ``D = d(R Psi)/d theta``, which eq. (7) of the paper leaves out.
+"""How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper.
 
-A flexible mode moves with the velocity ``theta' D delta`` even where delta is constant. In body frames ``D = Psi' + w x
-Psi``, with Psi' from the interpolated projection and w the spin of the body per unit of theta.
+A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
+``D_k = d_k Psi + w_k x Psi``, with d_k Psi from the interpolated projection and w_k the spin of the body per unit of theta_k.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class ModeChanges:
     Attributes
     ----------
     gyroscopic
-        Skew part of ``D^T M_i Psi``, shape (n, n_mass_terms, n_delta, n_delta). Its symmetric part is half the
-        derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
+        Skew part of ``D_k^T M_i Psi``, shape (n, n_mass_terms, n_theta, n_delta, n_delta). Its symmetric part is half
+        the derivative of ``Psi^T M_i Psi``, which vanishes at the nominal parameters.
     spread
-        ``D^T M_i D``, of the same shape.
+        Symmetric part of ``D_k^T M_i D_l``, pairs k >= l, shape (n, n_mass_terms, n_pairs, n_delta, n_delta).
     """
 
     gyroscopic: np.ndarray
@@ -35,7 +35,7 @@ class ModeChanges:
 
 
 def mode_changes(kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str) -> ModeChanges:
-    """Return the tables of changing modes, for one rigid coordinate.
+    """Return the tables of changing modes, in the plane.
 
     Parameters
     ----------
@@ -44,23 +44,27 @@ def mode_changes(kinematics: RigidKinematics, samples: SampleGrid, projection: n
     scheme
         Interpolation over the samples.
     """
-    mechanism = kinematics.mechanism
+    mechanism, r = kinematics.mechanism, kinematics.n_coordinates
     masses = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     rates = kinematics.rates(kinematics.poses(samples.theta))
-    slopes = interpolant(samples, projection, scheme).slope(samples.theta)
+    over = interpolant(samples, projection, scheme)
+    slopes = [over.slope(samples.theta, k) for k in range(r)]
     n, n_dofs, m = projection.shape
-    gyroscopic = np.empty((n, len(mechanism.mass_weights), m, m))
-    spread = np.empty_like(gyroscopic)
-    for k in range(n):
-        change = slopes[k].reshape(-1, DOFS_PER_NODE, m)
-        shape = projection[k].reshape(-1, DOFS_PER_NODE, m)
-        for body, rate in zip(mechanism.bodies, rates[:, 2, 0, k]):
-            change[body.nodes, 0] -= rate * shape[body.nodes, 1]
-            change[body.nodes, 1] += rate * shape[body.nodes, 0]
-        change = change.reshape(n_dofs, m)
+    n_terms, pairs = len(mechanism.mass_weights), np.tril_indices(r)
+    gyroscopic, spread = np.empty((n, n_terms, r, m, m)), np.empty((n, n_terms, pairs[0].size, m, m))
+    for sample in range(n):
+        shape = projection[sample].reshape(-1, DOFS_PER_NODE, m)
+        changes = np.array([slope[sample].reshape(shape.shape) for slope in slopes])
+        for number, body in enumerate(mechanism.bodies):
+            spins = rates[number, 2, :, sample][:, None, None]
+            changes[:, body.nodes, 0] -= spins * shape[body.nodes, 1]
+            changes[:, body.nodes, 1] += spins * shape[body.nodes, 0]
+        changes = changes.reshape(r, n_dofs, m)
         for t, weight in enumerate(mechanism.mass_weights):
-            m_change = masses[weight] @ change
-            mixed = m_change.T @ projection[k]
-            gyroscopic[k, t] = 0.5 * (mixed - mixed.T)
-            spread[k, t] = change.T @ m_change
-    return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, 2, 3)))
+            m_changes = [masses[weight] @ change for change in changes]
+            for k, m_change in enumerate(m_changes):
+                mixed = m_change.T @ projection[sample]
+                gyroscopic[sample, t, k] = 0.5 * (mixed - mixed.T)
+            for pair, (k, j) in enumerate(zip(*pairs)):
+                spread[sample, t, pair] = changes[k].T @ m_changes[j]
+    return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))

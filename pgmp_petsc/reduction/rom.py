@@ -266,9 +266,9 @@ def _check_tables(tables: ReducedTables, rigid: np.ndarray, filename: str) -> No
         wanted |= {
             "cubic": (n, n_stiffness, n_delta, n_delta, n_delta),
             "curved_load": (n, n_load, n_delta, n_delta),
-            "curved_inertia": (n, n_mass, n_delta, n_delta),
-            "gyroscopic": (n, n_mass, n_delta, n_delta),
-            "spread": (n, n_mass, n_delta, n_delta),
+            "curved_inertia": (n, n_mass, r * (r + 1) // 2, n_delta, n_delta),
+            "gyroscopic": (n, n_mass, r, n_delta, n_delta),
+            "spread": (n, n_mass, r * (r + 1) // 2, n_delta, n_delta),
         }
     for name, shape in wanted.items():
         if found[name].shape != shape or len(tables.load_effects) != n_load:
@@ -289,17 +289,25 @@ def _put_second_order(group, tables: ReducedTables) -> None:
     about = "third derivative of the strain energy along the curved modes"
     _put_terms(group, "cubic", curved.cubic, tables.stiffness_weights, about)
     _put_terms(group, "curved_load", curved.curved_load, tables.load_weights, "f_j.chi")
-    _put_terms(group, "curved_inertia", curved.curved_inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i chi")
-    _put_terms(group, "gyroscopic", tables.changes.gyroscopic, tables.mass_weights, "skew part of D^T M_i Psi")
-    _put_terms(group, "spread", tables.changes.spread, tables.mass_weights, "D^T M_i D, D = d(R Psi)/d theta")
+    _put_terms(
+        group,
+        "curved_inertia",
+        curved.curved_inertia,
+        tables.mass_weights,
+        "(d2 rho/d theta_k d theta_l)^T M_i chi, k >= l",
+    )
+    _put_terms(group, "gyroscopic", tables.changes.gyroscopic, tables.mass_weights, "skew part of D_k^T M_i Psi")
+    _put_terms(
+        group, "spread", tables.changes.spread, tables.mass_weights, "D_k^T M_i D_l, k >= l, D_k = d(R Psi)/d theta_k"
+    )
 
 
 def _second_order(group) -> SecondOrderTables:
-    return SecondOrderTables(take(group, "cubic", 5), take(group, "curved_load", 4), take(group, "curved_inertia", 4))
+    return SecondOrderTables(take(group, "cubic", 5), take(group, "curved_load", 4), take(group, "curved_inertia", 5))
 
 
 def _changes(group) -> ModeChanges:
-    return ModeChanges(take(group, "gyroscopic", 4), take(group, "spread", 4))
+    return ModeChanges(take(group, "gyroscopic", 5), take(group, "spread", 5))
 
 
 def _put_terms(

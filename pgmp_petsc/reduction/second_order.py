@@ -6,7 +6,7 @@ in body frames (`modes.curvature`). With K3_t, the third derivative of a term of
 
     cubic_t[i, j, k] = K3_t[psi_i, psi_j, psi_k] + psi_i.K_t chi_jk + psi_j.K_t chi_ik + psi_k.K_t chi_ij
     curved_load_l[i, j] = f_l.chi_ij
-    curved_inertia_t[i, j] = (d2 rho/d theta2).M_t chi_ij
+    curved_inertia_t[kl, i, j] = (d2 rho/d theta_k d theta_l).M_t chi_ij,     pairs k >= l of rigid coordinates
 
 are the strain energy of third order, ``1/6 cubic delta delta delta``, and what loads and the acceleration of the rigid
 motion do along the manifold's curvature.
@@ -23,6 +23,8 @@ from itertools import permutations
 
 import numpy as np
 
+from pgmp_petsc.reduction.sample_grid import SampleGrid
+
 
 @dataclass(frozen=True, eq=False)
 class SecondOrderTables:
@@ -35,7 +37,7 @@ class SecondOrderTables:
     curved_load
         Shape (n, n_load_terms, n_delta, n_delta).
     curved_inertia
-        Shape (n, n_mass_terms, n_delta, n_delta); for one rigid coordinate.
+        Shape (n, n_mass_terms, n_theta (n_theta + 1) / 2, n_delta, n_delta).
     """
 
     cubic: np.ndarray
@@ -53,10 +55,11 @@ class SecondOrderTables:
             symmetric(cubic), congruent(rotations, self.curved_load), congruent(rotations, self.curved_inertia)
         )
 
-    def over_two_turns(self, signs: np.ndarray) -> SecondOrderTables:
-        """Append a second revolution with other signs of the flexible coordinates, shape (n_delta,)."""
-        everywhere = np.broadcast_to(np.diag(signs), (len(self.cubic), signs.size, signs.size))
-        return SecondOrderTables.joined([self, self.turned(everywhere)])
+    def over_two_turns(self, samples: SampleGrid, axis: int, signs: np.ndarray) -> SecondOrderTables:
+        """Append a second revolution along an axis with other signs of the flexible coordinates, shape (n_delta,)."""
+        second = self.turned(np.broadcast_to(np.diag(signs), (samples.n, signs.size, signs.size)))
+        names = ("cubic", "curved_load", "curved_inertia")
+        return SecondOrderTables(*(samples.twice(axis, getattr(self, name), getattr(second, name)) for name in names))
 
     @classmethod
     def joined(cls, parts: Sequence[SecondOrderTables]) -> SecondOrderTables:
@@ -69,8 +72,8 @@ class SecondOrderTables:
 
 
 def congruent(left: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Return ``Q^T A Q`` for Q (n, i, j) and A (n, terms, i, i), exactly symmetric."""
-    product = np.einsum("nki,ntkl,nlj->ntij", left, matrices, left, optimize=True)
+    """Return ``Q^T A Q`` for Q (n, i, j) and A (n, terms, ..., i, i), exactly symmetric."""
+    product = np.einsum("nki,n...kl,nlj->n...ij", left, matrices, left, optimize=True)
     return 0.5 * (product + np.swapaxes(product, -1, -2))
 
 

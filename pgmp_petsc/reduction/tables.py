@@ -119,7 +119,7 @@ class ReducedTables:
             self,
             samples=self.samples.over_two_turns(axis),
             **both,
-            second_order=None if curved is None else curved.over_two_turns(signs),
+            second_order=None if curved is None else curved.over_two_turns(self.samples, axis, signs),
             changes=None,
         )
 

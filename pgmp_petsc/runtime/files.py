@@ -257,6 +257,8 @@ def take(group: h5py.Group, name: str, n_dimensions: int, texts: bool = False) -
     import h5py
 
     where = f"file '{group.file.filename}': dataset '{group.name.rstrip('/')}/{name}'"
+    if not isinstance(group, h5py.Group):  # a dataset would be searched for the name, number by number
+        raise InputError(f"{where} is missing: '{group.name}' is no group; write the file again")
     if name not in group:
         raise InputError(f"{where} is missing; write the file again")
     dataset = group[name]

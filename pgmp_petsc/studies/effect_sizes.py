@@ -85,11 +85,10 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
     except PgmpError as error:
         return (note(f"sizes of effects were not estimated: {error}"),)
     missing = [size for size in sizes.sizes if _is_missing(scene, size)]
-    refused = "; it is for one coordinate only" if len(scene.coordinates) > 1 else ""
     remarks = [
         warning(
             f"the scene leaves out {size.kind} ({size.measure}), whose share in the motion of the rigid mechanism is "
-            f"{size.share:.2g}: name it in [effects]" + f"{refused}; compare with pgmp simulate SCENE --full"
+            f"{size.share:.2g}: name it in [effects]; compare with pgmp simulate SCENE --full"
         )
         for size in missing
         if size.share > SERIOUS and size.kind != "gravity"
