@@ -201,9 +201,9 @@ CASES = {
         ("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
         ("coordinates.theta: it does not control", "3.14159 rad", "singular value"),
     ),
-    "second order of two coordinates": Case(
-        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.second_order=true")),
-        ("reduction.second_order = true: for one rigid coordinate only", "shoulder_angle, elbow_angle"),
+    "tolerance for two coordinates": Case(
+        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.tolerance=0.01")),
+        ("reduction.tolerance = 0.01: for one rigid coordinate only", "shoulder_angle, elbow_angle"),
     ),
     # files
     "no scene": Case(("check", "{folder}/slider_crnk.toml"), ("slider_crnk.toml", "no such scene file")),
@@ -217,6 +217,10 @@ CASES = {
     "no model": Case(("simulate", "{folder}/nothing.h5", "-o", OUT), ("nothing.h5", "does not exist")),
     "cut off": Case(("simulate", "{folder}/cut.h5", "-o", OUT), ("cut.h5", "is damaged: it is cut off")),
     "other version": Case(("simulate", "{folder}/future.h5", "-o", OUT), ("future.h5", "format version 99")),
+    "older version": Case(
+        ("simulate", "{folder}/older.h5", "-o", OUT), ("older.h5", "format version 2", "build it again with pgmp build")
+    ),
+    "not finite": Case(("simulate", "{folder}/nan.h5", "-o", OUT), ("nan.h5", "stiffness holds numbers that are not")),
     "other kind": Case(
         ("simulate", "{folder}/kind.h5", "-o", OUT),
         ("kind.h5", "trajectory", "needed: a reduced model"),
@@ -357,9 +361,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ).write(folder / "limited.h5")
     whole = rom.read_bytes()
     (folder / "cut.h5").write_bytes(whole[: len(whole) // 2])
-    for name in ("future", "kind", "empty"):
+    for name in ("future", "older", "kind", "empty", "nan"):
         (folder / f"{name}.h5").write_bytes(whole)
-    for name, change in (("future", {"format": 99}), ("kind", {"kind": "trajectory"})):
+    with resealed(folder / "nan.h5") as file:
+        file["tables/stiffness"][0] = np.nan
+    for name, change in (("future", {"format": 99}), ("older", {"format": 2}), ("kind", {"kind": "trajectory"})):
         with resealed(folder / f"{name}.h5", **change):
             pass
     with resealed(folder / "empty.h5") as file:

@@ -54,11 +54,6 @@ def test_check_build_info_and_modes(scene: Path) -> None:
     [
         (
             "build",
-            ("--override", "reduction.second_order=true"),
-            "reduction.second_order = true: for one rigid coordinate",
-        ),
-        (
-            "build",
             ("--override", "reduction.tolerance=0.01"),
             "reduction.tolerance = 0.01: for one rigid coordinate only",
         ),

@@ -41,7 +41,7 @@ def forms(tables: SecondOrderTables, delta: np.ndarray) -> list[np.ndarray]:
     return [
         np.einsum("ntijk,ni,nj,nk->nt", tables.cubic, delta, delta, delta),
         np.einsum("ntij,ni,nj->nt", tables.curved_load, delta, delta),
-        np.einsum("ntij,ni,nj->nt", tables.curved_inertia, delta, delta),
+        np.einsum("ntpij,ni,nj->ntp", tables.curved_inertia, delta, delta),
     ]
 
 
@@ -52,11 +52,11 @@ def arrays(tables: SecondOrderTables) -> tuple[np.ndarray, ...]:
 
 def test_shapes_and_exact_symmetry(tables: ReducedTables) -> None:
     cubic, load, inertia = arrays(tables.second_order)
-    assert (cubic.shape, load.shape, inertia.shape) == ((N, 3, M, M, M), (N, 3, M, M), (N, 3, M, M))
+    assert (cubic.shape, load.shape, inertia.shape) == ((N, 3, M, M, M), (N, 3, M, M), (N, 3, 1, M, M))
     for order in ((0, 1, 3, 2, 4), (0, 1, 4, 3, 2), (0, 1, 3, 4, 2)):
         np.testing.assert_array_equal(cubic, cubic.transpose(order))
     for table in (load, inertia):
-        np.testing.assert_array_equal(table, np.swapaxes(table, 2, 3))
+        np.testing.assert_array_equal(table, np.swapaxes(table, -1, -2))
 
 
 def test_what_the_forms_say_does_not_depend_on_the_basis(tables: ReducedTables, turn: np.ndarray) -> None:
@@ -77,7 +77,7 @@ def test_the_second_turn_has_the_signs_of_its_coordinates(tables: ReducedTables)
     signs = np.array([1, 1, -1, 1])
     for found, expected in zip(arrays(twice), arrays(tables.second_order)):
         factor = signs[:, None] * signs
-        if found.ndim == 5:
+        if found is twice.cubic:
             factor = factor[:, :, None] * signs
         np.testing.assert_array_equal(found[:N], expected)
         np.testing.assert_allclose(found[N:], expected * factor, rtol=1e-14)

@@ -202,13 +202,9 @@ THIRD = (
     ("overrides", "message"),
     [
         (
-            ("reduction.second_order=true",),
-            "reduction.second_order = true: for one rigid coordinate only, but the scene "
-            "has 2: theta1, theta2; leave it out",
-        ),
-        (
             (SPLINE, "reduction.sampling_tolerance=0.1"),
-            "reduction.sampling_tolerance = 0.1: for one rigid coordinate only",
+            "reduction.sampling_tolerance = 0.1: for one rigid coordinate only, but the scene "
+            "has 2: theta1, theta2; leave it out",
         ),
         (("reduction.tolerance=0.01",), "reduction.tolerance = 0.01: for one rigid coordinate only"),
         (("simulation.tolerance=0.01",), "simulation.tolerance = 0.01: for one rigid coordinate only"),

@@ -216,7 +216,7 @@ def test_loads_and_inertia_forces_work_along_the_curvature() -> None:
     step = 1e-3
     places = mechanism.place(kinematics.poses(theta + step * np.arange(-1, 2)))
     acceleration = (places[:, 0] - 2 * places[:, 1] + places[:, 2]) / step**2
-    for weight, table in zip(mechanism.mass_weights, sample.second_order.curved_inertia[0]):
+    for weight, table in zip(mechanism.mass_weights, sample.second_order.curved_inertia[0, :, 0]):
         expected = np.tensordot(acceleration @ matrices.mass[weight], chi, axes=1)
         # differences of second order, and poses solved to 1e-12 over the square of the step
         size = np.abs(matrices.mass[weight].data).max() * np.abs(chi).max()
