@@ -70,7 +70,7 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity)
     finished = on_root(comm, checkpoint.open)
     with agreed(comm, "preparing the error indicator"):
-        watching = _Watching(model)
+        watching = Watching(model)
     todo = missing([(0, plan.n_samples)], finished.samples)
     to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
     dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
@@ -176,7 +176,7 @@ def _with_outputs(
     return replace(done, status=status, failure_time=failure_time)
 
 
-class _Watching:
+class Watching:
     """What looks at the runs of a model's samples.
 
     Attributes

@@ -1,7 +1,7 @@
 """How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper.
 
 A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
-``D_k = d_k Psi + w_k x Psi``, with d_k Psi from the interpolated projection and w_k the spin of the body per unit of theta_k.
+``D_k = d_k Psi + w_k x Psi``, with d_k Psi from the interpolated projection, w_k the body's spin per unit of theta_k.
 """
 
 from __future__ import annotations
