@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -114,5 +113,7 @@ def _where(failed: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapp
 
 def _significance(lost: np.ndarray, fine: np.ndarray) -> tuple[float, bool]:
     """Return the probability of such ranks by chance, and whether those of `lost` are the larger ones."""
+    from scipy import stats  # a noticeable time, which a run without failures need not wait for
+
     test = stats.mannwhitneyu(lost, fine, alternative="two-sided")
     return float(test.pvalue), bool(test.statistic > 0.5 * lost.size * fine.size)

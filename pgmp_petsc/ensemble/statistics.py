@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from pgmp_petsc.results.ensemble import Statistics
 
@@ -40,7 +39,7 @@ def describe(values: np.ndarray, bins: int, probabilities: Sequence[float], n_mi
     std = float(np.std(values, ddof=1)) if n > 1 else float("nan")
     spread = 0.0 if n > 1 else std
     if std > 1e-12 * float(np.max(np.abs(values))):
-        fourth = float(stats.moment(values, moment=4))
+        fourth = float(np.mean((values - np.mean(values)) ** 4))
         spread = np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std)
     return Statistics(
         count=n,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Normal:
-    """The normal distribution as scipy.stats has it, for what is asked of runs of one sample: half a second less."""
+    """The normal distribution as scipy.stats has it, whose import takes half a second."""
 
     loc: float
     scale: float
@@ -35,6 +35,16 @@ class Normal:
     def sf(self, x: float) -> float:
         """Return the share above x."""
         return 0.5 * math.erfc((x - self.loc) / self.scale / math.sqrt(2.0))
+
+    def ppf(self, share: np.ndarray) -> np.ndarray:
+        """Return the numbers that have shares below them."""
+        from scipy.special import ndtri
+
+        return self.loc + self.scale * ndtri(share)
+
+    def isf(self, share: np.ndarray) -> np.ndarray:
+        """Return the numbers that have shares above them."""
+        return 2.0 * self.loc - self.ppf(share)
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,14 @@ class Uniform:
     def sf(self, x: float) -> float:
         """Return the share above x."""
         return 1.0 - self.cdf(x)
+
+    def ppf(self, share: np.ndarray) -> np.ndarray:
+        """Return the numbers that have shares below them."""
+        return self.loc + self.scale * share
+
+    def isf(self, share: np.ndarray) -> np.ndarray:
+        """Return the numbers that have shares above them."""
+        return self.ppf(1.0 - share)
 
 
 SIMPLE = {"norm": Normal, "uniform": Uniform}  # laws without shapes
@@ -79,7 +97,7 @@ class Distribution(Table):
 
     @property
     def law(self) -> Normal | Uniform | rv_frozen:
-        """The distribution for whoever asks for its median and its shares below and above a number."""
+        """The distribution for whoever asks for its median, for shares below and above a number, and the reverse."""
         return self._simple or self.frozen()
 
     @property
@@ -130,10 +148,6 @@ class Parameter(Table):
         """The value of a single run: `value`, or `nominal` where no value was set."""
         return self.nominal if self.value is None else self.value
 
-    def frozen(self) -> rv_frozen | None:
-        """Return the scipy.stats distribution, its arguments fixed and bounds not applied, or None."""
-        return None if self.distribution is None else self.distribution.frozen()
-
     def quantiles(self, probabilities: np.ndarray, at_least: float = -np.inf) -> np.ndarray:
         """Return quantiles of the distribution truncated to its bounds, which is renormalised.
 
@@ -147,7 +161,7 @@ class Parameter(Table):
         at_least
             A further lower bound.
         """
-        law, (low, high) = self.frozen(), self._limits
+        law, (low, high) = self.distribution.law, self._limits
         low = max(low, at_least)
         if law.cdf(low) > 0.5:
             values = law.isf(law.sf(low) - probabilities * (law.sf(low) - law.sf(high)))

@@ -10,6 +10,7 @@ from scipy import stats
 from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.parameters import Distribution
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 YOUNG = (
@@ -123,3 +124,15 @@ def test_what_bounds_cut_off_is_said() -> None:
 def test_a_value_of_single_runs_has_no_part_in_an_ensemble_and_that_is_said() -> None:
     (remark,) = draw_remarks(slider_crank(NORMAL, "parameters.r1.value=5e-3"))
     assert remark.text.startswith("parameters.r1.value = 0.005")
+
+
+@pytest.mark.parametrize("law", ['name="norm", loc=5.6e-3, scale=0.56e-3', 'name="uniform", loc=4e-3, scale=3e-3'])
+@pytest.mark.parametrize("bounds", ["", "[1e-3, 12e-3]", "[5.5e-3, 6.9e-3]", "[6.5e-3, 6.9e-3]"])
+def test_laws_of_our_own_are_those_of_scipy(law: str, bounds: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Normal and uniform distributions, also where bounds leave a part of the upper tail."""
+    limits = f", bounds={bounds}" if bounds else ""
+    parameter = slider_crank(f"parameters.r1={{nominal=6.6e-3, distribution={{{law}}}{limits}}}").parameters["r1"]
+    shares = np.concatenate([np.random.default_rng(1).uniform(size=200), [1e-12, 1.0 - 1e-12]])
+    own = parameter.quantiles(shares)
+    monkeypatch.setattr(Distribution, "law", property(Distribution.frozen))
+    np.testing.assert_allclose(own, parameter.quantiles(shares), rtol=1e-12)

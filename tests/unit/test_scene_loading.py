@@ -51,7 +51,7 @@ def test_the_shipped_scene_is_the_published_mechanism(slider_crank: Scene) -> No
     assert scene.bodies["crank"].section.radius == "r1"
     assert scene.number(scene.bodies["crank"].section.radius) == scene.bodies["rod"].section.radius == 5.6e-3
     assert scene.parameters["r1"].bounds == (1.0e-3, 12.0e-3)
-    frozen = scene.parameters["r1"].frozen()
+    frozen = scene.parameters["r1"].distribution.frozen()
     assert (frozen.mean(), frozen.std()) == pytest.approx((5.6e-3, 0.56e-3), rel=1e-15)
     steel = scene.materials["steel"]
     assert (steel.E, steel.nu, steel.rho) == (210e9, 0.3, 7800.0)
@@ -157,7 +157,7 @@ def test_every_entry_is_read(tmp_path: Path) -> None:
         overrides=["bodies.arm.placement = { origin = [1, 0], angle = 0.5 }"],
     )
     assert scene.ground.positions == {"origin": (0.0, 0.0), "wall": (1.0, 2.0)}
-    assert scene.parameters["load"].frozen() is None
+    assert scene.parameters["load"].distribution is None
     assert scene.effects["weight"].direction == (0.0, -1.0)
     assert scene.effects["weight"].acceleration == 9.81
     assert scene.number(scene.effects["push"].scale) == 2.0
