@@ -204,20 +204,18 @@ class _Setting:
         missing = store.missing()
         if not missing:
             return 0
-        with (
-            progress(len(missing), "eigenproblems", self.group.world) as bar,
-            self._problem() as problem,
-            ParameterSnapshots(problem, self._static_loads(problem), self.points.points) as snapshots,
-        ):
+        with progress(len(missing), "eigenproblems", self.group.world) as bar, self._problem() as problem:
+            static_loads = self._static_loads(problem)
             self.kinematics.follow(np.array(list(missing.values())))
-            sampler = Sampler(problem, self.loads, self._static_loads(problem), snapshots, self._probe(problem))
-            try:
-                for number, theta in missing.items():
-                    store.put(number, self._sample(sampler, theta))
-                    bar.update()
-            finally:
-                if self.checkpoint is not None:
-                    self.checkpoint.flush()
+            with ParameterSnapshots(problem, static_loads, self.points.points) as snapshots:
+                sampler = Sampler(problem, self.loads, static_loads, snapshots, self._probe(problem))
+                try:
+                    for number, theta in missing.items():
+                        store.put(number, self._sample(sampler, theta))
+                        bar.update()
+                finally:
+                    if self.checkpoint is not None:
+                        self.checkpoint.flush()
             return problem.n_redundant
 
     def _sample(self, sampler: Sampler, theta: np.ndarray) -> Sample:
