@@ -33,7 +33,7 @@ from spatial import (
     spatial_slider_crank,
 )
 
-from pgmp_petsc.dynamics import reduced_terms
+from pgmp_petsc.reduction import rigid_inertia
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ReducedModel
@@ -339,7 +339,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
     Splines over 2.2 rad then err by 2e-7 of its fourth derivatives.
     """
-    monkeypatch.setattr(reduced_terms, "N_RIGID_OF_MORE", 24)
+    monkeypatch.setattr(rigid_inertia, "N_FINE_OF_MORE", 24)
 
 
 @lru_cache(maxsize=1)
