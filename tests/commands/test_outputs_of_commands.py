@@ -27,28 +27,28 @@ KILLED = """
 import os, signal, sys
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 add, done = Checkpoint.add, []
-def add_and_die(self, batch):
-    add(self, batch)
-    done.append(batch)
-    if len(done) == 2:
+def add_and_die(self, piece, batch):
+    add(self, piece, batch)
+    done.append(piece)
+    if len([piece for piece in done if not piece.is_checked]) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
 Checkpoint.add = add_and_die
 from pgmp_petsc.cli.main import main
 main(sys.argv[1:])
 """
-# the disk is full when the third batch is stored
+# the disk is full when the third piece is stored
 FULL = """
 import resource, sys
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 add, done = Checkpoint.add, []
-def add_on_a_full_disk(self, batch):
-    done.append(batch)
+def add_on_a_full_disk(self, piece, batch):
+    done.append(piece)
     if len(done) < 3:
-        return add(self, batch)
+        return add(self, piece, batch)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (600, limits[1]))
     try:
-        add(self, batch)
+        add(self, piece, batch)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 Checkpoint.add = add_on_a_full_disk
@@ -171,7 +171,7 @@ def test_a_second_job_is_refused_on_three_ranks(mpirun: Callable, folder: Path) 
 
 
 def killed_ensemble(folder: Path) -> list[object]:
-    """Kill an ensemble of 20 samples after two of its batches; return the command that takes it up."""
+    """Kill an ensemble of 20 samples after two of its pieces; return the command that takes it up."""
     few = overridden("simulation.duration=0.005", "ensemble.batch=4")
     command = ["montecarlo", folder / "rom.h5", "-n", 20, *few, "-o", folder / "e.h5"]
     environment = os.environ | MPI_ENVIRONMENT
@@ -191,7 +191,7 @@ def test_samples_of_two_reduced_models_are_not_mixed(folder: Path, capsys: pytes
 
 def test_a_damaged_piece_is_told_and_computed_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     again = killed_ensemble(folder)
-    piece = folder / "e.h5.partial" / "000000004.npz"
+    piece = folder / "e.h5.partial" / "samples_000000004.npz"
     piece.write_bytes(piece.read_bytes()[:-100])
     ends_with(0, *again)
     note = f"note: piece '{piece}' was not taken up, and is computed again: it is cut off after"
