@@ -157,7 +157,7 @@ class Ensemble(Table):
     quantiles: tuple[Probability, ...] = Field(
         (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
     )
-    batch: Batch = Field(512, ge=1, description="number of samples that a rank integrates together")
+    batch: Batch = Field(512, ge=1, description="most samples that a rank integrates together")
     checked_share: Number = Field(
         0.02,
         ge=0.0,
