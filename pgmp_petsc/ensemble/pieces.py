@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-LANES = 8  # samples that the compiled engines take side by side
+from pgmp_petsc.dynamics.vectors import LANES
+
 SHARES = 3  # pieces that a rank would have of what is left, if all were equal
 LEAST = 32
 LEAST_CHECKED, MOST_CHECKED = 8, 128

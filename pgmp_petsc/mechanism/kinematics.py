@@ -53,11 +53,11 @@ class RigidKinematics:
 
     Parameters
     ----------
-    branch
-        Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
     mechanism
         The mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two at the
         configuration nearest to the first guess, or else at their lower ends or the middle of their range.
+    branch
+        Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
 
     Attributes
     ----------

@@ -100,7 +100,9 @@ def null_space(constraints: sp.csr_matrix) -> NullSpace:
     """Compute the sparse null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
     constraints = sp.csr_matrix(constraints)
     n_redundant, eliminations, chosen = 0, [], [np.zeros(0, dtype=int)]
-    for block in _blocks(constraints.indptr.tobytes(), constraints.indices.tobytes(), constraints.shape):
+    # scipy's whole numbers have 4 or 8 bytes, by the size of the matrix and its history
+    pattern = (part.astype(np.int64).tobytes() for part in (constraints.indptr, constraints.indices))
+    for block in _blocks(*pattern, constraints.shape):
         values = np.zeros((block.rows.size, block.touched.size))
         np.add.at(values, block.places, constraints.data[block.entries])
         r, order = qr(values, mode="r", pivoting=True, check_finite=False)
@@ -139,7 +141,7 @@ class _Block:
 @lru_cache(maxsize=PATTERNS)
 def _blocks(indptr: bytes, indices: bytes, shape: tuple[int, int]) -> tuple[_Block, ...]:
     """Return the blocks of a pattern, which from one configuration to the next is mostly the same."""
-    starts, columns = np.frombuffer(indptr, dtype=np.int32), np.frombuffer(indices, dtype=np.int32)
+    starts, columns = np.frombuffer(indptr, dtype=np.int64), np.frombuffer(indices, dtype=np.int64)
     # the pattern, not the values: orthogonal rows that share unknowns belong together
     pattern = sp.csr_matrix((np.ones(columns.size), columns, starts), shape)
     n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)

@@ -8,7 +8,7 @@ it. Of two, and where steps cannot be small enough, it is where Newton's method 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,13 +63,13 @@ class PoseBranch:
         found = cls._tabulated(closure, axes, continued.poses, winding, n_redundant)
         if len(axes) > 1:
             return found
-        for _ in range(1 + MOST_HALVINGS):
-            if found._closes(closure):
-                return cls(found.axes, found.poses, found.rates, found.curvatures, winding, True, n_redundant)
+        n_halved = 0
+        while not (closes := found._closes(closure)) and n_halved < MOST_HALVINGS:
+            n_halved += 1
             theta = np.linspace(axes[0][0], axes[0][-1], 2 * found.axes[0].size - 1)
             poses = closure.close(found.guess(theta[:, None]), theta[:, None])
             found = cls._tabulated(closure, (theta,), poses, winding, n_redundant)
-        return found
+        return replace(found, is_exact=closes)
 
     @classmethod
     def _tabulated(

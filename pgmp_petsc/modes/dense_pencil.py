@@ -84,7 +84,7 @@ class DensePencil:
         vectors = solve_triangular(self._factor, vectors, lower=True, trans="T", check_finite=False)
         # a step of inverse iteration takes the round-off out of the stiffest directions, where it costs most energy
         vectors = cho_solve((self._factor, True), mass @ vectors, check_finite=False) / mu
-        size = cholesky(vectors.T @ mass @ vectors, lower=True, check_finite=False)
+        size = _factor(vectors.T @ mass @ vectors, f"{what}: inertia of the modes")
         vectors = solve_triangular(size, vectors.T, lower=True, check_finite=False).T
         self._check_residuals(values, vectors, n_rigid, what)
         return EigenPairs(values, self._null @ vectors, np.zeros(0))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pgmp_petsc.dynamics.vectors import LANES
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.pieces import LANES, LEAST, Piece, joined, missing, pieces
+from pgmp_petsc.ensemble.pieces import LEAST, Piece, joined, missing, pieces
 
 
 def numbers(found: list[Piece], is_checked: bool) -> list[int]:
