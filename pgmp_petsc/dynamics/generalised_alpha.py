@@ -23,7 +23,7 @@ what is allowed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -64,6 +64,23 @@ class TrailObserver(Observer, Protocol):
         trail
             Shape (n_steps, 3, n_samples, n); of samples that have failed, where they stand.
         """
+
+
+@dataclass(frozen=True)
+class Together:
+    """One observer for several."""
+
+    observers: Sequence[TrailObserver]
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Show the state after a step to all."""
+        for observer in self.observers:
+            observer(number, time, state)
+
+    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+        """Show the states after many steps to all."""
+        for observer in self.observers:
+            observer.over(first, times, trail)
 
 
 class GeneralisedAlpha:

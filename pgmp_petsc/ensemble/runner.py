@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
 from pgmp_petsc.dynamics.settled_start import starts_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
@@ -28,7 +28,7 @@ from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, joined, missing, pieces
-from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Together, Watcher
+from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of

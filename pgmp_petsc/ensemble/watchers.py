@@ -170,20 +170,3 @@ class _BalanceWatch:
         """Return the largest residual and the most energy that was moved around, NaN for samples that failed."""
         kept = np.where(status == Status.FINE, [self._residual, self._exchanged], np.nan)[:, self._samples]
         return {"balance": dict(zip(BALANCE, kept))}
-
-
-@dataclass(frozen=True)
-class Together:
-    """One observer for several."""
-
-    observers: Sequence[TrailObserver]
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Show the state after a step to all."""
-        for observer in self.observers:
-            observer(number, time, state)
-
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
-        """Show the states after many steps to all."""
-        for observer in self.observers:
-            observer.over(first, times, trail)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.generalised_alpha import Run, TrailObserver, count_steps, integrate
+from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
@@ -31,6 +31,7 @@ from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, with_weights
 from pgmp_petsc.studies.full_record import FullRecord
+from pgmp_petsc.studies.reduced_record import ReducedRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
 
 UNKNOWNS_PER_RANK = 3000
@@ -200,45 +201,6 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     )
 
 
-class _ReducedRecord:
-    """Keeps the states of a single reduced run, and shows them to others.
-
-    Parameters
-    ----------
-    observers
-        The others.
-    bar
-        Counts the steps.
-    """
-
-    def __init__(self, observers: Sequence[TrailObserver], bar: Progress) -> None:
-        self._observers, self._bar = observers, bar
-        self._times: list[np.ndarray] = []
-        self._states: list[np.ndarray] = []
-
-    def __call__(self, number: int, time: float, state: State) -> None:
-        """Keep the state after a step."""
-        for observer in self._observers:
-            observer(number, time, state)
-        self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
-
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep the states after many steps; see `TrailObserver`."""
-        for observer in self._observers:
-            observer.over(first, times, trail)
-        self._keep(times, trail, times.size)
-
-    def _keep(self, times: np.ndarray, trail: np.ndarray, n_steps: int) -> None:
-        self._times.append(times.copy())
-        self._states.append(trail[:, :, 0].copy())
-        self._bar.update(n_steps)
-
-    def history(self) -> tuple[np.ndarray, State]:
-        """Return the instants (n_t,) and all states, each of shape (n_t, n_eta)."""
-        states = np.moveaxis(np.concatenate(self._states), 1, 0)
-        return np.concatenate(self._times), State(*(np.array(part) for part in states), np.zeros(0))
-
-
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
@@ -251,15 +213,16 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
         watched = None if indicator is None else indicator.stepped(simulation).watch(values, np.array([0]))
         validity = Validity(model, system, values, simulation)
         with timings.phase("integration"), _progress("reduced", attempt, comm) as bar:
-            record = _ReducedRecord([validity] if watched is None else [validity, watched], bar)
-            done = integrate(system, simulation, observer=record)
+            record = ReducedRecord(bar)
+            watches = [validity] if watched is None else [validity, watched]
+            done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.history()
         with timings.phase("projection"), np.errstate(all="ignore"):
             outputs = model.output_frames_of(history.q)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
-        watches = {"watched": watched, "validity": validity, "started": start_remarks(system)}
-        return replace(part, recorded={**part.recorded, **watches})
+        looked = {"watched": watched, "validity": validity, "started": start_remarks(system)}
+        return replace(part, recorded={**part.recorded, **looked})
 
     part, steps = _furthest(once, model.scene.simulation)
     eta, n_theta = part.recorded["eta"], model.kinematics.n_coordinates
