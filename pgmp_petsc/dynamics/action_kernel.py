@@ -155,7 +155,7 @@ def allocate_local(local, r, n_eta):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def place_nodes(local, grid, q, lane, work):
     """Fill the nodes' frames and their derivatives with eta, for one lane of q (n_eta, LANES)."""
     places, fine = local.places, local.places.fine
@@ -209,7 +209,7 @@ def _add_curvature(shapes, at, q, lane, r, m, n_shapes, row):
                 pair += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def _turn(d, node, r, work):
     """Turn a node's displacement and rotation from the body's frame, and add the rigid motion."""
     n_frame = d * (d + 1)
@@ -245,7 +245,7 @@ def _turn(d, node, r, work):
                     jacobian[d + d * j + c, i] += turn[k, j] * slope[d + d * k + c]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def _attach(places, actions, action, work):
     """Fill an action's two frames and their Jacobian."""
     statements = actions.statements
@@ -257,8 +257,10 @@ def _attach(places, actions, action, work):
                 work.z[c] = statements.ground[action, c]
                 work.jacobian[c] = 0.0
             continue
-        work.z[first : first + n] = work.frames[node]
-        work.jacobian[first : first + n] = work.jacobians[node]
+        for c in range(n):
+            work.z[first + c] = work.frames[node, c]
+            for i in range(work.projected.size):
+                work.jacobian[first + c, i] = work.jacobians[node, c, i]
         for j in range(d):
             arm = statements.arms[action, side, j]
             if arm != 0.0:
@@ -269,7 +271,7 @@ def _attach(places, actions, action, work):
                         work.jacobian[first + c, i] += arm * work.jacobian[at, i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, work, acting, known):
     """Evaluate all actions on some lanes of a block.
 
@@ -339,7 +341,7 @@ def _act(local, grid, amplitudes, q, v, sample, lane, gain_v, with_tangent, work
             _add_tangent(stiffness + gain_v * damping, force, lane, work, tangent)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def _add_tangent(stiffness, force, lane, work, tangent):
     """Add ``J^T (stiffness g g^T - F h) J`` to one lane of the tangent (n_eta, n_eta, LANES)."""
     n = work.projected.size
@@ -360,7 +362,7 @@ def _add_tangent(stiffness, force, lane, work, tangent):
                     tangent[i, j, lane] -= work.jacobian[c, i] * work.bent[j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", counted=False)
 def add_tangents(tangent, r, matrix):
     """Add the actions' tangents (n_eta, n_eta, LANES) to the iteration matrix.
 

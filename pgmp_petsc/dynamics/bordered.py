@@ -10,7 +10,7 @@ from pgmp_petsc.dynamics.vectors import load, spread, square_root, store
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def factorise(packed, n):
     """Replace a packed positive definite matrix by its Cholesky factor, diagonal inverted."""
     row_i = 0
@@ -30,7 +30,7 @@ def factorise(packed, n):
         row_i += i + 1
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def substitute(packed, n, x, first):
     """Solve ``L L^T y = x`` in place, for the rows of x from `first` on."""
     row = 0
@@ -49,7 +49,7 @@ def substitute(packed, n, x, first):
         store(x, first + i, total * load(packed, i * (i + 1) // 2 + i))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def invert(corner, r):
     """Invert a small matrix, row after row, in place by Gauss-Jordan elimination without pivots."""
     for p in range(r):
@@ -65,7 +65,7 @@ def invert(corner, r):
                     store(corner, i * r + j, load(corner, i * r + j) - times * load(corner, p * r + j))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def eliminate(matrix, r, m):
     """Factorise ``[[s, R], [C, S]]``: S becomes its factor, C becomes ``S^-1 C`` and s ``(s - R S^-1 C)^-1``."""
     factorise(matrix.factor, m)
@@ -80,7 +80,7 @@ def eliminate(matrix, r, m):
     invert(matrix.corner, r)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def solve(matrix, r, m, x, rest, right):
     """Solve with an eliminated matrix in place; x and `rest` have r + m rows, `right` has r.
 
@@ -95,7 +95,7 @@ def solve(matrix, r, m, x, rest, right):
             store(x, i, load(x, i) - load(rest, i))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _multiply_skew(skew, r, m, x, result):
     """Multiply the flexible rows of x by a packed skew matrix; the r rows before become zeros."""
     for k in range(r):
@@ -111,7 +111,7 @@ def _multiply_skew(skew, r, m, x, result):
         store(result, r + i, total)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _solve_symmetric(matrix, r, m, x, right):
     """Solve with the symmetric flexible block alone."""
     substitute(matrix.factor, m, x, r)

@@ -77,7 +77,7 @@ def locate_lane(q, grid, lane, place):
     return cell
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def refill(table, cell, weights, slots, first, end, lanes, kept):
     """Put the weighted sums of a cell's terms into some lanes of kept polynomials.
 
@@ -120,7 +120,7 @@ def _cubic_slope(c1, c2, c3, s):
     return c1 + s * (2.0 * c2 + 3.0 * s * c3)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def evaluate_row(polynomials, grid, s, t, values, slopes):
     """Evaluate the polynomials (4**n_theta, n_entries) of one cell at one place in it, entry beside entry.
 

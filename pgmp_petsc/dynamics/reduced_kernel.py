@@ -36,7 +36,7 @@ from pgmp_petsc.dynamics.vectors import (
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, counted=False)
 def interpolate(equations, memory, block, amplitudes, work):
     """Bring the polynomials of a block to the cells of its samples, and evaluate rigid inertia and loads there."""
     layout, tables, weights = equations.layout, equations.tables, equations.weights
@@ -78,7 +78,7 @@ def interpolate(equations, memory, block, amplitudes, work):
                     store(work.load_slope, k * layout.load_end + entry, total[k])
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, counted=False)
 def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
     """Evaluate residual and, if `fresh`, iteration matrix of a block, at ``work.q``, ``work.rate`` and ``work.a``.
 
@@ -106,7 +106,7 @@ def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
             add_tangents(acting.tangent, r, matrix)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, counted=False)
 def correct_block(equations, memory, block, amplitudes, gains, fresh, work):
     """Replace ``work.balance`` of a block by its Newton correction; see `evaluate_block`."""
     layout = equations.layout

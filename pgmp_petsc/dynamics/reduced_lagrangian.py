@@ -62,7 +62,7 @@ def inertia_of(layout, kept, entry, place):
     return polynomial_value(kept, entry, place), zeros(place)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, counted=False)
 def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
     """Evaluate the residual into ``work.balance`` and, if `fresh`, the iteration matrix.
 
@@ -93,7 +93,7 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
         _add_damping(layout, kept, place, gain_v, fresh, work, matrix)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Begin with ``M eta'' + K delta``, and fill `moved`, `turned` and, if `fresh`, `pulled`."""
     q, v, a, balance, moved, turned = work.q, work.v, work.a, work.balance, work.moved, work.turned
@@ -158,7 +158,7 @@ def _add_inertia_and_stiffness(layout, kept, place, velocity, gain_v, gain_a, fr
         entry += i + 1
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matrix):
     """Add what `moved`, `turned` and the loads give, and begin the border of the iteration matrix."""
     q, v, balance, moved, turned = work.q, work.v, work.balance, work.moved, work.turned
@@ -197,7 +197,7 @@ def _add_rigid_rows(layout, velocity, gain_v, gain_a, fresh, loaded, work, matri
                 store(matrix.corner, k * r + j, total)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Add the terms of ``sum_kl theta_k' theta_l' b_kl.delta`` of the kinetic energy, pair by pair (k >= j)."""
     q, v, a, balance, row, corner = work.q, work.v, work.a, work.balance, matrix.row, matrix.corner
@@ -249,7 +249,7 @@ def _add_coupling(layout, kept, place, velocity, gain_v, gain_a, fresh, work, ma
             at += m
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def _add_damping(layout, kept, place, gain_v, fresh, work, matrix):
     """Add ``D eta'``; the change of D with theta is left out of the iteration matrix."""
     rate, balance = work.rate, work.balance

@@ -93,47 +93,50 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
     progress
         Result.
     """
-    layout, gains = equations.layout, (scheme[4], scheme[5])
-    work = allocate(layout)
-    local = allocate_local(equations.local, len(equations.grid), layout.n_eta)
-    n_steps = strengths.loads.shape[0]
-    of_block = (
-        vectors_of(layout.n_eta),
-        vectors_of(layout.n_eta),
-        vectors_of(layout.n_eta),
-        vectors_of(layout.n_eta),
-        vectors_of(layout.n_eta),
-        vectors_of(1),
-    )
+    n = equations.layout.n_eta
+    work = allocate(equations.layout)
+    local = allocate_local(equations.local, len(equations.grid), n)
+    of_block = (vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(1))
     for block in range(lanes.size):
-        going, samples = lanes[block], memory.samples[block]
-        if going == 0:
+        if lanes[block] == 0:
             continue
         for part, vectors in zip(state, of_block):
-            gather(part, samples, vectors)
-        for number in range(n_steps):
-            if going == 0:
-                break
-            now = Strengths(strengths.loads[number], strengths.actions[number], strengths.motions[number])
-            _predict(equations, scheme, step, of_block, now, work)
-            if (first + number + 1) % PROBED_EVERY == 0:
-                store(of_block[5], 0, FIRST_CONTRACTION)
-            lost = _converge(equations, memory, block, now, gains, going, of_block[5], work, local, progress)
-            outcome = progress.outcome[block]
-            going &= ~_note(lost, LOST, outcome)
-            going &= ~_note(_outside(work, bounds) & going, OUTSIDE, outcome)
-            if edges.size > 0 and going != 0:
-                crossed = _crossed(equations, memory, block, now, edges, going, work, local, progress)
-                going &= ~_note(crossed, CROSSED, outcome)
-            _follow(scheme, of_block, going, layout.n_eta, work)
-            for lane in range(LANES):
-                if going & (1 << lane):
-                    progress.n_steps[block, lane] = number + 1
-            if progress.trail.shape[0] > 0:
-                for part in range(3):
-                    scatter(of_block[part], samples, lanes[block], progress.trail[number, part])
+            gather(part, memory.samples[block], vectors)
+        _advance_block(
+            equations, memory, block, strengths, scheme, step, first, bounds, edges, lanes[block], of_block, work,
+            local, progress,
+        )  # fmt: skip
         for part, vectors in zip(state, of_block):
-            scatter(vectors, samples, lanes[block], part)
+            scatter(vectors, memory.samples[block], lanes[block], part)
+
+
+@njit(error_model="numpy", counted=False)
+def _advance_block(
+    equations, memory, block, strengths, scheme, step, first, bounds, edges, lanes, state, work, local, progress
+):  # fmt: skip
+    """Take some lanes of a block through the steps; `state` are its vectors."""
+    going, samples, outcome = lanes, memory.samples[block], progress.outcome[block]
+    for number in range(strengths.loads.shape[0]):
+        if going == 0:
+            break
+        now = Strengths(strengths.loads[number], strengths.actions[number], strengths.motions[number])
+        _predict(equations, scheme, step, state, now, work)
+        if (first + number + 1) % PROBED_EVERY == 0:
+            store(state[5], 0, FIRST_CONTRACTION)
+        gains = (scheme[4], scheme[5])
+        lost = _converge(equations, memory, block, now, gains, going, state[5], work, local, progress)
+        going &= ~_note(lost, LOST, outcome)
+        going &= ~_note(_outside(work, bounds) & going, OUTSIDE, outcome)
+        if edges.size > 0 and going != 0:
+            crossed = _crossed(equations, memory, block, now, edges, going, work, local, progress)
+            going &= ~_note(crossed, CROSSED, outcome)
+        _follow(scheme, state, going, equations.layout.n_eta, work)
+        for lane in range(LANES):
+            if going & (1 << lane):
+                progress.n_steps[block, lane] = number + 1
+        if progress.trail.shape[0] > 0:
+            for part in range(3):
+                scatter(state[part], samples, lanes, progress.trail[number, part])
 
 
 @njit(inline="always")

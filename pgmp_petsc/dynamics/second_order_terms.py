@@ -20,7 +20,7 @@ from pgmp_petsc.dynamics.vectors import (
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def add_cubic(layout, kept, place, fresh, work, matrix):
     """Add the terms of ``1/6 V delta delta delta``; `bent` becomes ``V delta``."""
     q, balance, bent = work.q, work.balance, work.bent
@@ -71,7 +71,7 @@ def add_cubic(layout, kept, place, fresh, work, matrix):
             add(matrix.factor, entry, load(bent, entry))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def add_bent_loads(layout, place, fresh, work, matrix):
     """Add the terms of ``- 1/2 a delta^T B delta``."""
     q, balance = work.q, work.balance
@@ -95,7 +95,7 @@ def add_bent_loads(layout, place, fresh, work, matrix):
     add_to_rows(balance, 0, 1, energy, spread(-0.5))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Add the terms of ``- 1/2 sum_kl theta_k' theta_l' delta^T c_kl delta``, pair by pair (k >= j)."""
     q, v, a, balance, swung = work.q, work.v, work.a, work.balance, work.along
@@ -148,7 +148,7 @@ def add_swing(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix
                     add(matrix.corner, j * r + k, -(gain_a * held + 2.0 * gain_v * moving))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True, counted=False)
 def add_gyroscopic(layout, kept, place, velocity, gain_v, gain_a, fresh, work, matrix):
     """Add the terms ``sum_k theta_k' (A_k delta').delta``, A_k skew."""
     q, v, a, balance, skewed, driven = work.q, work.v, work.a, work.balance, work.along, work.across
