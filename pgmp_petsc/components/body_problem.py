@@ -17,6 +17,7 @@ from pgmp_petsc.components.block_lanczos import BlockLanczos
 from pgmp_petsc.components.displacement_fields import polynomial_fields
 from pgmp_petsc.components.petsc_terms import Terms, matrix_sum
 from pgmp_petsc.runtime.matrices import times
+from pgmp_petsc.runtime.memory import give_back
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ class BodyProblem:
 
     def factor(self) -> None:
         """Factor ``K - sigma M`` for `modes` and `answers`."""
+        give_back()  # what the assembly needed
         self._shift = -0.5 * self._lowest()
         self._factor = ShiftedFactor(self.mass.getComm(), f"{PREFIX}st_", self._memory)
         what = f"{self._where}, factorisation with the shift {self._shift:.6g}"
@@ -79,6 +81,7 @@ class BodyProblem:
 
     def _count_below(self, tau: float) -> int:
         """Return the number of eigenvalues below tau; nothing of what it takes stays."""
+        give_back()  # the larger part of the basis
         count = ShiftedFactor(self.mass.getComm(), f"{PREFIX}count_", counts=True)
         try:
             count.factor(self.stiffness, self.mass, tau, f"{self._where}, count of the eigenvalues below {tau:.6g}")
@@ -111,3 +114,4 @@ class BodyProblem:
         for matrix, own in self._sums:
             if own:
                 matrix.destroy()
+        give_back()

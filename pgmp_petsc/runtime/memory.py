@@ -1,7 +1,9 @@
-"""How much memory is free, and whether a process may have it."""
+"""How much memory is free, and what a process need not hold any more."""
 
 from __future__ import annotations
 
+import ctypes
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +32,15 @@ def free_memory() -> float | None:
     """Return what new allocations may take on this machine and within the job's limit, bytes; None if unknown."""
     bounds = [bound for bound in (_of_machine(), _of_job()) if bound is not None]
     return min(bounds, default=None)
+
+
+def give_back() -> None:
+    """Return to the system what this process has freed.
+
+    Open MPI tells the C library to keep it all: after a large body is condensed that is more than what is in use.
+    """
+    with suppress(AttributeError):  # a C library other than GNU's
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _of_machine() -> float | None:

@@ -20,7 +20,7 @@ from petsc4py import PETSc  # noqa: E402
 
 from pgmp_petsc.runtime import memory as memory_module  # noqa: E402
 from pgmp_petsc.runtime.errors import InputError, RunError  # noqa: E402
-from pgmp_petsc.runtime.memory import free_memory  # noqa: E402
+from pgmp_petsc.runtime.memory import free_memory, give_back  # noqa: E402
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor  # noqa: E402
 
 SIDE = 26  # points along each edge of a cube: a factor of some 30 MB
@@ -206,3 +206,14 @@ def test_free_memory_is_the_machine_s_or_the_job_s(tmp_path: Path, monkeypatch: 
     assert free_memory() == 5_120_000.0
     (tmp_path / "memory.max").write_text("4000000\n")
     assert free_memory() == 1_900_000.0
+
+
+def test_what_is_freed_is_given_back() -> None:
+    def resident() -> int:
+        return os.sysconf("SC_PAGESIZE") * int(Path("/proc/self/statm").read_text().split()[1])
+
+    blocks = [np.ones(1_000_000) for _ in range(10)]
+    full = resident()
+    del blocks
+    give_back()
+    assert resident() < full - 70e6
