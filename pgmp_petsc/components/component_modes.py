@@ -5,9 +5,9 @@ body therefore moves either in an elastic mode of its own that no frame feels, o
 
     (K - lambda M) u = P^T f,
 
-with P the frames' mean displacements and rotations. The first are elastic modes of the free body, which SLEPc finds.
-The second form a family with lambda alone, the same for every configuration of the mechanism. A subspace V of it is
-grown until it answers at all test values of lambda up to the highest one wanted: where the Galerkin answer ``V x``
+with P the frames' mean displacements and rotations. The first are elastic modes of the free body (`BodyProblem`). The
+second form a family with lambda alone, the same for every configuration of the mechanism. A subspace V of it is grown
+until it answers at all test values of lambda up to the highest one wanted: where the Galerkin answer ``V x``
 leaves the residual R, its compliance ``P u`` misses ``R^T (K - lambda M)^-1 R``, of which ``R^T (K - sigma M)^-1 R`` is
 an estimate for R far above lambda, and ``(K - sigma M)^-1 R`` is the direction to add. It takes one factorisation with
 one shift sigma.
@@ -28,98 +28,24 @@ from scipy.linalg import eigh, null_space
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
-from pgmp_petsc.bodies.matrices import weighted_sum
 from pgmp_petsc.bodies.solid import Solid
-from pgmp_petsc.components.displacement_fields import linear_fields, polynomial_fields
+from pgmp_petsc.components.body_problem import BodyProblem
+from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.petsc_terms import Terms, petsc_terms
 from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
-from pgmp_petsc.components.subspace import Subspace
+from pgmp_petsc.components.subspace import Operator, Subspace
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.runtime.matrices import aij_matrix, times
+from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.solvers.shift_invert import ShiftInvertSolver
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-    import scipy.sparse as sp
+    from petsc4py import PETSc
 
-PREFIX = "pgmp_body_"
 TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mode shapes its root
 MAX_ROUNDS = 12
 N_TESTS = 5  # values of lambda at which the interface's answers are tried
 N_PROBES = 64
-DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and 1
-
-
-class BodyProblem:
-    """A free body's matrices and solver at given parameter values. Collective on `comm`.
-
-    Parameters
-    ----------
-    mass, stiffness
-        This rank's rows by weight.
-    values
-        Parameter values.
-    places
-        This rank's nodes, shape (n, d), m.
-    comm
-        Ranks that share the body.
-    """
-
-    def __init__(
-        self,
-        mass: Mapping[Monomial, sp.csr_matrix],
-        stiffness: Mapping[Monomial, sp.csr_matrix],
-        values: Mapping[str, float],
-        places: np.ndarray,
-        comm: MPI.Comm,
-    ) -> None:
-        d = places.shape[1]
-        self.comm, self._places, self._n_rigid = comm, places, d * (d + 1) // 2
-        n_local = next(iter(mass.values())).shape[0]
-        self.mass = aij_matrix(weighted_sum(mass, values), comm, n_local)
-        self.stiffness = aij_matrix(weighted_sum(stiffness, values), comm, n_local)
-        for matrix in (self.mass, self.stiffness):
-            matrix.setOption(matrix.Option.SYMMETRIC, True)
-        self._solver: ShiftInvertSolver | None = None
-
-    def modes(self, n_modes: int, where: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body."""
-        self._solver = self._new_solver()
-        pairs = self._solver.solve(self.stiffness, self.mass, self._n_rigid, n_modes, where)
-        return pairs.values[self._n_rigid :], pairs.vectors[:, self._n_rigid :]
-
-    def factor(self) -> None:
-        """Factor ``K - sigma M`` for `answers`, without solving for modes."""
-        self._solver = self._new_solver()
-        self._solver.factor(self.stiffness, self.mass)
-
-    def _new_solver(self) -> ShiftInvertSolver:
-        return ShiftInvertSolver(self.mass.getComm(), -0.5 * self._lowest(), PREFIX)
-
-    def _lowest(self) -> float:
-        """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the
-        place."""
-        from mpi4py import MPI
-
-        fields = polynomial_fields(self._places, self.comm)
-        products = [fields.T @ times(matrix, fields) for matrix in (self.stiffness, self.mass)]
-        stiffness, mass = self.comm.allreduce(np.array(products), op=MPI.SUM)
-        # few nodes across a body do not tell all polynomials apart
-        squares, directions = eigh(mass)
-        chosen = squares > DEPENDENT_FIELDS * squares[-1]
-        basis = directions[:, chosen] / np.sqrt(squares[chosen])
-        return float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
-
-    def answers(self, loads: np.ndarray) -> np.ndarray:
-        """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `modes` or `factor`."""
-        return self._solver.apply_inverse(loads)
-
-    def close(self) -> None:
-        """Destroy the PETSc objects."""
-        if self._solver is not None:
-            self._solver.close()
-        self.mass.destroy()
-        self.stiffness.destroy()
 
 
 def condense(
@@ -129,6 +55,7 @@ def condense(
     n_modes: int,
     comm: MPI.Comm,
     timings: Timings | None = None,
+    memory: float | None = None,
 ) -> tuple[Component, np.ndarray]:
     """Condense a body. Collective on `comm`.
 
@@ -147,6 +74,8 @@ def condense(
     timings
         Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
         projection.
+    memory
+        What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
 
     Returns
     -------
@@ -165,30 +94,40 @@ def condense(
     n_modes = min(n_modes, solid.n_dofs - d * (d + 1) // 2)  # a coarse mesh has no more
     nodes = range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
     own = slice(d * nodes.start, d * nodes.stop)
-    with timings.phase("assembly"):
-        stiffness, mass = solid.stiffness(nodes), solid.mass(nodes)
     interface = [frame.functionals(n_nodes) for frame in frames.values()]
     loads = np.vstack([functionals.toarray() for functionals in interface])[:, own].T
     places = solid.mesh.nodes[nodes.start : nodes.stop]
     fields = linear_fields(places)
+    with timings.phase("assembly"):
+        stiffness, mass = (petsc_terms(assemble(nodes), comm) for assemble in (solid.stiffness, solid.mass))
     subspace, error = None, 0.0
-    for values in points:
-        with timings.phase("assembly"):
-            problem = BodyProblem(mass, stiffness, values, places, comm)
-        try:
-            with timings.phase("modes"):
-                own_modes = problem.modes(n_modes, f"body {solid.name}")
-            with timings.phase("answers"):
-                if subspace is None:
-                    subspace = Subspace(problem.mass, problem.stiffness, comm)
-                    subspace.add(fields)
-                else:
-                    subspace.turn_to(problem.mass, problem.stiffness)
-                error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
-        finally:
-            problem.close()
-    with timings.phase("projection"):
-        return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
+    try:
+        for values in points:
+            with timings.phase("assembly"):
+                problem = BodyProblem(mass, stiffness, values, places, comm, memory, solid.name)
+            try:
+                with timings.phase("modes"):
+                    problem.factor()
+                    own_modes = problem.modes(n_modes)
+                with timings.phase("answers"):
+                    if subspace is None:
+                        subspace = Subspace(problem.mass, _stiffness_of(problem), comm)
+                        subspace.add(fields)
+                    else:
+                        subspace.turn_to(problem.mass, _stiffness_of(problem))
+                    error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
+            finally:
+                problem.close()
+        with timings.phase("projection"):
+            return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
+    finally:
+        for matrix in (*mass.values(), *stiffness.values()):
+            matrix.destroy()
+
+
+def _stiffness_of(problem: BodyProblem) -> Operator:
+    """Return the operator of a subspace whose images are ``K V``."""
+    return lambda vectors, _: times(problem.stiffness, vectors)
 
 
 def _serve(
@@ -230,9 +169,9 @@ def _tests(values: np.ndarray) -> np.ndarray:
 def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
     """Return ``P^T - (K - lambda M) V x`` with the Galerkin answer x, local rows."""
     v = subspace
-    reduced = v.inner(v.vectors, v.stiffness_vectors) - test * np.eye(v.n)
+    reduced = v.inner(v.vectors, v.images) - test * np.eye(v.n)
     x = np.linalg.solve(reduced, v.inner(v.vectors, loads))
-    return loads - (v.stiffness_vectors @ x - test * (v.mass_vectors @ x))
+    return loads - (v.images @ x - test * (v.mass_vectors @ x))
 
 
 def _condensed(
@@ -242,7 +181,7 @@ def _condensed(
     subspace: Subspace,
     loads: np.ndarray,
     fields: np.ndarray,
-    matrices: tuple[Mapping[Monomial, sp.csr_matrix], Mapping[Monomial, sp.csr_matrix]],
+    matrices: tuple[Terms, Terms],
     nodes: range,
     error: float,
 ) -> tuple[Component, np.ndarray]:
@@ -282,7 +221,7 @@ def _across_axis(
     solid: Solid,
     nodes: range,
     subspace: Subspace,
-    mass: Mapping[Monomial, sp.csr_matrix],
+    mass: Terms,
     values: Mapping[str, float],
 ) -> np.ndarray:
     """Return what takes vectors of the subspace to the rest beside their part along the axis (`section_coordinates`).
@@ -301,13 +240,11 @@ def weighted_sum_dense(terms: Mapping[Monomial, np.ndarray], values: Mapping[str
     return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
 
 
-def _projected(matrix: sp.csr_matrix, vectors: np.ndarray, comm: MPI.Comm) -> np.ndarray:
-    """Return ``V^T A V`` for local rows of A and V."""
+def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: MPI.Comm) -> np.ndarray:
+    """Return ``V^T A V`` for local rows of V."""
     from mpi4py import MPI
 
-    distributed = aij_matrix(matrix, comm, len(vectors))
-    product = comm.allreduce(vectors.T @ times(distributed, vectors), op=MPI.SUM)
-    distributed.destroy()
+    product = comm.allreduce(vectors.T @ times(matrix, vectors), op=MPI.SUM)
     return 0.5 * (product + product.T)
 
 

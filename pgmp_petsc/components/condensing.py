@@ -14,11 +14,16 @@ from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
+
+# of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
+# vectors take as much again, and what grows while bodies are condensed comes on top
+FACTOR_SHARE = 1.0 / 3.0
 
 
 class Finished(Protocol):
@@ -62,12 +67,14 @@ def condensed(
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
     own = waiting[group.index :: group.count]
+    free = free_share(group.world)
+    memory = None if free is None else FACTOR_SHARE * free
     with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
         for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings)
+                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,25 +19,31 @@ DEPENDENT = 1e-9
 DEPENDENT_AMONG = 1e-12
 
 
+#: What an operator makes of vectors v, given v and M v, local rows (n_local, k).
+Operator = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
 class Subspace:
-    """An M-orthonormal basis V with ``M V`` and ``K V`` beside it. Collective on `comm`.
+    """An M-orthonormal basis V with ``M V`` and its images under an operator beside it. Collective on `comm`.
 
     Parameters
     ----------
-    mass, stiffness
+    mass
         Symmetric, distributed by rows.
+    operator
+        Linear, symmetric.
     comm
-        Their ranks.
+        The ranks of both.
 
     Attributes
     ----------
-    vectors, mass_vectors, stiffness_vectors
-        V, M V, K V: local rows, shape (n_local, n).
+    vectors, mass_vectors, images
+        V, M V, and the operator's images of V: local rows, shape (n_local, n).
     """
 
-    def __init__(self, mass: PETSc.Mat, stiffness: PETSc.Mat, comm: MPI.Comm) -> None:
-        self._mass, self._stiffness, self.comm = mass, stiffness, comm
-        self.vectors = self.mass_vectors = self.stiffness_vectors = np.empty((mass.getLocalSize()[0], 0))
+    def __init__(self, mass: PETSc.Mat, operator: Operator, comm: MPI.Comm) -> None:
+        self._mass, self._operator, self.comm = mass, operator, comm
+        self.vectors = self.mass_vectors = self.images = np.empty((mass.getLocalSize()[0], 0))
 
     @property
     def n(self) -> int:
@@ -49,31 +56,53 @@ class Subspace:
 
         return self.comm.allreduce(left.T @ right, op=MPI.SUM)
 
-    def turn_to(self, mass: PETSc.Mat, stiffness: PETSc.Mat) -> None:
+    def turn_to(self, mass: PETSc.Mat, operator: Operator) -> None:
         """Make the same span orthonormal in another mass."""
-        vectors, self._mass, self._stiffness = self.vectors, mass, stiffness
-        self.vectors = self.mass_vectors = self.stiffness_vectors = np.empty((len(vectors), 0))
+        vectors, self._mass, self._operator = self.vectors, mass, operator
+        self.vectors = self.mass_vectors = self.images = np.empty((len(vectors), 0))
         self.add(vectors)
+
+    def keep(self, turn: np.ndarray) -> None:
+        """Keep the span of ``V turn`` only; turn has orthonormal columns, shape (n, k)."""
+        self.vectors, self.mass_vectors = self.vectors @ turn, self.mass_vectors @ turn
+        self.images = self.images @ turn
 
     def add(self, columns: np.ndarray) -> int:
         """Add the span of columns (n_local, k), without what is there already; return how many vectors were new."""
-        fresh, size = self._normed(columns)
-        for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            left, size = self._normed(fresh - self.vectors @ self.inner(self.mass_vectors, fresh))
-            # what vanishes beside the others is round-off, which is not the same in every run
-            fresh = left[:, size > DEPENDENT]
-        squares, directions = np.linalg.eigh(self.inner(fresh, times(self._mass, fresh)))
+        fresh, momenta, _ = self._normed(columns)
+        # twice is enough (Kahan): the second pass removes what round-off left. Products with the mass cost most here;
+        # those of what is added to or taken from vectors follow, and are found anew where a difference may be small
+        fresh, momenta, size = self._normed(self._beside(fresh, momenta)[0])
+        # what vanishes beside the others is round-off, which is not the same in every run
+        fresh, momenta = self._beside(fresh[:, size > DEPENDENT], momenta[:, size > DEPENDENT])
+        squares, directions = np.linalg.eigh(self.inner(fresh, momenta))
         chosen = squares > DEPENDENT_AMONG
         fresh = fresh @ (directions[:, chosen] / np.sqrt(squares[chosen]))
         for _ in range(2):
-            fresh = fresh - self.vectors @ self.inner(self.mass_vectors, fresh)
-            fresh = fresh @ np.linalg.inv(np.linalg.cholesky(self.inner(fresh, times(self._mass, fresh)))).T
+            momenta = times(self._mass, fresh)
+            fresh, momenta = self._beside(fresh, momenta)
+            turn = np.linalg.inv(np.linalg.cholesky(self.inner(fresh, momenta))).T
+            fresh, momenta = fresh @ turn, momenta @ turn
         self.vectors = np.hstack([self.vectors, fresh])
-        self.mass_vectors = np.hstack([self.mass_vectors, times(self._mass, fresh)])
-        self.stiffness_vectors = np.hstack([self.stiffness_vectors, times(self._stiffness, fresh)])
+        self.mass_vectors = np.hstack([self.mass_vectors, momenta])
+        self.images = np.hstack([self.images, self._operator(fresh, momenta)])
         return int(chosen.sum())
 
-    def _normed(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return columns with M-norm 1, and the norms that they had, shape (k,)."""
-        sizes = np.sqrt(np.diag(self.inner(columns, times(self._mass, columns))))
-        return columns / np.where(sizes > 0.0, sizes, 1.0), sizes
+    def norms(self, columns: np.ndarray) -> np.ndarray:
+        """Return the M-norms of local columns (n_local, k), shape (k,)."""
+        from mpi4py import MPI
+
+        squares = np.einsum("ik,ik->k", columns, times(self._mass, columns))
+        return np.sqrt(self.comm.allreduce(squares, op=MPI.SUM))
+
+    def _beside(self, columns: np.ndarray, momenta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return columns, and their products with the mass, without their parts in the basis."""
+        parts = self.inner(self.mass_vectors, columns)
+        return columns - self.vectors @ parts, momenta - self.mass_vectors @ parts
+
+    def _normed(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return columns with M-norm 1, their products with the mass, and the norms that they had, shape (k,)."""
+        momenta = times(self._mass, columns)
+        sizes = np.sqrt(np.diag(self.inner(columns, momenta)))
+        scale = np.where(sizes > 0.0, sizes, 1.0)
+        return columns / scale, momenta / scale, sizes

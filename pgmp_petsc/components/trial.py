@@ -1,10 +1,9 @@
 """What a build with continuum bodies will take, from one trial factorisation and solve of its largest body.
 
-Condensing a body takes its assembly, two factorisations (one for the shift-invert, one that counts eigenvalues by
-inertia) and solves: those of the Krylov space, one column after the other with products with the mass, and of the
-frames' answers round by round, all columns at once, which takes a fraction of the time: a solve waits for the factor to
-come from memory. Time and memory of bodies of the same kind grow with their unknowns, a little faster for bulky ones;
-they are taken as proportional here.
+Condensing a body takes its assembly, two factorisations (one for solves, one that counts eigenvalues by inertia and
+keeps nothing) and solves in blocks: those of the modes and of the frames' answers, round by round, all columns at once,
+which take little longer than one: a solve waits for the factor to come from memory, or from files. Time and memory of
+bodies of the same kind grow with their unknowns, a little faster for bulky ones; they are taken as proportional here.
 """
 
 from __future__ import annotations
@@ -19,21 +18,21 @@ import numpy as np
 
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.components.component_modes import BodyProblem
+from pgmp_petsc.components.body_problem import BodyProblem
+from pgmp_petsc.components.condensing import FACTOR_SHARE
+from pgmp_petsc.components.petsc_terms import petsc_terms
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.matrices import times
+from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-KRYLOV = 3.8  # steps an eigenvector takes, measured with round bars in space
-PRODUCTS = 2  # with the mass in a step, the same
-ROUNDS = 7  # rounds that the frames' answers take, the same
+ROUNDS = 14  # blocks of columns that modes and the frames' answers take, measured with round bars in space
 RIGID_AND_SPARE = 9  # eigenvectors beside those asked for
 FACTORS = 2
-REPEATS = 3  # of the step that is timed
+BESIDE = 1.4  # of the memory of the trial: what the count and vectors take, measured the same way
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Trial:
     n_dofs
         Its unknowns.
     assembly, factorisation, solve
-        Times of the trial, s; the solve is that of one step of the Krylov space.
+        Times of the trial, s; the solve is that of one block of columns.
     memory
         Largest memory of all ranks together so far, bytes.
     seconds
@@ -79,28 +78,24 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
     meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points_used(scene, name))
     nodes = range(mesh.n_nodes * comm.rank // comm.size, mesh.n_nodes * (comm.rank + 1) // comm.size)
     start = time.perf_counter()
-    mass, stiffness = meshed.solid.mass(nodes), meshed.solid.stiffness(nodes)
-    problem = BodyProblem(mass, stiffness, scene.nominal, mesh.nodes[nodes.start : nodes.stop], comm)
+    mass, stiffness = (petsc_terms(assemble(nodes), comm) for assemble in (meshed.solid.mass, meshed.solid.stiffness))
+    places, free = mesh.nodes[nodes.start : nodes.stop], free_share(comm)
+    memory = None if free is None else FACTOR_SHARE * free
+    problem = BodyProblem(mass, stiffness, scene.nominal, places, comm, memory, name)
+    n_pairs = scene.reduction.modes + scene.n_overconstrained + RIGID_AND_SPARE
     try:
         assembled = time.perf_counter()
         problem.factor()
         factored = time.perf_counter()
-        columns = np.ones((mesh.dimension * len(nodes), 6 * len(meshed.frames)))
-        problem.answers(columns)
-        answered = time.perf_counter()
-        for _ in range(REPEATS):
-            problem.answers(columns[:, :1])
-            for _ in range(PRODUCTS):
-                times(problem.mass, columns[:, :1])
+        problem.answers(np.ones((mesh.dimension * len(nodes), n_pairs)))
         solved = time.perf_counter()
     finally:
         problem.close()
-    steps = np.diff([start, assembled, factored, answered, solved])
-    assembly, factorisation, round_, solve = (float(step) for step in comm.allreduce(steps) / comm.size)
-    solve /= REPEATS
-    n_pairs = scene.reduction.modes + scene.n_overconstrained + RIGID_AND_SPARE
-    largest = assembly + FACTORS * factorisation + KRYLOV * n_pairs * solve + ROUNDS * round_
+        for matrix in (*mass.values(), *stiffness.values()):
+            matrix.destroy()
+    steps = np.diff([start, assembled, factored, solved])
+    assembly, factorisation, solve = (float(step) for step in comm.allreduce(steps) / comm.size)
+    largest = assembly + FACTORS * factorisation + ROUNDS * solve
     share = sum(solid.n_nodes for solid in solids.values()) / mesh.n_nodes
-    # the counting factorisation is held beside the first one
-    memory = comm.allreduce(1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) * 1.5
-    return Trial(name, meshed.solid.n_dofs, assembly, factorisation, solve, memory, share * largest)
+    peak = comm.allreduce(1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return Trial(name, meshed.solid.n_dofs, assembly, factorisation, solve, BESIDE * peak, share * largest)

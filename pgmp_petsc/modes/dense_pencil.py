@@ -17,7 +17,8 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh, solve_triangula
 
 from pgmp_petsc.mechanism.null_space import NullSpace
 from pgmp_petsc.runtime.errors import RunError
-from pgmp_petsc.solvers.shift_invert import RESIDUAL_TOLERANCE, EigenPairs
+from pgmp_petsc.solvers.eigenpair_checks import RESIDUAL_TOLERANCE
+from pgmp_petsc.solvers.shift_invert import EigenPairs
 
 MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 PREFIXES = {
     "pgmp_modes_": "eigenproblems of the mechanism",
     "pgmp_scale_": "the first eigenproblem of a mechanism, which finds the shift of the others",
-    "pgmp_body_": "eigenproblems of continuum bodies that are condensed",
+    "pgmp_body_": "factors of continuum bodies that are condensed",
     "pgmp_full_": "linear systems of one full-order run",
     "pgmp_ts_": "time integration",
     "pgmp_error_ts_": "time integration of the reference that error estimates compare with",

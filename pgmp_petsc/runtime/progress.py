@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, TextIO
@@ -143,6 +143,16 @@ def progress(total: int, description: str, comm: MPI.Comm, initial: int = 0) -> 
     from tqdm import tqdm
 
     return tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
+
+
+def announce(text: str, comm: MPI.Comm) -> None:
+    """Say on stderr what a computation has decided; by the first rank of `comm`, not collective."""
+    if comm.rank > 0 or _quiet.get():
+        return
+    # not over the bar of a terminal
+    start = "\r\x1b[K" if sys.stderr.isatty() else ""
+    with suppress(OSError):
+        print(f"{start}pgmp: {text}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -11,6 +11,7 @@ A thread waits for the signal instead; MPI lets it run.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -23,6 +24,7 @@ ENDING = (signal.SIGTERM, signal.SIGUSR1)
 FLUSH_SECONDS = 0.5  # mpirun kills a second after SIGTERM
 
 _kept: list[Path] = []
+_passing: list[Path] = []
 
 
 def keep(folder: Path) -> None:
@@ -31,10 +33,16 @@ def keep(folder: Path) -> None:
         _kept.append(folder)
 
 
+def remove_at_end(folder: Path) -> None:
+    """From now on a signal that ends the run removes a folder with all that is in it."""
+    _passing.append(folder)
+
+
 def keep_no_longer(folder: Path) -> None:
     """The folder is gone."""
-    if folder in _kept:
-        _kept.remove(folder)
+    for folders in (_kept, _passing):
+        if folder in folders:
+            folders.remove(folder)
 
 
 def what_is_kept() -> str:
@@ -93,5 +101,7 @@ def _end(number: signal.Signals, rank: int) -> NoReturn:
         os.write(2, f"{start}pgmp: stopped by {number.name}: {what_is_kept()}\n".encode())
     flush = threading.Thread(target=sys.stdout.flush, daemon=True)
     flush.start()
+    for folder in tuple(_passing):
+        shutil.rmtree(folder, ignore_errors=True)
     flush.join(FLUSH_SECONDS)
     os._exit(128 + number)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -32,3 +33,14 @@ def test_a_scene_of_beams_has_nothing_to_try() -> None:
     assert (
         "no continuum bodies: nothing to try" in pgmp("check", ROOT / "scenes" / "slider_crank.toml", "--trial").stdout
     )
+
+
+def test_a_factor_that_has_no_folder_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path / "none"))
+    options = ("--", "-pgmp_body_st_mat_mumps_icntl_22", "1")
+    said = pgmp("check", SOLID, "--trial", *options, status=2).stderr
+    assert said.startswith("pgmp: error: MUMPS_OOC_TMPDIR = ") and said.count("\n") == 1
+    # and nothing is left where there is one
+    monkeypatch.setenv("MUMPS_OOC_TMPDIR", str(tmp_path))
+    pgmp("check", SOLID, "--trial", *options)
+    assert not list(tmp_path.iterdir())

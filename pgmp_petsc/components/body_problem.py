@@ -1,0 +1,117 @@
+"""A free body at given parameter values: its factor, its lowest modes, and its answers to loads.
+
+Everything comes from one factor of ``K - sigma M`` with a negative shift of the order of the first elastic eigenvalue,
+so that it is positive definite although K has the body's rigid motion in its null space. A second factor counts the
+eigenvalues below a gap; it is not kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import eigh
+
+from pgmp_petsc.components.block_lanczos import BlockLanczos
+from pgmp_petsc.components.displacement_fields import polynomial_fields
+from pgmp_petsc.components.petsc_terms import Terms, matrix_sum
+from pgmp_petsc.runtime.matrices import times
+from pgmp_petsc.runtime.memory import give_back
+from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+PREFIX = "pgmp_body_"
+DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and 1
+
+
+class BodyProblem:
+    """A free body's matrices and factor at given parameter values. Collective on `comm`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        By weight; they stay the caller's.
+    values
+        Parameter values.
+    places
+        This rank's nodes, shape (n, d), m.
+    comm
+        Ranks that share the body.
+    memory
+        What the factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    name
+        The body's, for messages.
+    """
+
+    def __init__(
+        self,
+        mass: Terms,
+        stiffness: Terms,
+        values: Mapping[str, float],
+        places: np.ndarray,
+        comm: MPI.Comm,
+        memory: float | None = None,
+        name: str = "",
+    ) -> None:
+        d = places.shape[1]
+        self.comm, self._places, self._n_rigid, self._where = comm, places, d * (d + 1) // 2, f"body {name}".strip()
+        self._sums = [matrix_sum(terms, values) for terms in (mass, stiffness)]
+        self.mass, self.stiffness = (matrix for matrix, _ in self._sums)
+        for matrix in (self.mass, self.stiffness):
+            matrix.setOption(matrix.Option.SYMMETRIC, True)
+        self._memory, self._factor = memory, None
+
+    def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`."""
+        start = polynomial_fields(self._places, self.comm)
+        lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
+        values, vectors = lanczos.solve(self._n_rigid, n_modes, self._count_below, self._where)
+        return values[self._n_rigid :], vectors[:, self._n_rigid :]
+
+    def factor(self) -> None:
+        """Factor ``K - sigma M`` for `modes` and `answers`."""
+        give_back()  # what the assembly needed
+        self._shift = -0.5 * self._lowest()
+        self._factor = ShiftedFactor(self.mass.getComm(), f"{PREFIX}st_", self._memory)
+        what = f"{self._where}, factorisation with the shift {self._shift:.6g}"
+        self._factor.factor(self.stiffness, self.mass, self._shift, what)
+
+    def _count_below(self, tau: float) -> int:
+        """Return the number of eigenvalues below tau; nothing of what it takes stays."""
+        give_back()  # the larger part of the basis
+        count = ShiftedFactor(self.mass.getComm(), f"{PREFIX}count_", counts=True)
+        try:
+            count.factor(self.stiffness, self.mass, tau, f"{self._where}, count of the eigenvalues below {tau:.6g}")
+            return count.negative_pivots()
+        finally:
+            count.close()
+
+    def _lowest(self) -> float:
+        """Return an upper bound of the first elastic eigenvalue, of its order: Rayleigh-Ritz with polynomials of the
+        place."""
+        from mpi4py import MPI
+
+        fields = polynomial_fields(self._places, self.comm)
+        products = [fields.T @ times(matrix, fields) for matrix in (self.stiffness, self.mass)]
+        stiffness, mass = self.comm.allreduce(np.array(products), op=MPI.SUM)
+        # few nodes across a body do not tell all polynomials apart
+        squares, directions = eigh(mass)
+        chosen = squares > DEPENDENT_FIELDS * squares[-1]
+        basis = directions[:, chosen] / np.sqrt(squares[chosen])
+        return float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
+
+    def answers(self, loads: np.ndarray) -> np.ndarray:
+        """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `factor`."""
+        return self._factor.apply_inverse(loads, f"{self._where}, linear system with the shift {self._shift:.6g}")
+
+    def close(self) -> None:
+        """Destroy the PETSc objects."""
+        if self._factor is not None:
+            self._factor.close()
+        for matrix, own in self._sums:
+            if own:
+                matrix.destroy()
+        give_back()
