@@ -2,7 +2,7 @@
 
 The iteration matrices of a batch of full-order samples differ in their numbers only. Ordering and fill-in are found
 once; the numeric factorisation ``L D L^T`` then runs over the common pattern, with the samples of a block side by side
-in the innermost loop (lanes), where they vectorise. A sample never touches another's numbers.
+in vectors (`lane_items`). A sample never touches another's numbers.
 
 There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]``, and the order of elimination makes every
 leading block non-singular. With S positive definite at reasonable steps a constraint comes behind all unknowns that it
@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from pgmp_petsc.dynamics.lane_items import fused
 from pgmp_petsc.runtime.compiled import njit
 
 
@@ -101,53 +102,44 @@ def _by_levels(order: np.ndarray, pattern: sp.csr_matrix, levels: np.ndarray) ->
 
 @njit(cache=True, error_model="numpy")
 def factorise(starts, rows, diagonal, lower):
-    """Factorise in place, all lanes of a block: ``lower`` becomes L, ``diagonal`` becomes the inverse of D.
+    """Factorise in place: ``lower`` becomes L, ``diagonal`` becomes the inverse of D.
 
     Parameters
     ----------
     starts, rows
         Of the symbolic factorisation.
     diagonal
-        Shape (n, n_lanes), in elimination order.
+        Items (n,) in elimination order; see `lane_items`.
     lower
-        Entries below the diagonal, shape (n_entries, n_lanes).
+        Entries below the diagonal, items (n_entries,).
     """
-    n_lanes = diagonal.shape[1]
-    scaled = np.empty(n_lanes)
-    for k in range(diagonal.shape[0]):
-        for lane in range(n_lanes):
-            diagonal[k, lane] = 1.0 / diagonal[k, lane]
+    for k in range(diagonal.size):
+        inverse = 1.0 / diagonal[k]
+        diagonal[k] = inverse
         end = starts[k + 1]
         for b in range(starts[k], end):
-            column = rows[b]
-            for lane in range(n_lanes):
-                scaled[lane] = lower[b, lane] * diagonal[k, lane]
-                diagonal[column, lane] -= lower[b, lane] * scaled[lane]
+            own, column = lower[b], rows[b]
+            scaled = own * inverse
+            diagonal[column] = fused(-own, scaled, diagonal[column])
             # the rows below are among those of their column: where one lies, the next lies behind it
             target = starts[column]
             for a in range(b + 1, end):
                 while rows[target] != rows[a]:
                     target += 1
-                for lane in range(n_lanes):
-                    lower[target, lane] -= lower[a, lane] * scaled[lane]
-            for lane in range(n_lanes):
-                lower[b, lane] = scaled[lane]
+                lower[target] = fused(-scaled, lower[a], lower[target])
+            lower[b] = scaled
 
 
 @njit(cache=True, error_model="numpy")
 def substitute(starts, rows, diagonal, lower, x):
-    """Solve ``L D L^T y = x`` in place, x of shape (n, n_lanes) in elimination order."""
-    n_lanes = x.shape[1]
-    n = diagonal.shape[0]
+    """Solve ``L D L^T y = x`` in place, x items (n,) in elimination order."""
+    n = diagonal.size
     for k in range(n):
+        known = -x[k]
         for a in range(starts[k], starts[k + 1]):
-            row = rows[a]
-            for lane in range(n_lanes):
-                x[row, lane] -= lower[a, lane] * x[k, lane]
+            x[rows[a]] = fused(lower[a], known, x[rows[a]])
     for k in range(n - 1, -1, -1):
-        for lane in range(n_lanes):
-            x[k, lane] *= diagonal[k, lane]
+        total = x[k] * diagonal[k]
         for a in range(starts[k], starts[k + 1]):
-            row = rows[a]
-            for lane in range(n_lanes):
-                x[k, lane] -= lower[a, lane] * x[row, lane]
+            total = fused(-lower[a], x[rows[a]], total)
+        x[k] = total

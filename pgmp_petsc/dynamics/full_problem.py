@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.full_parts import (
     spatial_beams,
     spatial_masses,
 )
+from pgmp_petsc.dynamics.lane_items import width_of
 from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
@@ -157,7 +158,7 @@ class FullEquations:
         unknowns.frames(units)[:, d:] = 1.0
         here = self.layout.needed[: self.layout.n_unknowns]
         self.problem = contiguous(FullProblem(
-            d, elements, lumps, cells, beams, masses, loads, actions,
+            width_of(blocks.n_lanes), d, elements, lumps, cells, beams, masses, loads, actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self._pattern(), sections(share),
             np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
