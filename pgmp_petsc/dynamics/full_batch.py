@@ -17,6 +17,7 @@ from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
 from pgmp_petsc.dynamics.held_parts import Held
+from pgmp_petsc.dynamics.lane_items import aligned
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
@@ -85,9 +86,8 @@ class FullBatch:
         self._nobody = np.zeros(n_samples, dtype=bool)
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(
+            aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
             aligned_zeros((n, blocks.n_lanes)),
-            aligned_zeros((blocks.n_blocks, n, blocks.n_lanes)),
-            aligned_zeros((blocks.n_blocks, equations.layout.n_lower, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
@@ -150,7 +150,7 @@ class FullBatch:
             reference = np.empty((2, 0, self.n_dofs, self.n_samples))
         about = np.moveaxis(self.pack(reference), 0, 2)
         before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, asked.auxiliary, expected)
-        after = tuple(aligned_zeros((n, *part.shape)) for part in before)
+        after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(

@@ -85,6 +85,7 @@ class Pattern(NamedTuple):
     place: np.ndarray
     starts: np.ndarray
     rows: np.ndarray
+    products: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class FullProblem(NamedTuple):
@@ -141,12 +142,11 @@ class Strengths(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Factorised iteration matrices: diagonal (n_blocks, n, n_lanes) and lower entries (n_blocks, n_lower, n_lanes);
-    and a right-hand side that is used again and again, (n, n_lanes)."""
+    """Factorised iteration matrices, diagonal and lower entries (n_blocks, n + n_lower, n_lanes), and a right-hand side
+    that is used again and again, (n, n_lanes)."""
 
+    matrix: np.ndarray
     x: np.ndarray
-    diagonal: np.ndarray
-    lower: np.ndarray
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -349,13 +349,14 @@ def correct_block(
 ):  # fmt: skip
     """Correct some lanes of a block; `scale` is a work array (n_lanes,)."""
     width, pattern = problem.width, problem.pattern
-    x, diagonal, lower = borrowed(factors.x), borrowed(factors.diagonal[block]), borrowed(factors.lower[block])
+    x, matrix = borrowed(factors.x), borrowed(factors.matrix[block])
+    diagonal, lower = matrix[: x.shape[0]], matrix[x.shape[0] :]
     for lane in range(scale.size):
         scale[lane] = gains[1] * typical_mass[lane]
     evaluate(problem, block, amplitudes, angles, 1.0, residual, state, gains, scale, fresh, x, diagonal, lower)
     if fresh:
-        factorise(pattern.starts, pattern.rows, items(diagonal, width), items(lower, width))
-    substitute(pattern.starts, pattern.rows, items(diagonal, width), items(lower, width), items(x, width))
+        factorise(pattern.starts, pattern.rows, pattern.products, items(matrix, width))
+    substitute(pattern.starts, pattern.rows, items(matrix, width), items(x, width))
     take_correction(problem.units, width, pattern.place, x, scale, gains, lanes, state, size)
 
 

@@ -217,8 +217,9 @@ class FullEquations:
     def _pattern(self) -> Pattern:
         if isinstance(self.layout, WholeLayout):
             symbolic = self.layout.symbolic
-            return Pattern(symbolic.place, symbolic.starts, symbolic.rows)
-        return Pattern(self.layout.place, *np.zeros((2, 0), dtype=np.int64))
+            return Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
+        nothing = np.zeros((3, 0), dtype=np.int64)
+        return Pattern(self.layout.place, *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
 
     def _loads(
         self, effects: Sequence[Effect], values: Mapping[str, np.ndarray], blocks: SampleBlocks

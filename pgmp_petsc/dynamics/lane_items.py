@@ -11,6 +11,7 @@ freedom in the order and the rounding of operations; products and sums are contr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +31,17 @@ WIDE = (0.0,) * LANES
 def width_of(n_lanes: int) -> tuple[float, ...]:
     """Return the tuple that tells compiled functions how many lanes there are."""
     return (0.0,) * n_lanes
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array of any numbers that begins at a cache line.
+
+    Memory that was in use before is taken again as it is; for zeros it would be swept first (`vectors.aligned_zeros`).
+    """
+    size = math.prod(shape)
+    buffer = np.empty(size + CACHE_LINE // 8)
+    first = (-buffer.ctypes.data % CACHE_LINE) // 8
+    return buffer[first : first + size].reshape(shape)
 
 
 @intrinsic
