@@ -65,7 +65,7 @@ class Acted(NamedTuple):
     depths: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def add_loads(loads, width, block, amplitudes, share, x, place):
     """Take a share of the loads with amplitudes (n_loads,) from x, shape (n, n_lanes) in elimination order."""
     x, weights = items(x, width), items(loads.weights, width)

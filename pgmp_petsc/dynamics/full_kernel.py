@@ -212,7 +212,7 @@ def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, pla
     keep(space)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def add_lumps(lumps, width, sections, block, v, a, gains, fresh, x, place, diagonal, lower):
     """Add the inertia forces of the nodes' own masses to x, and their tangents to the matrix."""
     v, a, masses, sections = items(v, width), items(a, width), items(lumps.mass, width), items(sections, width)
@@ -349,7 +349,7 @@ def correct_block(
 ):  # fmt: skip
     """Correct some lanes of a block; `scale` is a work array (n_lanes,)."""
     width, pattern = problem.width, problem.pattern
-    x, matrix = borrowed(factors.x), borrowed(factors.matrix[block])
+    x, matrix = borrowed(factors.x), borrowed(factors.matrix)[block]
     diagonal, lower = matrix[: x.shape[0]], matrix[x.shape[0] :]
     for lane in range(scale.size):
         scale[lane] = gains[1] * typical_mass[lane]
@@ -360,7 +360,7 @@ def correct_block(
     take_correction(problem.units, width, pattern.place, x, scale, gains, lanes, state, size)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def take_correction(units, width, place, x, scale, gains, lanes, state, size):
     """Correct some lanes of a block by the solution x in elimination order, and find its size (n_lanes,)."""
     q, v, a, multipliers = items(state[0], width), items(state[1], width), items(state[2], width), items(state[3], width)

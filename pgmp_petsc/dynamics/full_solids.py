@@ -12,7 +12,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.dynamics.lane_items import WIDE, empty_lanes, items, keep
+from pgmp_petsc.dynamics.lane_items import WIDE, empty_lanes, items, keep, of_column
 from pgmp_petsc.dynamics.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
 
@@ -155,7 +155,7 @@ def add_solids(solids, width, block, q, v, a, gains, fresh, x, place, diagonal, 
     space = empty_lanes(n_work(n_nodes, d), LANES)
     work = cell_work(n_nodes, d, items(space, WIDE))
     x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
-    forces, tangents = items(columns.forces, WIDE), items(columns.tangents, WIDE)
+    positions = solids.positions
     first = np.int64(0)  # a literal would be another type, and everything compiled once more
     while first < solids.region.size:
         n_elements = _n_together(solids, first, n_lanes)
@@ -169,15 +169,9 @@ def add_solids(solids, width, block, q, v, a, gains, fresh, x, place, diagonal, 
                 dof, at = solids.dofs[e, node, i], row * (row + 1) // 2
                 if dof < 0:
                     continue
-                if n_lanes > 1:
-                    x[place[dof]] += forces[node, i]
-                else:
-                    x[place[dof]] += columns.forces[node, i, c]
+                x[place[dof]] += of_column(columns.forces, row, c, width)
                 for entry in range(at, at + row + 1 if fresh else at):
-                    if n_lanes > 1:
-                        add_entry(solids.positions[e, entry], tangents[entry], diagonal, lower)
-                    else:
-                        add_entry(solids.positions[e, entry], columns.tangents[entry, c], diagonal, lower)
+                    add_entry(positions[e, entry], of_column(columns.tangents, entry, c, width), diagonal, lower)
         first += n_elements
     keep(space)
 

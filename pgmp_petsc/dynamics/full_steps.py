@@ -11,7 +11,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
-from pgmp_petsc.dynamics.lane_items import borrowed, items, lanes_of, select
+from pgmp_petsc.dynamics.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
 
 
@@ -58,12 +58,24 @@ def take_steps(
     n_corrections[:] = 0
     # when each sample was lost; a block goes through all steps while it is in the cache
     when = np.full((n_blocks, n_lanes), n_steps)
-    work = np.empty((4, n_lanes))
+    work, flags = np.empty((3, n_lanes)), np.empty((2, n_lanes), dtype=np.bool_)
+    of_before = (
+        borrowed(before[0]), borrowed(before[1]), borrowed(before[2]), borrowed(before[3]), borrowed(before[4]),
+        borrowed(before[5]), borrowed(before[6]),
+    )  # fmt: skip
+    of_after = (
+        borrowed(after[0]), borrowed(after[1]), borrowed(after[2]), borrowed(after[3]), borrowed(after[4]),
+        borrowed(after[5]), borrowed(after[6]),
+    )  # fmt: skip
     for block in range(n_blocks):
         n_taken = _take_steps_of_block(
             problem, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
-            behind[block], before, samples[block], after, work, when[block], n_corrections,
+            borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work), borrowed(flags),
+            borrowed(when[block]), n_corrections,
         )  # fmt: skip
+    keep(work)
+    keep(flags)
+    keep(when)
     for block in range(n_blocks):
         for lane in range(n_lanes):
             lost[block, lane] = when[block, lane] == n_taken - 1
@@ -73,30 +85,31 @@ def take_steps(
 @njit(inline="always")
 def _take_steps_of_block(
     problem, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples,
-    after, work, when, n_corrections,
+    after, work, flags, when, n_corrections,
 ):  # fmt: skip
     """Take up to n_steps steps of a block, to the one in which an iteration fails; return how many."""
     width, lanes = problem.width, lanes_of(samples)
     gains = (scheme[4], scheme[5], 1.0)
-    size, last, scale, active = work[0], work[1], work[2], np.empty(samples.size, dtype=np.bool_)
-    lost, itself = np.zeros(samples.size, dtype=np.bool_), np.empty((0, samples.size))
+    size, last, scale, active = work[0], work[1], work[2], flags[0]
+    lost, itself = flags[1], np.empty((0, samples.size))
+    lost[:] = False
     about = reference[0].shape[0] > 0
     q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
     for k in range(n_steps):
-        ahead = borrowed(after[0][k, block]), borrowed(after[1][k, block]), borrowed(after[2][k, block])
-        forces, counted = borrowed(after[3][k, block]), borrowed(after[4][k, block])
-        follows, expected = borrowed(after[5][k, block]), borrowed(after[6][k, block])
+        ahead = after[0][k, block], after[1][k, block], after[2][k, block]
+        forces, counted, follows, expected = after[3][k, block], after[4][k, block], after[5][k, block], after[6][k, block]
         amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
         _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead)
-        forces[:], counted[:], expected[:] = multipliers, turns, contraction
-        if probed[k]:
-            expected[:] = FIRST_CONTRACTION
+        _copy(width, multipliers, forces)
+        _copy(width, turns, counted)
+        for lane in range(samples.size):
+            expected[lane] = FIRST_CONTRACTION if probed[k] else contraction[lane]
+            active[lane] = samples[lane]
         if about:
             _add(width, 1.0, reference[0][k, block], ahead[0])
             _add(width, 1.0, reference[1][k, block], ahead[2])
         state = ahead[0], ahead[1], ahead[2], forces, counted
-        active[:] = samples
         going = lanes
         for iteration in range(MAX_ITERATIONS):
             if going == 0:
@@ -120,11 +133,19 @@ def _take_steps_of_block(
             _add(width, -1.0, reference[0][k, block], ahead[0])
             _add(width, -1.0, reference[1][k, block], ahead[2])
         _follow(width, scheme, a, auxiliary, ahead[2], lanes, follows)
-        if lost.any():
+        if lanes_of(lost):
             return k + 1
         behind, q, v, a, multipliers = a, ahead[0], ahead[1], ahead[2], forces
         turns, auxiliary, contraction = counted, follows, expected
     return n_steps
+
+
+@njit(error_model="numpy", forceinline=True)
+def _copy(width, x, into):
+    """Copy x (n, n_lanes)."""
+    x, into = items(x, width), items(into, width)
+    for k in range(x.size):
+        into[k] = x[k]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -135,7 +156,7 @@ def _add(width, factor, x, into):
         into[dof] += factor * x[dof]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead):
     """Predict the end of a step with the accelerations at its beginning and one step before, (n_dofs, n_lanes)."""
     alpha_m, alpha_f, beta, gamma, _, _ = scheme
@@ -152,7 +173,7 @@ def _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead):
         accelerations[dof] = select(lanes, then, now)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _follow(width, scheme, a, auxiliary, ahead, lanes, follows):
     """Find the auxiliary accelerations at the end of a step from the accelerations there."""
     alpha_m, alpha_f, weight = scheme[0], scheme[1], 1.0 / (1.0 - scheme[0])

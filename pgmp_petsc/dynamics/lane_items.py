@@ -77,6 +77,22 @@ def empty_lanes(n, n_lanes):
 
 
 @intrinsic
+def of_column(typing, array, row, column, width):
+    """Return what an array (..., LANES) of columns has for one lane: the vector in a row, its axes but the last counting
+    as one, or for a sample alone one number of it."""
+    alone = len(width) == 1
+    of = types.float64 if alone else vector
+
+    def build(context, builder, sig, args):
+        data = context.make_array(array)(context, builder, args[0]).data
+        first = builder.mul(args[1], ir.Constant(args[1].type, LANES))
+        place = builder.gep(data, [builder.add(first, args[2]) if alone else first])
+        return builder.load(builder.bitcast(place, context.get_data_type(of).as_pointer()), align=8)
+
+    return of(array, types.intp, types.intp, width), build
+
+
+@intrinsic
 def borrowed(typing, array):
     """Return the same array, not counted as a user of it either: functions that it is handed to need not count."""
 
