@@ -171,7 +171,7 @@ def _elastic_stress(f, lame, stiffness, stress):
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _add_viscous_stress(f, rate, lame, viscosity, stress):
-    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``; return the power that it takes."""
+    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``; return its power."""
     first, shear = lame
     d = f.shape[0]
     power = trace = viscosity * 0.0

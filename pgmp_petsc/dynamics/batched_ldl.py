@@ -56,8 +56,8 @@ class Symbolic:
 
     @cached_property
     def products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """All products that the factorisation takes off, column by column: the first of each column, shape (n + 1,), the
-        two factors of each and what it is taken from, shape (n_products,), in one row with the diagonal in front.
+        """Products that the factorisation takes off, column by column: the first of each column, shape (n + 1,), and
+        both factors of each and what it is taken from, (n_products,), numbered with the diagonal in front.
 
         Columns of a mechanism of beams have a few entries each, and loops over them end before a processor has guessed
         that they will. The list of large matrices would not stay in the cache: they have none.

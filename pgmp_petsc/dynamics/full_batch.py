@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns
 from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
-from pgmp_petsc.dynamics.held_parts import Held
+from pgmp_petsc.dynamics.part_reference import Reference
 from pgmp_petsc.dynamics.lane_items import aligned
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
@@ -79,7 +79,7 @@ class FullBatch:
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs
         self.n_constraints = equations.constraints.n_constraints
         self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
-        self._edges, self._held = equations.edges, Held(equations.problem)
+        self._edges, self._reference = equations.edges, Reference(equations.problem)
         self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, self._sources.motions)
@@ -136,7 +136,7 @@ class FullBatch:
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
-            count_turns(self._held, q, turns)
+            count_turns(self._reference, q, turns)
 
     def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> list[StepTaken]:
         """Take equal steps, up to one in which an iteration fails; see `AlphaStep`.
@@ -154,8 +154,8 @@ class FullBatch:
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._held, self._factors, self._sources.at(asked.ends), asked.probed, coefficients, self._typical_mass,
-            asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), asked.behind, before,
+            self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
+            self._typical_mass, asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), asked.behind, before,
             self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
@@ -190,7 +190,7 @@ class FullBatch:
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         amplitudes, found = self._sources.at(np.array([time])).actions[0], []
-        actions = Held(self._equations.problem.actions)
+        actions = Reference(self._equations.problem.actions)
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(amplitudes) :]
             now = act(actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
@@ -229,7 +229,14 @@ class FullBatch:
         n = self._blocks.n_blocks
         strengths = self._sources.at(np.full(n, time))
         table = energies_of(
-            self._held, self._conservative, strengths, np.arange(n), state.q, state.v, state.multipliers, state.turns
+            self._reference,
+            self._conservative,
+            strengths,
+            np.arange(n),
+            state.q,
+            state.v,
+            state.multipliers,
+            state.turns,
         )
         return self._names.energies(self.unpack(table))
 
@@ -238,7 +245,7 @@ class FullBatch:
         parts = zip(*((state.q[0], state.v[0], state.multipliers[0], state.turns[0]) for state in states))
         strengths = self._sources.at(np.array(times))
         first = np.zeros(len(states), dtype=np.int64)
-        table = energies_of(self._held, self._conservative, strengths, first, *(np.array(part) for part in parts))
+        table = energies_of(self._reference, self._conservative, strengths, first, *(np.array(part) for part in parts))
         return self._names.energies(table[..., 0].T)
 
     def _correct(
@@ -254,7 +261,7 @@ class FullBatch:
         now = self._sources.at(np.array([time]))
         chosen = self._blocks.mask(active)
         correct(
-            self._held, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
+            self._reference, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
             residual, parts, gains, self._typical_mass, chosen, fresh, self._size,
         )  # fmt: skip
         return self._size.ravel()[: self.n_samples].copy()

@@ -171,7 +171,8 @@ def _shared(one, other):
 @njit(cache=True, error_model="numpy")
 def _add_lumps(lumps, width, sections, block, v, result):
     """Add the energies of the nodes' own masses, and the power of what brakes them."""
-    v, masses, sections, result = items(v, width), items(lumps.mass, width), items(sections, width), items(result, width)
+    masses, sections = items(lumps.mass, width), items(sections, width)
+    v, result = items(v, width), items(result, width)
     for k in range(lumps.dofs.size):
         dof, body = lumps.dofs[k], lumps.body[k]
         if lumps.counted[k]:

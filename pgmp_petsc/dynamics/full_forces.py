@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.held_parts import loaded
-from pgmp_petsc.dynamics.lane_items import items
+from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.dynamics.lane_items import items, keep
 from pgmp_petsc.dynamics.node_actions import evaluate_actions
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.mechanism.node_statements import NodeStatements
@@ -93,8 +93,8 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents):
                 y[k, i, lane], rates[k, i, lane] = q[dof, lane], v[dof, lane]
     known = turns if turns.shape[0] else np.zeros((n, n_lanes))
     evaluate_actions(
-        Actions(loaded(actions.statements), actions.laws, actions.parameters[block]), actions.entries, amplitudes, y, rates,
-        known, np.empty((n, n_lanes)), gain_v, with_tangents, forces, tangents, powers, stored, depths,
+        Actions(loaded(actions.statements), actions.laws, actions.parameters[block]), actions.entries, amplitudes, y,
+        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, forces, tangents, powers, stored, depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)
 
@@ -112,6 +112,7 @@ def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fr
                 x[place[actions.dofs[k, i]]] -= share * forces[k, i]
     for entry in range(actions.positions.size if fresh else 0):
         add_entry(actions.positions[entry], gains[2] * share * tangents[entry], diagonal, lower)
+    keep(now)
 
 
 @njit(error_model="numpy", forceinline=True)

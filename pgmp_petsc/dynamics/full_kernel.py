@@ -32,7 +32,7 @@ from pgmp_petsc.dynamics.full_beams import Beams, Masses, add_beams, add_masses
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
 from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
 from pgmp_petsc.dynamics.full_solids import Solids, add_solids
-from pgmp_petsc.dynamics.held_parts import loaded
+from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.dynamics.lane_items import (
     absolute,
     beyond,
@@ -363,8 +363,9 @@ def correct_block(
 @njit(error_model="numpy", forceinline=True)
 def take_correction(units, width, place, x, scale, gains, lanes, state, size):
     """Correct some lanes of a block by the solution x in elimination order, and find its size (n_lanes,)."""
-    q, v, a, multipliers = items(state[0], width), items(state[1], width), items(state[2], width), items(state[3], width)
-    x, scale, size = items(x, width), items(scale, width), items(size, width)
+    q, v, a = items(state[0], width), items(state[1], width), items(state[2], width)
+    multipliers, x = items(state[3], width), items(x, width)
+    scale, size = items(scale, width), items(size, width)
     gain_v, gain_a, _ = gains
     largest = 0.0
     for dof in range(q.size):

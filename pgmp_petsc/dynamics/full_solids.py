@@ -123,8 +123,9 @@ def _evaluate(columns, lame, rayleigh, gains, fresh, work):
     """Fill the forces of the columns, inertia and damping with them, and their tangents."""
     gain_v, gain_a, gain_k = gains
     beta, alpha = rayleigh[0], rayleigh[1]
-    mass, rates, accelerations = items(columns.mass, WIDE), items(columns.rates, WIDE), items(columns.accelerations, WIDE)
-    forces, tangents, material = items(columns.forces, WIDE), items(columns.tangents, WIDE), items(columns.material, WIDE)
+    mass, material = items(columns.mass, WIDE), items(columns.material, WIDE)
+    rates, accelerations = items(columns.rates, WIDE), items(columns.accelerations, WIDE)
+    forces, tangents = items(columns.forces, WIDE), items(columns.tangents, WIDE)
     cells = Cells(items(columns.gradients, WIDE), items(columns.volumes, WIDE))
     evaluate_cells(
         cells, (lame[0], lame[1]), material[0], beta, gain_v, items(columns.places, WIDE), rates, beta != 0.0, fresh,

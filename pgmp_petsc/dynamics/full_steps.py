@@ -98,7 +98,8 @@ def _take_steps_of_block(
     turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
     for k in range(n_steps):
         ahead = after[0][k, block], after[1][k, block], after[2][k, block]
-        forces, counted, follows, expected = after[3][k, block], after[4][k, block], after[5][k, block], after[6][k, block]
+        forces, counted = after[3][k, block], after[4][k, block]
+        follows, expected = after[5][k, block], after[6][k, block]
         amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
         _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead)
         _copy(width, multipliers, forces)

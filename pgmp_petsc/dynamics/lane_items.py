@@ -78,8 +78,8 @@ def empty_lanes(n, n_lanes):
 
 @intrinsic
 def of_column(typing, array, row, column, width):
-    """Return what an array (..., LANES) of columns has for one lane: the vector in a row, its axes but the last counting
-    as one, or for a sample alone one number of it."""
+    """Return what columns (..., LANES) have for all lanes, the vector in a row (all axes but the last count as one), or
+    for a sample alone one number of it."""
     alone = len(width) == 1
     of = types.float64 if alone else vector
 
@@ -197,8 +197,8 @@ def lanes_of(mask):
     return lanes
 
 
-# pi / 2 in three parts, whose products with whole numbers up to 2^20 are exact, and the polynomials of both functions up
-# to pi / 4 (Sun's fdlibm): the highest power first
+# pi / 2 in three parts, whose products with whole numbers up to 2^20 are exact, and the polynomials of both functions
+# up to pi / 4 (Sun's fdlibm): the highest power first
 PI_HALVES = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
 SINE = (
     1.58969099521155010221e-10, -2.50507602534068634195e-08, 2.75573137070700676789e-06, -1.98412698298579493134e-04,

@@ -10,6 +10,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.vectors import LANES
 
+
 @dataclass(frozen=True)
 class SampleBlocks:
     """Blocks of samples side by side; the last is filled up with copies of the last sample that are never active.

@@ -73,7 +73,9 @@ def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
 
 
 @lower_cast(types.float64, vector)
-def _widen(context: Any, builder: ir.IRBuilder, from_type: types.Type, to_type: types.Type, number: ir.Value) -> ir.Value:
+def _widen(
+    context: Any, builder: ir.IRBuilder, from_type: types.Type, to_type: types.Type, number: ir.Value
+) -> ir.Value:
     return _spread(builder, number)
 
 

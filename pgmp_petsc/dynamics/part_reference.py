@@ -4,10 +4,10 @@ Handed over by value, each array of a tuple is seven arguments, in every call an
 full-order model, a hundred arrays, took most of the time that compiling took. Here all is a table of words, addresses
 and shapes, which compiled code reads by the names of the tuples' fields::
 
-    held = Held(problem)            # in Python
-    held.elements.length[e]         # in a compiled function
+    reference = Reference(problem)  # in Python
+    reference.elements.length[e]    # in a compiled function
 
-Nested named tuples are held in their turn; `loaded` gives them by value. Arrays are contiguous, and are not counted as
+What is nested is a reference in its turn; `loaded` gives it by value. Arrays are contiguous, and are not counted as
 in use: the object in Python keeps them.
 """
 
@@ -20,6 +20,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import NativeValue, intrinsic, lower_getattr_generic, models, register_model, typeof_impl, unbox
 from numba.misc.special import typeof
@@ -28,7 +29,7 @@ from numba.np.arrayobj import populate_array
 _WORD = ir.IntType(64)
 
 
-class Held:
+class Reference:
     """Parts, nested named tuples of contiguous arrays, numbers and tuples of these.
 
     Attributes
@@ -43,7 +44,7 @@ class Held:
         self.parts = parts
         self._table = np.array([*_words(parts), 0], dtype=np.int64)
         self.address = self._table.ctypes.data
-        self._numba_type_ = HeldType(typeof(parts))
+        self._numba_type_ = ReferenceType(typeof(parts))
 
 
 def _words(part: Any) -> Iterator[int]:
@@ -64,48 +65,50 @@ def _n_words(of: types.Type) -> int:
     return 1 + of.ndim if isinstance(of, types.Array) else 1
 
 
-class HeldType(types.Type):
+class ReferenceType(types.Type):
     """Parts of a type."""
 
     def __init__(self, parts: types.NamedTuple) -> None:
         self.parts = parts
-        super().__init__(name=f"Held({parts})")
+        super().__init__(name=f"Reference({parts})")
 
 
-@typeof_impl.register(Held)
-def _typeof(held: Held, context: Any) -> HeldType:
-    return held._numba_type_
+@typeof_impl.register(Reference)
+def _typeof(reference: Reference, context: Any) -> ReferenceType:
+    return reference._numba_type_
 
 
-@register_model(HeldType)
-class _HeldModel(models.PrimitiveModel):
+@register_model(ReferenceType)
+class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, of: types.Type) -> None:
         super().__init__(manager, of, _WORD.as_pointer())
 
 
-@unbox(HeldType)
-def _unbox(of: types.Type, held: Any, c: Any) -> NativeValue:
-    number = c.pyapi.object_getattr_string(held, "address")
+@unbox(ReferenceType)
+def _unbox(of: types.Type, reference: Any, c: Any) -> NativeValue:
+    number = c.pyapi.object_getattr_string(reference, "address")
     address = c.pyapi.long_as_voidptr(number)
     c.pyapi.decref(number)
-    return NativeValue(c.builder.bitcast(address, _WORD.as_pointer()), is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred()))
+    return NativeValue(
+        c.builder.bitcast(address, _WORD.as_pointer()), is_error=cgutils.is_not_null(c.builder, c.pyapi.err_occurred())
+    )
 
 
 @infer_getattr
-class _HeldAttributes(AttributeTemplate):
-    key = HeldType
+class _ReferenceAttributes(AttributeTemplate):
+    key = ReferenceType
 
-    def generic_resolve(self, held: HeldType, name: str) -> types.Type | None:
-        if name not in held.parts.fields:
+    def generic_resolve(self, reference: ReferenceType, name: str) -> types.Type | None:
+        if name not in reference.parts.fields:
             return None
-        of = held.parts[held.parts.fields.index(name)]
-        return HeldType(of) if isinstance(of, types.NamedTuple) else of
+        of = reference.parts[reference.parts.fields.index(name)]
+        return ReferenceType(of) if isinstance(of, types.NamedTuple) else of
 
 
-@lower_getattr_generic(HeldType)
-def _attribute(context: Any, builder: ir.IRBuilder, held: HeldType, address: ir.Value, name: str) -> ir.Value:
-    number = held.parts.fields.index(name)
-    of, first = held.parts[number], sum(_n_words(held.parts[k]) for k in range(number))
+@lower_getattr_generic(ReferenceType)
+def _attribute(context: Any, builder: ir.IRBuilder, reference: ReferenceType, address: ir.Value, name: str) -> ir.Value:
+    number = reference.parts.fields.index(name)
+    of, first = reference.parts[number], sum(_n_words(reference.parts[k]) for k in range(number))
     if isinstance(of, types.NamedTuple):
         return builder.gep(address, [_WORD(first)])
     return _value(context, builder, of, address, first)
@@ -144,6 +147,6 @@ def _word(builder: ir.IRBuilder, table: ir.Value, number: int) -> ir.Value:
 @intrinsic
 def loaded(typing, part):
     """Return a part as the named tuple that it is."""
-    if not isinstance(part, HeldType):
-        return part(part), lambda context, builder, sig, args: args[0]
+    if not isinstance(part, ReferenceType):
+        return part(part), lambda context, builder, sig, args: impl_ret_borrowed(context, builder, part, args[0])
     return part.parts(part), lambda context, builder, sig, args: _value(context, builder, part.parts, args[0], 0)
