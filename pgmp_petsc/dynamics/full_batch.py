@@ -155,8 +155,8 @@ class FullBatch:
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
             self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
-            self._typical_mass, asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), asked.behind, before,
-            self._blocks.mask(asked.samples), after, lost, n_corrections,
+            self._typical_mass, asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])),
+            asked.behind, before, self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
         return [

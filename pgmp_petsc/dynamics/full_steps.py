@@ -177,8 +177,9 @@ def _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead):
 @njit(error_model="numpy", forceinline=True)
 def _follow(width, scheme, a, auxiliary, ahead, lanes, follows):
     """Find the auxiliary accelerations at the end of a step from the accelerations there."""
-    alpha_m, alpha_f, weight = scheme[0], scheme[1], 1.0 / (1.0 - scheme[0])
+    alpha_m, alpha_f = scheme[0], scheme[1]
     a, auxiliary, ahead, follows = items(a, width), items(auxiliary, width), items(ahead, width), items(follows, width)
     for dof in range(a.size):
-        end = ((1.0 - alpha_f) * ahead[dof] + alpha_f * a[dof] - alpha_m * auxiliary[dof]) * weight
+        # to the last bit what `alpha_step` finds where a neighbour is lost
+        end = ((1.0 - alpha_f) * ahead[dof] + alpha_f * a[dof] - alpha_m * auxiliary[dof]) / (1.0 - alpha_m)
         follows[dof] = select(lanes, end, auxiliary[dof])
