@@ -27,7 +27,7 @@ from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
 STEPS_AT_ONCE = 32  # a call from Python costs what some steps of a small mechanism do
-LARGEST = 2**16  # unknowns of all samples and steps that are kept from a call
+LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
 
 
 class FullBatch:
