@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.bodies.beam2d import (
+    N_PACKED,
+    fill_tangent as fill_planar_tangent,
+    forces as planar_forces,
+    strain_rates,
+    strains,
+    stresses,
+    viscous_stresses,
+    work_of,
+)
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
-from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, strain_energies
+from pgmp_petsc.bodies.continuum import Cells, CellWork, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 
 
@@ -31,33 +41,31 @@ def viscous_tangents(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.n
 
 def strain_energy(places: np.ndarray, geometry: Geometry, lame: Lame) -> np.ndarray:
     """Return the strain energies, shape (n_e,)."""
-    n, n_nodes, d = places.shape
-    energies = np.empty(n)
-    work = cell_work(n_nodes, d, n)
-    strain_energies(_cells(geometry), (lame.first, lame.shear), np.ones(n), _last(places), work, energies)
-    return energies
+    constants, work = (lame.first, lame.shear), _work(places)
+    return np.array([strain_energies(cell, constants, 1.0, own, work) for cell, own in zip(_cells(geometry), places)])
 
 
 def _evaluated(
     places: np.ndarray, rates: np.ndarray, geometry: Geometry, lame: Lame, beta: float
 ) -> tuple[np.ndarray, np.ndarray]:
     n, n_nodes, d = places.shape
-    m = n_nodes * d
-    found, packed, powers = np.empty((n_nodes, d, n)), np.empty((m * (m + 1) // 2, n)), np.empty(n)
-    evaluate_cells(
-        _cells(geometry), (lame.first, lame.shear), np.ones(n), beta, 1.0, _last(places), _last(rates), beta != 0.0,
-        True, cell_work(n_nodes, d, n), found, packed, powers,
-    )  # fmt: skip
-    return np.moveaxis(found, 2, 0), _unpacked(packed.T, m).reshape(n, n_nodes, d, n_nodes, d)
+    m, work = n_nodes * d, _work(places)
+    found, packed = np.empty((n, n_nodes, d)), np.empty((n, m * (m + 1) // 2))
+    for cell, own, rate, force, tangent in zip(_cells(geometry), places, rates, found, packed):
+        evaluate_cells(
+            cell, (lame.first, lame.shear), 1.0, beta, 1.0, own, rate, beta != 0.0, True, work, force, tangent
+        )
+    return found, _unpacked(packed, m).reshape(n, n_nodes, d, n_nodes, d)
 
 
-def _cells(geometry: Geometry) -> Cells:
-    gradients = np.moveaxis(geometry.gradients, 0, -1).swapaxes(1, 2)
-    return Cells(np.ascontiguousarray(gradients), np.ascontiguousarray(geometry.volumes.T))
+def _work(places: np.ndarray) -> CellWork:
+    n_nodes, d = places.shape[1:]
+    return cell_work(n_nodes, d, np.empty(n_work(n_nodes, d)))
 
 
-def _last(by_element: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.moveaxis(by_element, 0, -1))
+def _cells(geometry: Geometry) -> list[Cells]:
+    gradients = np.ascontiguousarray(geometry.gradients.swapaxes(2, 3))
+    return [Cells(*cell) for cell in zip(gradients, geometry.volumes)]
 
 
 def _unpacked(packed: np.ndarray, m: int) -> np.ndarray:
@@ -107,3 +115,29 @@ class Beams3d:
             powers[k] = viscous_stress(work, v[k], stress)
             add_force(work, stress, found[k])
         return found, powers
+
+
+def beam2d(u: np.ndarray, length: float, direction: float, section: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return force (6,) and tangent (6, 6) of a beam element in the plane."""
+    cos, sin, strain = _strained(u, length, direction)
+    stress, packed = stresses(strain, tuple(section)), np.empty(N_PACKED)
+    fill_planar_tangent(strain, stress, tuple(section), cos, sin, length, packed)
+    return np.array(planar_forces(strain, stress, cos, sin, length)), _unpacked(packed[None], 6)[0]
+
+
+def damped_beam2d(
+    u: np.ndarray, v: np.ndarray, length: float, direction: float, section: np.ndarray, beta: float, gain_v: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return force (6,), tangent (6, 6) and power of the damping of a beam element in the plane."""
+    cos, sin, strain = _strained(u, length, direction)
+    rates = strain_rates(tuple(v), strain, cos, sin, length)
+    stress, packed = viscous_stresses(rates, tuple(section), beta), np.empty(N_PACKED)
+    fill_planar_tangent(strain, (0.0, 0.0, 0.0), tuple(gain_v * beta * section), cos, sin, length, packed)
+    force = np.array(planar_forces(strain, stress, cos, sin, length))
+    return force, _unpacked(packed[None], 6)[0], -work_of(rates, stress, length)
+
+
+def _strained(u: np.ndarray, length: float, direction: float) -> tuple[float, float, tuple[float, float, float]]:
+    psi = 0.5 * (u[2] + u[5]) + direction
+    cos, sin = np.cos(psi), np.sin(psi)
+    return cos, sin, strains(tuple(u), cos, sin, length)

@@ -6,6 +6,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.full_kernel import evaluate
 from pgmp_petsc.dynamics.full_problem import FullEquations
+from pgmp_petsc.dynamics.part_reference import Reference
 
 
 def evaluated(
@@ -21,8 +22,8 @@ def evaluated(
     amplitudes, angles = tuple(np.zeros(len(part)) for part in (equations.loads, equations.actions)), np.zeros(9)
     state = q[here, None], v[here, None], rest, multipliers, np.zeros((equations.n_turns, 1))
     evaluate(
-        equations.problem, 0, amplitudes, angles, 0.0, np.empty((0, 1)), state, gains, np.zeros(1), True, x, diagonal,
-        lower,
+        Reference(equations.problem), 0, amplitudes, angles, 0.0, np.empty((0, 1)), state, gains, np.zeros(1), True, x,
+        diagonal, lower,
     )  # fmt: skip
     matrix = np.zeros((n + n_bound, q.size))
     below, across = layout.lower

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from compiled_elements import beam2d
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.beam2d import N_PACKED, PACKED_COLUMNS, PACKED_ROWS, force_and_tangent
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_velocities, to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
@@ -61,12 +61,9 @@ class StaticEquilibrium:
         """Return gradient (n_dofs,) and Hessian (n_dofs, n_dofs) of the strain energy."""
         q = self._rest.ravel() + u
         total, stiffness = np.zeros(u.size), np.zeros((u.size, u.size))
-        force, packed = np.empty((6, 1)), np.empty((N_PACKED, 1))
         for dofs, length, alpha, section in self._elements:
-            force_and_tangent(np.ascontiguousarray(q[dofs, None]), length, alpha, section[:, None], force, packed)
-            tangent = np.empty((6, 6))
-            tangent[PACKED_ROWS, PACKED_COLUMNS] = tangent[PACKED_COLUMNS, PACKED_ROWS] = packed[:, 0]
-            total[dofs] += force[:, 0]
+            force, tangent = beam2d(q[dofs], length, alpha, section)
+            total[dofs] += force
             stiffness[np.ix_(dofs, dofs)] += tangent
         return total, stiffness
 

@@ -10,7 +10,7 @@ Strain energy of an element of length L between nodes ``(x1, y1, phi1)`` and ``(
 
 The kinetic energy has the consistent constant mass matrix with rotary inertia. Element unknowns are ordered
 ``(x1, y1, phi1, x2, y2, phi2)``; symmetric 6 x 6 matrices are packed as their lower triangle row by row (21 entries).
-The functions below work on many elements or samples at once: the last axis is contiguous and vectorised.
+Compiled functions are those of one element, with numbers of one sample or of several in a vector.
 """
 
 from __future__ import annotations
@@ -23,153 +23,90 @@ N_PACKED = 21
 PACKED_ROWS, PACKED_COLUMNS = np.tril_indices(6)
 
 
-@njit(cache=True, error_model="numpy")
-def force_and_tangent(u, length, alpha, section, force, tangent, with_tangent=True):
-    """Evaluate gradient and Hessian of the strain energy of one element for several states.
+@njit(error_model="numpy", forceinline=True)
+def strains(u, cos, sin, length):
+    """Return ``eps + 1``, gamma and kappa of an element.
 
     Parameters
     ----------
     u
-        Element unknowns, shape (6, n).
-    length, alpha
-        Length (m) and direction in the mesh (rad) of the element.
-    section
-        ``(EA, k_s GA, EI)``, shape (3, n).
-    force, tangent
-        Results: gradient, shape (6, n), and packed Hessian, shape (21, n).
-    with_tangent
-        Whether the Hessian is wanted; its array is a work array otherwise.
+        Six element unknowns.
+    cos, sin
+        Of psi.
+    length
+        m.
     """
-    n = u.shape[1]
-    inv = 1.0 / length
-    for k in range(n):
-        psi = 0.5 * (u[2, k] + u[5, k]) + alpha
-        # parked in the results, so that the loops below have no calls and vectorise
-        tangent[0, k] = np.cos(psi)
-        tangent[1, k] = np.sin(psi)
-    for k in range(n):
-        cos, sin = tangent[0, k], tangent[1, k]
-        axial, shear, bending = section[0, k], section[1, k], section[2, k]
-        stretch, gamma, n_force, q_force = _stretched(u, k, cos, sin, inv, axial, shear)
-        moment = bending * (u[5, k] - u[2, k]) * inv
-        # internal force resolved along x and y, and its couple about the element's middle
-        fx = n_force * cos - q_force * sin
-        fy = n_force * sin + q_force * cos
-        couple = 0.5 * length * (n_force * gamma - q_force * stretch)
-        force[0, k] = -fx
-        force[1, k] = -fy
-        force[2, k] = couple - moment
-        force[3, k] = fx
-        force[4, k] = fy
-        force[5, k] = couple + moment
-    for k in range(n if with_tangent else 0):
-        cos, sin = tangent[0, k], tangent[1, k]
-        axial, shear, bending = section[0, k], section[1, k], section[2, k]
-        stretch, gamma, n_force, q_force = _stretched(u, k, cos, sin, inv, axial, shear)
-        # d(fx, fy)/d(dx, dy) and the derivatives with psi (each phi has half of psi)
-        kxx = (axial * cos * cos + shear * sin * sin) * inv
-        kxy = (axial - shear) * cos * sin * inv
-        kyy = (axial * sin * sin + shear * cos * cos) * inv
-        kxp = 0.5 * ((axial * cos * gamma + shear * sin * stretch) - n_force * sin - q_force * cos)
-        kyp = 0.5 * ((axial * sin * gamma - shear * cos * stretch) + n_force * cos - q_force * sin)
-        kpp = 0.25 * length * (axial * gamma * gamma + shear * stretch * stretch - n_force * stretch - q_force * gamma)
-        kb = bending * inv
-        tangent[0, k] = kxx
-        tangent[1, k] = kxy
-        tangent[2, k] = kyy
-        tangent[3, k] = -kxp
-        tangent[4, k] = -kyp
-        tangent[5, k] = kpp + kb
-        tangent[6, k] = -kxx
-        tangent[7, k] = -kxy
-        tangent[8, k] = kxp
-        tangent[9, k] = kxx
-        tangent[10, k] = -kxy
-        tangent[11, k] = -kyy
-        tangent[12, k] = kyp
-        tangent[13, k] = kxy
-        tangent[14, k] = kyy
-        tangent[15, k] = -kxp
-        tangent[16, k] = -kyp
-        tangent[17, k] = kpp - kb
-        tangent[18, k] = kxp
-        tangent[19, k] = kyp
-        tangent[20, k] = kpp + kb
+    dx, dy, inverse = u[3] - u[0], u[4] - u[1], 1.0 / length
+    return (cos * dx + sin * dy) * inverse, (cos * dy - sin * dx) * inverse, (u[5] - u[2]) * inverse
 
 
-@njit(inline="always")
-def _stretched(u, k, cos, sin, inv, axial, shear):
-    """Return stretch and shear of element k, and the normal and the transverse force that they give."""
-    dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
-    stretch = (cos * dx + sin * dy) * inv
-    gamma = (cos * dy - sin * dx) * inv
-    return stretch, gamma, axial * (stretch - 1.0), shear * gamma
+@njit(error_model="numpy", forceinline=True)
+def strain_rates(v, strain, cos, sin, length):
+    """Return the rates of the strains for six rates of the unknowns, 1/s."""
+    stretching, shearing, bending = strains(v, cos, sin, length)
+    turning = 0.5 * (v[2] + v[5])
+    return stretching + strain[1] * turning, shearing - strain[0] * turning, bending
 
 
-@njit(cache=True, error_model="numpy")
-def add_damping(u, v, length, alpha, section, beta, gain_v, force, tangent, power, with_tangent=True):
-    """Add the forces of Kelvin-Voigt damping: stresses by ``beta`` times the rates of the strains.
+@njit(error_model="numpy", forceinline=True)
+def stresses(strain, section):
+    """Return normal and transverse force (N) and moment (Nm) for ``(EA, k_s GA, EI)``."""
+    return section[0] * (strain[0] - 1.0), section[1] * strain[1], section[2] * strain[2]
 
-    The rates are ``b v`` with the gradient b of each strain; the tangent holds ``gain_v beta L S b b^T`` and leaves out
-    the change of b.
 
-    Parameters
-    ----------
-    u, v
-        Element unknowns and their rates, shape (6, n).
-    length, alpha, section
-        As for `force_and_tangent`.
-    beta
-        s, shape (n,).
-    gain_v
-        Derivative of v with u, 1/s.
-    force, tangent
-        Added to, shapes (6, n) and (21, n).
-    power
-        Result: power of the damping forces on the element, never positive, shape (n,), W.
-    with_tangent
-        Whether to add to the tangent.
+@njit(error_model="numpy", forceinline=True)
+def viscous_stresses(rate, section, beta):
+    """Return those of Kelvin-Voigt damping by rates of the strains, beta in s."""
+    return beta * section[0] * rate[0], beta * section[1] * rate[1], beta * section[2] * rate[2]
+
+
+@njit(error_model="numpy", forceinline=True)
+def work_of(strain, stress, length):
+    """Return ``L sum stress strain``; with strains that begin at zero twice the energy, with rates a power."""
+    return length * (stress[0] * strain[0] + stress[1] * strain[1] + stress[2] * strain[2])
+
+
+@njit(error_model="numpy", forceinline=True)
+def forces(strain, stress, cos, sin, length):
+    """Return the six forces on the unknowns that do the work of the stresses."""
+    normal, across, moment = stress
+    fx, fy = normal * cos - across * sin, normal * sin + across * cos  # resolved along x and y
+    couple = 0.5 * length * (normal * strain[1] - across * strain[0])  # about the element's middle
+    return -fx, -fy, couple - moment, fx, fy, couple + moment
+
+
+@njit(error_model="numpy", forceinline=True)
+def fill_tangent(strain, stress, section, cos, sin, length, tangent):
+    """Fill the packed Hessian (21,) of the strain energy.
+
+    With damping the stiffnesses in `section` are larger by the factor ``1 + gain_v beta``, whereas the stresses are the
+    elastic ones: what a change of the directions makes of the damping forces is left out.
     """
-    b = np.empty((3, 6))
-    for k in range(u.shape[1]):
-        psi = 0.5 * (u[2, k] + u[5, k]) + alpha
-        cos, sin = np.cos(psi), np.sin(psi)
-        dx, dy = u[3, k] - u[0, k], u[4, k] - u[1, k]
-        stretch, gamma = (cos * dx + sin * dy) / length, (cos * dy - sin * dx) / length
-        b[0, 0], b[0, 1], b[0, 2], b[0, 3], b[0, 4], b[0, 5] = (
-            -cos,
-            -sin,
-            0.5 * length * gamma,
-            cos,
-            sin,
-            0.5 * length * gamma,
-        )
-        turning = -0.5 * length * stretch
-        b[1, 0], b[1, 1], b[1, 2], b[1, 3], b[1, 4], b[1, 5] = sin, -cos, turning, -sin, cos, turning
-        b[2, 0], b[2, 1], b[2, 2], b[2, 3], b[2, 4], b[2, 5] = 0.0, 0.0, -1.0, 0.0, 0.0, 1.0
-        power[k] = 0.0
-        for strain in range(3):
-            rate = 0.0
-            for i in range(6):
-                rate += b[strain, i] * v[i, k]
-            stress = section[strain, k] * beta[k] / length
-            power[k] -= stress * rate * rate
-            at = 0
-            for i in range(6):
-                force[i, k] += stress * rate * b[strain, i]
-                for j in range(i + 1 if with_tangent else 0):
-                    tangent[at, k] += gain_v * stress * b[strain, i] * b[strain, j]
-                    at += 1
-
-
-@njit(cache=True, error_model="numpy")
-def strain_energy(u, length, alpha, section):
-    """Return the strain energy (J) of one element with unknowns u (6,) and section ``(EA, k_s GA, EI)``."""
-    psi = 0.5 * (u[2] + u[5]) + alpha
-    cos, sin = np.cos(psi), np.sin(psi)
-    dx, dy = u[3] - u[0], u[4] - u[1]
-    eps, gamma, kappa = (cos * dx + sin * dy) / length - 1.0, (cos * dy - sin * dx) / length, (u[5] - u[2]) / length
-    return 0.5 * length * (section[0] * eps * eps + section[1] * gamma * gamma + section[2] * kappa * kappa)
+    stretch, gamma, _ = strain
+    normal, across, _ = stress
+    axial, shear, bending = section
+    inverse = 1.0 / length
+    # d(fx, fy)/d(dx, dy) and the derivatives with psi (each phi has half of psi)
+    kxx = (axial * cos * cos + shear * sin * sin) * inverse
+    kxy = (axial - shear) * cos * sin * inverse
+    kyy = (axial * sin * sin + shear * cos * cos) * inverse
+    along, beside = axial * gamma - across, shear * stretch - normal
+    kxp = 0.5 * (cos * along + sin * beside)
+    kyp = 0.5 * (sin * along - cos * beside)
+    kpp = 0.25 * length * (axial * gamma * gamma + shear * stretch * stretch - normal * stretch - across * gamma)
+    kb = bending * inverse
+    tangent[0] = tangent[9] = kxx
+    tangent[1] = tangent[13] = kxy
+    tangent[2] = tangent[14] = kyy
+    tangent[3] = tangent[15] = -kxp
+    tangent[4] = tangent[16] = -kyp
+    tangent[5] = tangent[20] = kpp + kb
+    tangent[6] = -kxx
+    tangent[7] = tangent[10] = -kxy
+    tangent[11] = -kyy
+    tangent[8] = tangent[18] = kxp
+    tangent[12] = tangent[19] = kyp
+    tangent[17] = kpp - kb
 
 
 def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""Continuum elements evaluated side by side, compiled: forces, tangents, damping and energy; see `elasticity`.
+"""Continuum elements, compiled: forces, tangents, damping and energy; see `elasticity`.
 
-Columns of all arrays are elements of one material, or samples of one element: each has its own geometry, and nothing
-passes between them. Tangents are packed as lower triangles row by row, unknowns node after node.
+Numbers are those of one cell, or vectors of several: elements of one material, or samples of one element. Tangents are
+packed as lower triangles row by row, unknowns node after node.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from pgmp_petsc.runtime.compiled import njit
 
 
 class Cells(NamedTuple):
-    """What cells have in their reference places, n columns of them.
+    """What cells have in their reference places.
 
     Attributes
     ----------
     gradients
-        ``dN_a/dX_j``, shape (n_q, n_a, d, n), 1/m.
+        ``dN_a/dX_j``, shape (n_q, n_a, d), 1/m.
     volumes
-        Of the quadrature points, shape (n_q, n), m^d.
+        Of the quadrature points, shape (n_q,), m^d.
     """
 
     gradients: np.ndarray
@@ -29,35 +29,41 @@ class Cells(NamedTuple):
 
 
 class CellWork(NamedTuple):
-    """Work arrays of one quadrature point, each with the columns last."""
+    """Work arrays of one quadrature point, (d, d) and (n_a, d)."""
 
     deformation: np.ndarray
     rate: np.ndarray
     stress: np.ndarray
     viscous: np.ndarray
+    left: np.ndarray
     pushed: np.ndarray
     pulled: np.ndarray
     dilated: np.ndarray
     sheared: np.ndarray
-    left: np.ndarray
-    factors: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
-def cell_work(n_nodes, d, n):
-    """Return work arrays for n columns of cells."""
-    square, of_nodes = (d, d, n), (n_nodes, d, n)
+def n_work(n_nodes, d):
+    """Return how many numbers `cell_work` needs."""
+    return 5 * d * d + 4 * n_nodes * d
+
+
+@njit(inline="always")
+def cell_work(n_nodes, d, space):
+    """Return work arrays of cells in a space of `n_work` numbers or vectors."""
+    n, square, nodal = d * d, (d, d), (n_nodes, d)
+    m, first = n_nodes * d, 5 * n
     return CellWork(
-        np.empty(square), np.empty(square), np.empty(square), np.empty(square), np.empty(of_nodes), np.empty(of_nodes),
-        np.empty(of_nodes), np.empty(of_nodes), np.empty(square), np.empty((4, n)),
+        space[:n].reshape(square), space[n : 2 * n].reshape(square), space[2 * n : 3 * n].reshape(square),
+        space[3 * n : 4 * n].reshape(square), space[4 * n : first].reshape(square),
+        space[first : first + m].reshape(nodal), space[first + m : first + 2 * m].reshape(nodal),
+        space[first + 2 * m : first + 3 * m].reshape(nodal), space[first + 3 * m : first + 4 * m].reshape(nodal),
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def evaluate_cells(
-    cells, lame, modulus, beta, gain_v, places, rates, damped, fresh, work, forces, tangents, powers
-):  # fmt: skip
-    """Evaluate internal and damping forces of columns of cells, and what the iteration takes of them.
+def evaluate_cells(cells, lame, modulus, beta, gain_v, places, rates, damped, fresh, work, forces, tangents):
+    """Evaluate internal and damping forces of cells, and what the iteration takes of them; return the power of damping.
 
         P = F (S + beta S'),    S = E_Y (lambda tr E 1 + 2 mu E),    f_ai = sum_q P_ij G_aj,
         K = sum_q  delta_ij G_a.S G_b + (1 + beta gain_v) (lambda (F G_a)_i (F G_b)_j
@@ -72,167 +78,151 @@ def evaluate_cells(
     lame
         Both Lame constants over Young's modulus.
     modulus
-        Young's modulus E_Y, shape (n,), Pa (N/m in the plane).
+        Young's modulus E_Y, Pa (N/m in the plane).
     beta, gain_v
         Damping by stiffness (s), and the derivative of velocities with positions (1/s).
     places, rates
-        Of the nodes, shape (n_a, d, n); rates are read where `damped`.
+        Of the nodes, shape (n_a, d); rates are read where `damped`.
     damped, fresh
         Whether the material damps, and whether tangents are wanted.
     work
         From `cell_work`.
-    forces, tangents, powers
-        Results: shapes (n_a, d, n) and (m (m + 1) / 2, n) with m = d n_a, and the power of the damping (n,), W.
+    forces, tangents
+        Results: shapes (n_a, d) and (m (m + 1) / 2,) with m = d n_a.
     """
-    f, rate, stress, viscous, _, _, _, _, _, _ = work
-    n_q, n_nodes, d, n = cells.gradients.shape
-    first, shear = lame
-    forces[:] = 0.0
-    powers[:] = 0.0
-    if fresh:
-        tangents[:] = 0.0
+    f, rate, stress, viscous = work.deformation, work.rate, work.stress, work.viscous
+    n_q, n_nodes, d = cells.gradients.shape
+    power = modulus * 0.0
+    for a in range(n_nodes):
+        for i in range(d):
+            forces[a, i] = 0.0
+    for at in range(tangents.size if fresh else 0):
+        tangents[at] = 0.0
     for q in range(n_q):
-        g, volumes = cells.gradients[q], cells.volumes[q]
+        g, stiffness = cells.gradients[q], modulus * cells.volumes[q]
         _gradient(places, g, f)
-        _elastic_stress(f, first, shear, modulus, volumes, stress)
-        viscous[:] = stress
+        _elastic_stress(f, lame, stiffness, stress)
+        for i in range(d):
+            for j in range(d):
+                viscous[i, j] = stress[i, j]
         if damped:
             _gradient(rates, g, rate)
-            _add_viscous_stress(f, rate, first, shear, modulus, volumes, beta, viscous, powers)
+            power -= _add_viscous_stress(f, rate, lame, beta * stiffness, viscous)
         for i in range(d):
             for j in range(d):
-                for c in range(n):
-                    rate[i, j, c] = f[i, 0, c] * viscous[0, j, c]
-                    for k in range(1, d):
-                        rate[i, j, c] += f[i, k, c] * viscous[k, j, c]  # P = F S
-            for a in range(n_nodes):
-                for j in range(d):
-                    for c in range(n):
-                        forces[a, i, c] += rate[i, j, c] * g[a, j, c]  # P_ij G_aj
+                pushing = f[i, 0] * viscous[0, j]
+                for k in range(1, d):
+                    pushing += f[i, k] * viscous[k, j]  # P = F S
+                for a in range(n_nodes):
+                    forces[a, i] += pushing * g[a, j]  # P_ij G_aj
         if fresh:
-            _add_tangents(f, stress, g, volumes, modulus, lame, 1.0 + beta * gain_v, work, tangents)
+            _add_tangents(f, stress, g, lame, (1.0 + beta * gain_v) * stiffness, work, tangents)
+    return power
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def strain_energies(cells, lame, modulus, places, work, energies):
-    """Fill the strain energies of columns of cells, shape (n,), J."""
-    f, _, stress = work[0], work[1], work[2]
-    d, n = f.shape[1:]
-    energies[:] = 0.0
-    for q in range(cells.volumes.shape[0]):
+def strain_energies(cells, lame, modulus, places, work):
+    """Return the strain energies of cells, J."""
+    f, stress = work.deformation, work.stress
+    d = places.shape[1]
+    energy = modulus * 0.0
+    for q in range(cells.volumes.size):
         _gradient(places, cells.gradients[q], f)
-        _elastic_stress(f, lame[0], lame[1], modulus, cells.volumes[q], stress)
+        _elastic_stress(f, lame, modulus * cells.volumes[q], stress)
         for i in range(d):
             for j in range(d):
-                for c in range(n):
-                    strain = -1.0 if i == j else 0.0
-                    for k in range(d):
-                        strain += f[k, i, c] * f[k, j, c]
-                    energies[c] += 0.25 * stress[i, j, c] * strain  # S : E / 2
+                strain = f[0, i] * f[0, j] - (1.0 if i == j else 0.0)
+                for k in range(1, d):
+                    strain += f[k, i] * f[k, j]
+                energy += 0.25 * stress[i, j] * strain  # S : E / 2
+    return energy
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _gradient(nodal, g, result):
     """Fill ``sum_a x_ai G_aj``."""
-    n_nodes, d, n = g.shape
+    n_nodes, d = g.shape
     for i in range(d):
         for j in range(d):
-            for c in range(n):
-                result[i, j, c] = nodal[0, i, c] * g[0, j, c]
+            total = nodal[0, i] * g[0, j]
             for a in range(1, n_nodes):
-                for c in range(n):
-                    result[i, j, c] += nodal[a, i, c] * g[a, j, c]
+                total += nodal[a, i] * g[a, j]
+            result[i, j] = total
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _elastic_stress(f, first, shear, modulus, volumes, stress):
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _elastic_stress(f, lame, stiffness, stress):
     """Fill ``E_Y dV (lambda tr E 1 + 2 mu E)`` with ``E = (F^T F - 1) / 2``."""
-    d, n = f.shape[1:]
+    first, shear = lame
+    d = f.shape[0]
+    trace = stiffness * 0.0
     for i in range(d):
         for j in range(d):
-            less = 1.0 if i == j else 0.0
-            for c in range(n):
-                strain = f[0, i, c] * f[0, j, c] - less
-                for k in range(1, d):
-                    strain += f[k, i, c] * f[k, j, c]
-                stress[i, j, c] = modulus[c] * volumes[c] * shear * strain
-    for c in range(n):
-        trace = 0.0
-        for i in range(d):
-            trace += stress[i, i, c]
-        for i in range(d):
-            stress[i, i, c] += 0.5 * first / shear * trace
+            strain = f[0, i] * f[0, j] - (1.0 if i == j else 0.0)
+            for k in range(1, d):
+                strain += f[k, i] * f[k, j]
+            own = stiffness * shear * strain
+            stress[i, j] = own
+            if i == j:
+                trace += own
+    for i in range(d):
+        stress[i, i] += 0.5 * first / shear * trace
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _add_viscous_stress(f, rate, first, shear, modulus, volumes, beta, stress, powers):
-    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``, and take its power off."""
-    d, n = f.shape[1:]
-    for c in range(n):
-        factor = beta * modulus[c] * volumes[c]
-        trace = 0.0
-        for i in range(d):
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _add_viscous_stress(f, rate, lame, viscosity, stress):
+    """Add ``beta E_Y dV (lambda tr E' 1 + 2 mu E')`` with ``2 E' = F^T F' + F'^T F``; return its power."""
+    first, shear = lame
+    d = f.shape[0]
+    power = trace = viscosity * 0.0
+    for i in range(d):
+        for k in range(d):
+            trace += f[k, i] * rate[k, i]
+    for i in range(d):
+        for j in range(d):
+            change = viscosity * 0.0  # E'_ij
             for k in range(d):
-                trace += f[k, i, c] * rate[k, i, c]
-        for i in range(d):
-            for j in range(d):
-                change = 0.0  # E'_ij
-                for k in range(d):
-                    change += 0.5 * (f[k, i, c] * rate[k, j, c] + rate[k, i, c] * f[k, j, c])
-                own = factor * (2.0 * shear * change + (first * trace if i == j else 0.0))
-                stress[i, j, c] += own
-                powers[c] -= own * change
+                change += 0.5 * (f[k, i] * rate[k, j] + rate[k, i] * f[k, j])
+            own = 2.0 * shear * change
+            if i == j:
+                own += first * trace
+            own *= viscosity
+            stress[i, j] += own
+            power += own * change
+    return power
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _add_tangents(f, stress, g, volumes, modulus, lame, viscosity, work, tangents):
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _add_tangents(f, stress, g, lame, stiffness, work, tangents):
     """Add what one quadrature point gives the tangents; see `evaluate_cells`."""
-    _, _, _, _, pushed, pulled, dilated, sheared, left, factors = work
-    n_nodes, d, n = g.shape
+    pushed, pulled, dilated, sheared, left = work.pushed, work.pulled, work.dilated, work.sheared, work.left
+    n_nodes, d = g.shape
+    first, shear = stiffness * lame[0], stiffness * lame[1]
     for i in range(d):
         for a in range(n_nodes):
-            for c in range(n):
-                pushed[a, i, c] = f[i, 0, c] * g[a, 0, c]
-                pulled[a, i, c] = stress[i, 0, c] * g[a, 0, c]
+            push, pull = f[i, 0] * g[a, 0], stress[i, 0] * g[a, 0]
             for j in range(1, d):
-                for c in range(n):
-                    pushed[a, i, c] += f[i, j, c] * g[a, j, c]  # (F G_a)_i
-                    pulled[a, i, c] += stress[i, j, c] * g[a, j, c]  # (S G_a)_i
+                push += f[i, j] * g[a, j]  # (F G_a)_i
+                pull += stress[i, j] * g[a, j]  # (S G_a)_i
+            pushed[a, i], pulled[a, i], dilated[a, i], sheared[a, i] = push, pull, first * push, shear * push
         for j in range(d):
-            for c in range(n):
-                left[i, j, c] = f[i, 0, c] * f[j, 0, c]
+            total = f[i, 0] * f[j, 0]
             for k in range(1, d):
-                for c in range(n):
-                    left[i, j, c] += f[i, k, c] * f[j, k, c]  # (F F^T)_ij
-    first, shear, dot, geometric = factors[0], factors[1], factors[2], factors[3]
-    for c in range(n):
-        first[c] = viscosity * modulus[c] * volumes[c] * lame[0]
-        shear[c] = viscosity * modulus[c] * volumes[c] * lame[1]
-    for a in range(n_nodes):
-        for i in range(d):
-            for c in range(n):
-                dilated[a, i, c] = first[c] * pushed[a, i, c]
-                sheared[a, i, c] = shear[c] * pushed[a, i, c]
-    # a loop a product: with more arrays in it the compiler cannot tell that none overlaps, and makes scalar code
+                total += f[i, k] * f[j, k]  # (F F^T)_ij
+            left[i, j] = total
     for a in range(n_nodes):
         for b in range(a + 1):
-            for c in range(n):
-                dot[c], geometric[c] = 0.0, 0.0
-            for k in range(d):
-                for c in range(n):
-                    dot[c] += g[a, k, c] * g[b, k, c]  # G_a.G_b
-                for c in range(n):
-                    geometric[c] += g[a, k, c] * pulled[b, k, c]  # G_a.S G_b
-            for c in range(n):
-                dot[c] *= shear[c]
+            dot, geometric = g[a, 0] * g[b, 0], g[a, 0] * pulled[b, 0]
+            for k in range(1, d):
+                dot += g[a, k] * g[b, k]  # G_a.G_b
+                geometric += g[a, k] * pulled[b, k]  # G_a.S G_b
+            dot *= shear
             for i in range(d):
                 row = (a * d + i) * (a * d + i + 1) // 2 + b * d
                 for j in range(d if b < a else i + 1):
-                    for c in range(n):
-                        tangents[row + j, c] += dilated[a, i, c] * pushed[b, j, c]  # lambda (F G_a)_i (F G_b)_j
-                    for c in range(n):
-                        tangents[row + j, c] += pushed[b, i, c] * sheared[a, j, c]  # mu (F G_b)_i (F G_a)_j
-                    for c in range(n):
-                        tangents[row + j, c] += left[i, j, c] * dot[c]  # mu (F F^T)_ij G_a.G_b
-                for c in range(n):
-                    tangents[row + i, c] += geometric[c]
+                    own = dilated[a, i] * pushed[b, j]  # lambda (F G_a)_i (F G_b)_j
+                    own += pushed[b, i] * sheared[a, j]  # mu (F G_b)_i (F G_a)_j
+                    own += left[i, j] * dot  # mu (F F^T)_ij G_a.G_b
+                    if i == j:
+                        own += geometric
+                    tangents[row + j] += own

@@ -2,7 +2,7 @@
 
 The iteration matrices of a batch of full-order samples differ in their numbers only. Ordering and fill-in are found
 once; the numeric factorisation ``L D L^T`` then runs over the common pattern, with the samples of a block side by side
-in the innermost loop (lanes), where they vectorise. A sample never touches another's numbers.
+in vectors (`lane_items`). A sample never touches another's numbers.
 
 There is no pivoting: the matrices are saddle points ``[[S, C^T], [C, 0]]``, and the order of elimination makes every
 leading block non-singular. With S positive definite at reasonable steps a constraint comes behind all unknowns that it
@@ -19,7 +19,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from pgmp_petsc.dynamics.lane_items import fused
 from pgmp_petsc.runtime.compiled import njit
+
+
+MOST_LISTED = 2**15  # products
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,21 @@ class Symbolic:
         place = np.empty(self.n, dtype=np.int64)
         place[self.order] = np.arange(self.n)
         return place
+
+    @cached_property
+    def products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Products that the factorisation takes off, column by column: the first of each column, shape (n + 1,), and
+        both factors of each and what it is taken from, (n_products,), numbered with the diagonal in front.
+
+        Columns of a mechanism of beams have a few entries each, and loops over them end before a processor has guessed
+        that they will. The list of large matrices would not stay in the cache: they have none.
+        """
+        n_below = np.diff(self.starts)
+        firsts = np.concatenate([[0], np.cumsum(n_below * (n_below + 1) // 2)])
+        if firsts[-1] > MOST_LISTED:
+            firsts = firsts[:0]
+            return firsts, *np.zeros((3, 0), dtype=np.uint32)
+        return firsts, *_listed(self.starts, self.rows, firsts)
 
     def position(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         """Return where matrix entries (unknown numbers) are stored: entry of L, or ``-1 - k`` on the diagonal."""
@@ -100,54 +119,68 @@ def _by_levels(order: np.ndarray, pattern: sp.csr_matrix, levels: np.ndarray) ->
 
 
 @njit(cache=True, error_model="numpy")
-def factorise(starts, rows, diagonal, lower):
-    """Factorise in place, all lanes of a block: ``lower`` becomes L, ``diagonal`` becomes the inverse of D.
-
-    Parameters
-    ----------
-    starts, rows
-        Of the symbolic factorisation.
-    diagonal
-        Shape (n, n_lanes), in elimination order.
-    lower
-        Entries below the diagonal, shape (n_entries, n_lanes).
-    """
-    n_lanes = diagonal.shape[1]
-    scaled = np.empty(n_lanes)
-    for k in range(diagonal.shape[0]):
-        for lane in range(n_lanes):
-            diagonal[k, lane] = 1.0 / diagonal[k, lane]
-        end = starts[k + 1]
-        for b in range(starts[k], end):
-            column = rows[b]
-            for lane in range(n_lanes):
-                scaled[lane] = lower[b, lane] * diagonal[k, lane]
-                diagonal[column, lane] -= lower[b, lane] * scaled[lane]
-            # the rows below are among those of their column: where one lies, the next lies behind it
-            target = starts[column]
-            for a in range(b + 1, end):
+def _listed(starts, rows, firsts):
+    """Return the two factors and the target of every product; see `Symbolic.products`."""
+    n = starts.size - 1
+    products, at = np.empty((3, firsts[n]), dtype=np.uint32), 0
+    for k in range(n):
+        for b in range(starts[k], starts[k + 1]):
+            products[0, at], products[1, at], products[2, at] = n + b, n + b, rows[b]
+            at += 1
+            target = starts[rows[b]]
+            for a in range(b + 1, starts[k + 1]):
                 while rows[target] != rows[a]:
                     target += 1
-                for lane in range(n_lanes):
-                    lower[target, lane] -= lower[a, lane] * scaled[lane]
-            for lane in range(n_lanes):
-                lower[b, lane] = scaled[lane]
+                products[0, at], products[1, at], products[2, at] = n + b, n + a, n + target
+                at += 1
+    return products
 
 
 @njit(cache=True, error_model="numpy")
-def substitute(starts, rows, diagonal, lower, x):
-    """Solve ``L D L^T y = x`` in place, x of shape (n, n_lanes) in elimination order."""
-    n_lanes = x.shape[1]
-    n = diagonal.shape[0]
+def factorise(starts, rows, products, matrix):
+    """Factorise in place: the diagonal becomes the inverse of D, and the rest ``L D``.
+
+    Parameters
+    ----------
+    starts, rows, products
+        Of the symbolic factorisation.
+    matrix
+        Items (n + n_entries,), see `lane_items`: the diagonal in elimination order, and the entries below it.
+    """
+    n = starts.size - 1
+    firsts, one, other, target = products
+    if firsts.size:
+        for k in range(n):
+            inverse = 1.0 / matrix[k]
+            matrix[k] = inverse
+            for at in range(firsts[k], firsts[k + 1]):
+                matrix[target[at]] = fused(-(matrix[one[at]] * inverse), matrix[other[at]], matrix[target[at]])
+        return
     for k in range(n):
+        inverse, end = 1.0 / matrix[k], n + starts[k + 1]
+        matrix[k] = inverse
+        for b in range(n + starts[k], end):
+            column, scaled = rows[b - n], -(matrix[b] * inverse)
+            matrix[column] = fused(scaled, matrix[b], matrix[column])
+            # the rows below are among those of their column: where one lies, the next lies behind it
+            at = n + starts[column]
+            for a in range(b + 1, end):
+                while rows[at - n] != rows[a - n]:
+                    at += 1
+                matrix[at] = fused(scaled, matrix[a], matrix[at])
+
+
+@njit(cache=True, error_model="numpy")
+def substitute(starts, rows, matrix, x):
+    """Solve ``L D L^T y = x`` in place, x items (n,) in elimination order."""
+    n = starts.size - 1
+    for k in range(n):
+        known = x[k] * matrix[k]
+        x[k] = known
         for a in range(starts[k], starts[k + 1]):
-            row = rows[a]
-            for lane in range(n_lanes):
-                x[row, lane] -= lower[a, lane] * x[k, lane]
+            x[rows[a]] = fused(-known, matrix[n + a], x[rows[a]])
     for k in range(n - 1, -1, -1):
-        for lane in range(n_lanes):
-            x[k, lane] *= diagonal[k, lane]
+        total = x[k] * 0.0
         for a in range(starts[k], starts[k + 1]):
-            row = rows[a]
-            for lane in range(n_lanes):
-                x[k, lane] -= lower[a, lane] * x[row, lane]
+            total = fused(matrix[n + a], x[rows[a]], total)
+        x[k] = fused(-total, matrix[k], x[k])

@@ -16,6 +16,8 @@ from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns
 from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
+from pgmp_petsc.dynamics.part_reference import Reference
+from pgmp_petsc.dynamics.lane_items import aligned
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
@@ -72,23 +74,23 @@ class FullBatch:
         settled: Settled | None = None,
     ) -> None:
         self.settled = settled
-        blocks = self._blocks = SampleBlocks.of(n_samples, kinematics.mechanism.n_dofs)
+        blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs
         self.n_constraints = equations.constraints.n_constraints
         self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
-        self._edges, self._problem = equations.edges, equations.problem
+        self._edges, self._reference = equations.edges, Reference(equations.problem)
         self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, self._sources.motions)
         self._nobody = np.zeros(n_samples, dtype=bool)
         n = self.n_dofs + self.n_constraints
         self._factors = Factors(
-            aligned_zeros((blocks.n_blocks, n, blocks.n_lanes)),
-            aligned_zeros((blocks.n_blocks, equations.layout.n_lower, blocks.n_lanes)),
+            aligned_zeros((blocks.n_blocks, n + equations.layout.n_lower, blocks.n_lanes)),
+            aligned_zeros((n, blocks.n_lanes)),
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
-        self._typical_mass = mass_on_diagonal(self._problem) / self.n_dofs
+        self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
 
     def __enter__(self) -> FullBatch:
         return self
@@ -134,7 +136,7 @@ class FullBatch:
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
-            count_turns(self._problem, q, turns)
+            count_turns(self._reference, q, turns)
 
     def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> list[StepTaken]:
         """Take equal steps, up to one in which an iteration fails; see `AlphaStep`.
@@ -148,13 +150,13 @@ class FullBatch:
             reference = np.empty((2, 0, self.n_dofs, self.n_samples))
         about = np.moveaxis(self.pack(reference), 0, 2)
         before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, asked.auxiliary, expected)
-        after = tuple(np.empty((n, *part.shape)) for part in before)
+        after = tuple(aligned((n, *part.shape)) for part in before)
         lost, n_corrections = np.empty(self._size.shape, dtype=bool), np.empty(n, dtype=np.int64)
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
-            self._problem, self._factors, self._sources.at(asked.ends), asked.probed, coefficients, self._typical_mass,
-            asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])), asked.behind, before,
-            self._blocks.mask(asked.samples), after, lost, n_corrections,
+            self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
+            self._typical_mass, asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])),
+            asked.behind, before, self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
         return [
@@ -188,9 +190,10 @@ class FullBatch:
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         amplitudes, found = self._sources.at(np.array([time])).actions[0], []
+        actions = Reference(self._equations.problem.actions)
         for block in range(self._blocks.n_blocks):
             turns = state.turns[block, len(state.turns[block]) - len(amplitudes) :]
-            now = act(self._problem.actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
+            now = act(actions, block, amplitudes, state.q[block], state.v[block], turns, 0.0, False)
             found.append(now.depths[self._edges])
         return self._blocks.unpack(np.array(found))
 
@@ -226,7 +229,14 @@ class FullBatch:
         n = self._blocks.n_blocks
         strengths = self._sources.at(np.full(n, time))
         table = energies_of(
-            self._problem, self._conservative, strengths, np.arange(n), state.q, state.v, state.multipliers, state.turns
+            self._reference,
+            self._conservative,
+            strengths,
+            np.arange(n),
+            state.q,
+            state.v,
+            state.multipliers,
+            state.turns,
         )
         return self._names.energies(self.unpack(table))
 
@@ -235,7 +245,7 @@ class FullBatch:
         parts = zip(*((state.q[0], state.v[0], state.multipliers[0], state.turns[0]) for state in states))
         strengths = self._sources.at(np.array(times))
         first = np.zeros(len(states), dtype=np.int64)
-        table = energies_of(self._problem, self._conservative, strengths, first, *(np.array(part) for part in parts))
+        table = energies_of(self._reference, self._conservative, strengths, first, *(np.array(part) for part in parts))
         return self._names.energies(table[..., 0].T)
 
     def _correct(
@@ -251,7 +261,7 @@ class FullBatch:
         now = self._sources.at(np.array([time]))
         chosen = self._blocks.mask(active)
         correct(
-            self._problem, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
+            self._reference, self._factors, (0, self._blocks.n_blocks), (now.loads[0], now.actions[0]), now.angles[0],
             residual, parts, gains, self._typical_mass, chosen, fresh, self._size,
         )  # fmt: skip
         return self._size.ravel()[: self.n_samples].copy()

@@ -13,6 +13,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
 from pgmp_petsc.dynamics.full_forces import add_entry
+from pgmp_petsc.dynamics.lane_items import items
 from pgmp_petsc.runtime.compiled import njit
 
 N_VECTORS = 4  # of a frame: position and directors
@@ -74,7 +75,7 @@ class Masses(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def add_beams(beams, rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower):
+def add_beams(beams, width, rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia, internal and damping forces of all elements to x, and their tangents to the matrix."""
     gain_v, gain_a, gain_k = gains
     u, rate, moving = np.empty(N_ELEMENT), np.empty(N_ELEMENT), np.empty(N_ELEMENT)
@@ -146,21 +147,22 @@ def _inertia(density, moving, i):
 
 
 @njit(cache=True, error_model="numpy")
-def add_masses(masses, rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower):
+def add_masses(masses, width, rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and braking of all frames with masses to x, and their tangents to the matrix."""
+    v, a, x, densities = items(v, width), items(a, width), items(x, width), items(masses.density, width)
+    diagonal, lower = items(diagonal, width), items(lower, width)
     gain_v, gain_a, _ = gains
-    n_lanes = v.shape[1]
     for k in range(masses.body.size):
         alpha = rayleigh[masses.body[k], 1]
         for one in range(N_VECTORS):
             for other in range(N_VECTORS):
-                mass = masses.density[block, k, one, other]
+                mass = densities[block, k, one, other]
                 for c in range(3):
-                    row, dof = place[masses.dofs[k, 3 * one + c]], masses.dofs[k, 3 * other + c]
-                    for lane in range(n_lanes):
-                        x[row, lane] += mass[lane] * (a[dof, lane] + alpha * v[dof, lane])
+                    dof = masses.dofs[k, 3 * other + c]
+                    x[place[masses.dofs[k, 3 * one + c]]] += mass * (a[dof] + alpha * v[dof])
                     if fresh and other <= one:
-                        add_entry(masses.positions[k, one, other, c], gain_a + alpha * gain_v, mass, diagonal, lower)
+                        position = masses.positions[k, one, other, c]
+                        add_entry(position, (gain_a + alpha * gain_v) * mass, diagonal, lower)
 
 
 @njit(cache=True, error_model="numpy")

@@ -30,6 +30,7 @@ from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import count_turns, evaluate
 from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
+from pgmp_petsc.dynamics.part_reference import Reference
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
@@ -69,7 +70,7 @@ class FullDistributed:
         self.comm, self._equations, self.settled = comm, equations, settled
         self.n_dofs, self.rows = equations.n_dofs, equations.rows
         self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
-        layout, self._problem = equations.layout, equations.problem
+        layout, self._problem, self._reference = equations.layout, equations.problem, Reference(equations.problem)
         n, n_all = layout.n_unknowns, layout.needed.size
         self._n, self._own = n, np.searchsorted(layout.needed, np.arange(self.rows.start, self.rows.stop))
         self._multipliers = n + np.flatnonzero(equations.owned_constraints)
@@ -154,7 +155,7 @@ class FullDistributed:
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         if state.turns.size:
-            count_turns(self._problem, self._gathered(state.q)[: self._n], state.turns[:, None])
+            count_turns(self._reference, self._gathered(state.q)[: self._n], state.turns[:, None])
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put the sample back."""
@@ -180,7 +181,7 @@ class FullDistributed:
         if self._equations.actions:
             amplitudes = self._sources.at(np.array([time])).actions[0]
             turns = state.turns[state.turns.size - amplitudes.size :, None]
-            own = act(self._problem.actions, 0, amplitudes, q, v, turns, 0.0, False).depths[:, 0]
+            own = act(Reference(self._problem.actions), 0, amplitudes, q, v, turns, 0.0, False).depths[:, 0]
         return np.concatenate(self.comm.allgather(own[self._counted_edges()]))[:, None]
 
     def outside(self, state: State) -> np.ndarray:
@@ -221,7 +222,7 @@ class FullDistributed:
         """Return energies and powers at an instant, the same on all ranks. Collective on `comm`."""
         here, v = self._gathered(state.q, state.multipliers), self._gathered(state.v)[: self._n]
         table = energies_of(
-            self._problem, self._conservative, self._sources.at(np.array([time])), np.zeros(1, dtype=np.int64),
+            self._reference, self._conservative, self._sources.at(np.array([time])), np.zeros(1, dtype=np.int64),
             here[None, : self._n], v[None], here[None, self._n :], state.turns[None, :, None],
         )  # fmt: skip
         return self._names.summed(table[0], self.comm)
@@ -246,7 +247,7 @@ class FullDistributed:
         now = self._sources.at(np.array([time]))
         turns, scales = state.turns[:, None], np.array([scale])
         evaluate(
-            self._problem, 0, (now.loads[0], now.actions[0]), now.angles[0], share, residual,
+            self._reference, 0, (now.loads[0], now.actions[0]), now.angles[0], share, residual,
             (here[: self._n], v, a, here[self._n :], turns), gains, scales, fresh, self._x, self._diagonal, self._lower,
         )  # fmt: skip
         if fresh:
@@ -281,7 +282,7 @@ class FullDistributed:
         state = (q, rest, rest, bound, np.zeros((self._equations.n_turns, 1)))
         amplitudes = tuple(np.zeros(len(sources)) for sources in (self._sources.loads, self._sources.actions))
         evaluate(
-            self._problem, 0, amplitudes, np.zeros(len(self._sources.motions)), 0.0, bound, state, (0.0, 0.0, 1.0),
+            self._reference, 0, amplitudes, np.zeros(len(self._sources.motions)), 0.0, bound, state, (0.0, 0.0, 1.0),
             np.zeros(1), True, self._x, self._diagonal, self._lower,
         )  # fmt: skip
         own = np.abs(self._diagonal[self._own, 0])

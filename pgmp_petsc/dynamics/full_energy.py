@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, strain_energy
+from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_beams import add_energies_of_beams, add_energies_of_masses
 from pgmp_petsc.dynamics.full_forces import act
+from pgmp_petsc.dynamics.full_kernel import of_element
 from pgmp_petsc.dynamics.full_modal import add_modal_damping
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_solids import add_energies
+from pgmp_petsc.dynamics.lane_items import items, sine_cosine
 from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.runtime.compiled import njit
 
@@ -99,8 +101,8 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
     for k in range(q.shape[0]):
         block, result = blocks[k], table[k]
         powers = result[OF_EFFECTS:modal]
-        _add_elements(problem.elements, problem.section[block], q[k], v[k], result)
-        _add_lumps(problem.lumps, problem.lumps.mass[block], problem.section[block], v[k], result)
+        _add_elements(problem.elements, problem.width, problem.section, block, q[k], v[k], result)
+        _add_lumps(problem.lumps, problem.width, problem.section, block, v[k], result)
         if problem.solids.region.size:
             add_energies(problem.solids, block, q[k], v[k], result[KINETIC], result[STRAIN], powers)
         if problem.beams.length.size:
@@ -137,38 +139,43 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
 
 
 @njit(cache=True, error_model="numpy")
-def _add_elements(elements, section, q, v, result):
+def _add_elements(elements, width, sections, block, q, v, result):
     """Add the energies of all elements, and the power of the damping of their bodies."""
-    n_lanes = q.shape[1]
-    u, rate, stiffnesses = np.empty((6, 1)), np.empty((6, 1)), np.empty((3, 1))
-    force, unused, power = np.zeros((6, 1)), np.zeros((N_PACKED, 1)), np.zeros(1)
+    q, v, sections, result = items(q, width), items(v, width), items(sections, width), items(result, width)
     for e in range(elements.length.size):
+        if not elements.counted[e]:
+            continue
         length, body = elements.length[e], elements.body[e]
-        for lane in range(n_lanes if elements.counted[e] else 0):
-            for i in range(6):
-                u[i, 0], rate[i, 0] = q[elements.dofs[e, i], lane], v[elements.dofs[e, i], lane]
-            for i in range(3):
-                stiffnesses[i, 0] = section[body, i, lane]
-            moving = 0.0
-            for i in range(6):
-                density = section[body, 3, lane] if i % 3 < 2 else section[body, 4, lane]
-                moving += length / 3.0 * density * rate[i, 0] * (rate[i, 0] + 0.5 * rate[(i + 3) % 6, 0])
-            result[KINETIC, lane] += 0.5 * moving
-            result[STRAIN, lane] += strain_energy(u[:, 0], length, elements.direction[e], stiffnesses[:, 0])
-            if elements.damped:
-                add_damping(
-                    u, rate, length, elements.direction[e], stiffnesses, section[body, 5, lane : lane + 1], 0.0, force,
-                    unused, power, False,
-                )  # fmt: skip
-                result[OF_EFFECTS + body, lane] += power[0] - section[body, 6, lane] * moving
+        section = sections[block, body, 0], sections[block, body, 1], sections[block, body, 2]
+        line, rotary = sections[block, body, 3], sections[block, body, 4]
+        u, rate = of_element(q, elements.dofs, e), of_element(v, elements.dofs, e)
+        sin, cos = sine_cosine(0.5 * (u[2] + u[5]) + elements.direction[e])
+        strain = strains(u, cos, sin, length)
+        from_rest = strain[0] - 1.0, strain[1], strain[2]
+        result[STRAIN] += 0.5 * work_of(from_rest, stresses(strain, section), length)
+        moving = line * (_shared(rate[0], rate[3]) + _shared(rate[1], rate[4])) + rotary * _shared(rate[2], rate[5])
+        moving *= length / 3.0  # q'.M q'
+        result[KINETIC] += 0.5 * moving
+        if elements.damped:
+            rates = strain_rates(rate, strain, cos, sin, length)
+            viscous = viscous_stresses(rates, section, sections[block, body, 5])
+            result[OF_EFFECTS + body] -= work_of(rates, viscous, length) + sections[block, body, 6] * moving
+
+
+@njit(error_model="numpy", forceinline=True)
+def _shared(one, other):
+    """Return three times the mean square of what is linear between two values."""
+    return one * one + one * other + other * other
 
 
 @njit(cache=True, error_model="numpy")
-def _add_lumps(lumps, mass, section, v, result):
+def _add_lumps(lumps, width, sections, block, v, result):
     """Add the energies of the nodes' own masses, and the power of what brakes them."""
+    masses, sections = items(lumps.mass, width), items(sections, width)
+    v, result = items(v, width), items(result, width)
     for k in range(lumps.dofs.size):
         dof, body = lumps.dofs[k], lumps.body[k]
-        for lane in range(v.shape[1] if lumps.counted[k] else 0):
-            moving = mass[k, lane] * v[dof, lane] * v[dof, lane]
-            result[KINETIC, lane] += 0.5 * moving
-            result[OF_EFFECTS + body, lane] -= section[body, 6, lane] * moving
+        if lumps.counted[k]:
+            moving = masses[block, k] * v[dof] * v[dof]
+            result[KINETIC] += 0.5 * moving
+            result[OF_EFFECTS + body] -= sections[block, body, 6] * moving

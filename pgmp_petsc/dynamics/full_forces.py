@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.dynamics.lane_items import items, keep
 from pgmp_petsc.dynamics.node_actions import evaluate_actions
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.mechanism.node_statements import NodeStatements
@@ -63,15 +65,13 @@ class Acted(NamedTuple):
     depths: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
-def add_loads(loads, block, amplitudes, share, x, place):
+@njit(error_model="numpy", forceinline=True)
+def add_loads(loads, width, block, amplitudes, share, x, place):
     """Take a share of the loads with amplitudes (n_loads,) from x, shape (n, n_lanes) in elimination order."""
+    x, weights = items(x, width), items(loads.weights, width)
     for entry in range(loads.dofs.size):
         number = loads.numbers[entry]
-        at, value = place[loads.dofs[entry]], share * loads.values[entry]
-        weight = loads.weights[block, number]
-        for lane in range(x.shape[1]):
-            x[at, lane] -= value * (amplitudes[number] * weight[lane])
+        x[place[loads.dofs[entry]]] -= share * loads.values[entry] * amplitudes[number] * weights[block, number]
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,33 +93,32 @@ def act(actions, block, amplitudes, q, v, turns, gain_v, with_tangents):
                 y[k, i, lane], rates[k, i, lane] = q[dof, lane], v[dof, lane]
     known = turns if turns.shape[0] else np.zeros((n, n_lanes))
     evaluate_actions(
-        Actions(actions.statements, actions.laws, actions.parameters[block]), actions.entries, amplitudes, y, rates,
-        known, np.empty((n, n_lanes)), gain_v, with_tangents, forces, tangents, powers, stored, depths,
+        Actions(loaded(actions.statements), actions.laws, actions.parameters[block]), actions.entries, amplitudes, y,
+        rates, known, np.empty((n, n_lanes)), gain_v, with_tangents, forces, tangents, powers, stored, depths,
     )  # fmt: skip
     return Acted(forces, tangents, powers, stored, depths)
 
 
 @njit(cache=True, error_model="numpy")
-def add_actions(actions, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
+def add_actions(actions, width, block, amplitudes, share, q, v, turns, gains, fresh, x, place, diagonal, lower):
     """Take a share of the forces of all actions from x, and add their tangents to the matrix; `turns` as for `act`."""
     now = act(actions, block, amplitudes, q, v, turns, gains[0], fresh)
+    forces, tangents = items(now.forces, width), items(now.tangents, width)
+    x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
     n, m = actions.dofs.shape
     for k in range(n):
         for i in range(m):
-            dof = actions.dofs[k, i]
-            for lane in range(x.shape[1] if dof >= 0 else 0):
-                x[place[dof], lane] -= share * now.forces[k, i, lane]
+            if actions.dofs[k, i] >= 0:
+                x[place[actions.dofs[k, i]]] -= share * forces[k, i]
     for entry in range(actions.positions.size if fresh else 0):
-        add_entry(actions.positions[entry], gains[2] * share, now.tangents[entry], diagonal, lower)
+        add_entry(actions.positions[entry], gains[2] * share * tangents[entry], diagonal, lower)
+    keep(now)
 
 
-@njit(cache=True, error_model="numpy")
-def add_entry(position, factor, values, diagonal, lower):
-    """Add ``factor * values`` (n_lanes,) at a stored position."""
-    n_lanes = diagonal.shape[1]
+@njit(error_model="numpy", forceinline=True)
+def add_entry(position, value, diagonal, lower):
+    """Add an item at a stored position."""
     if position < 0:
-        for lane in range(n_lanes):
-            diagonal[-1 - position, lane] += factor * values[lane]
+        diagonal[-1 - position] += value
     else:
-        for lane in range(n_lanes):
-            lower[position, lane] += factor * values[lane]
+        lower[position] += value

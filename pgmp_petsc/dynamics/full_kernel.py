@@ -18,12 +18,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.beam2d import N_PACKED, add_damping, force_and_tangent
+from pgmp_petsc.bodies.beam2d import (
+    N_PACKED,
+    fill_tangent,
+    forces,
+    strain_rates,
+    strains,
+    stresses,
+    viscous_stresses,
+)
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
 from pgmp_petsc.dynamics.full_beams import Beams, Masses, add_beams, add_masses
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
 from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
 from pgmp_petsc.dynamics.full_solids import Solids, add_solids
+from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.dynamics.lane_items import (
+    absolute,
+    beyond,
+    borrowed,
+    empty_lanes,
+    fill,
+    items,
+    keep,
+    lanes_of,
+    select,
+    sine_cosine,
+)
 from pgmp_petsc.dynamics.node_constraints import NodeConstraints, add_constraints
 from pgmp_petsc.mechanism.node_statements import scratch_of
 from pgmp_petsc.mechanism.node_statements import state as statement
@@ -64,6 +85,7 @@ class Pattern(NamedTuple):
     place: np.ndarray
     starts: np.ndarray
     rows: np.ndarray
+    products: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class FullProblem(NamedTuple):
@@ -71,6 +93,8 @@ class FullProblem(NamedTuple):
 
     Attributes
     ----------
+    width
+        As many numbers as there are lanes; see `lane_items`.
     dimension
         2 or 3.
     elements, lumps, solids, beams, masses, loads, actions, modal, constraints
@@ -89,6 +113,7 @@ class FullProblem(NamedTuple):
         1/size for translations, 1 for rotations and directors, shape (n_dofs,).
     """
 
+    width: tuple[float, ...]
     dimension: int
     elements: Elements
     lumps: Lumps
@@ -117,84 +142,90 @@ class Strengths(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Factorised iteration matrices: diagonal (n_blocks, n, n_lanes) and lower entries (n_blocks, n_lower, n_lanes)."""
+    """Factorised iteration matrices, diagonal and lower entries (n_blocks, n + n_lower, n_lanes), and a right-hand side
+    that is used again and again, (n, n_lanes)."""
 
-    diagonal: np.ndarray
-    lower: np.ndarray
+    matrix: np.ndarray
+    x: np.ndarray
+
+
+@njit(error_model="numpy", forceinline=True)
+def of_element(x, dofs, e):
+    """Return the six unknowns of an element."""
+    return x[dofs[e, 0]], x[dofs[e, 1]], x[dofs[e, 2]], x[dofs[e, 3]], x[dofs[e, 4]], x[dofs[e, 5]]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _plus(x, factor, y):
+    """Return ``x + factor y`` of six numbers each."""
+    return (
+        x[0] + factor * y[0], x[1] + factor * y[1], x[2] + factor * y[2], x[3] + factor * y[3], x[4] + factor * y[4],
+        x[5] + factor * y[5],
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def add_elements(elements, section, q, v, a, gains, fresh, x, place, diagonal, lower):
+def add_elements(elements, width, sections, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia and internal forces of all elements to x, and their tangents to the matrix."""
-    n_lanes = x.shape[1]
+    q, v, a, sections = items(q, width), items(v, width), items(a, width), items(sections, width)
+    x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
     gain_v, gain_a, gain_k = gains
-    u, acceleration, rate = np.empty((6, n_lanes)), np.empty((6, n_lanes)), np.empty((6, n_lanes))
-    power, gain_m = np.empty(n_lanes), np.empty(n_lanes)
-    force, tangent = np.empty((6, n_lanes)), np.empty((N_PACKED, n_lanes))
+    space, dofs = empty_lanes(N_PACKED, len(width)), elements.dofs
+    tangent = items(space, width)
     for e in range(elements.length.size):
-        length, properties = elements.length[e], section[elements.body[e]]
-        for i in range(6):
-            dof = elements.dofs[e, i]
-            for lane in range(n_lanes):
-                u[i, lane] = q[dof, lane]
-                acceleration[i, lane] = a[dof, lane]
-        force_and_tangent(u, length, elements.direction[e], properties[:3], force, tangent, fresh)
-        for lane in range(n_lanes):
-            gain_m[lane] = gain_a
+        length, body = elements.length[e], elements.body[e]
+        section = sections[block, body, 0], sections[block, body, 1], sections[block, body, 2]
+        line, rotary = sections[block, body, 3], sections[block, body, 4]
+        u, moving = of_element(q, dofs, e), of_element(a, dofs, e)
+        sin, cos = sine_cosine(0.5 * (u[2] + u[5]) + elements.direction[e])
+        strain = strains(u, cos, sin, length)
+        stress = stresses(strain, section)
+        total, stiffer, gain_m = stress, gain_k, gain_a
         if elements.damped:
-            for i in range(6):
-                dof = elements.dofs[e, i]
-                for lane in range(n_lanes):
-                    rate[i, lane] = v[dof, lane]
-                    acceleration[i, lane] += properties[6, lane] * v[dof, lane]
-            for lane in range(n_lanes):
-                gain_m[lane] += properties[6, lane] * gain_v
-            add_damping(
-                u, rate, length, elements.direction[e], properties[:3], properties[5], gain_v, force, tangent, power,
-                fresh,
-            )  # fmt: skip
-        for i in range(6):
-            density = properties[3] if i % 3 < 2 else properties[4]
-            other = (i + 3) % 6
-            row = place[elements.dofs[e, i]]
-            third = length / 3.0
-            for lane in range(n_lanes):
-                inertia = third * density[lane] * (acceleration[i, lane] + 0.5 * acceleration[other, lane])
-                x[row, lane] += force[i, lane] + inertia
+            beta, alpha = sections[block, body, 5], sections[block, body, 6]
+            rate = of_element(v, dofs, e)
+            moving = _plus(moving, alpha, rate)
+            viscous = viscous_stresses(strain_rates(rate, strain, cos, sin, length), section, beta)
+            total = stress[0] + viscous[0], stress[1] + viscous[1], stress[2] + viscous[2]
+            stiffer, gain_m = gain_k * (1.0 + gain_v * beta), gain_a + gain_v * alpha
+        force = forces(strain, total, cos, sin, length)
+        third = length / 3.0
+        line, rotary = third * line, third * rotary
+        x[place[dofs[e, 0]]] += force[0] + line * (moving[0] + 0.5 * moving[3])
+        x[place[dofs[e, 1]]] += force[1] + line * (moving[1] + 0.5 * moving[4])
+        x[place[dofs[e, 2]]] += force[2] + rotary * (moving[2] + 0.5 * moving[5])
+        x[place[dofs[e, 3]]] += force[3] + line * (moving[3] + 0.5 * moving[0])
+        x[place[dofs[e, 4]]] += force[4] + line * (moving[4] + 0.5 * moving[1])
+        x[place[dofs[e, 5]]] += force[5] + rotary * (moving[5] + 0.5 * moving[2])
         if fresh:
-            for t in range(N_PACKED):
-                for lane in range(n_lanes):
-                    tangent[t, lane] *= gain_k
+            section = stiffer * section[0], stiffer * section[1], stiffer * section[2]
+            stress = gain_k * stress[0], gain_k * stress[1], gain_k * stress[2]
+            fill_tangent(strain, stress, section, cos, sin, length, tangent)
+            line, rotary = gain_m * line, gain_m * rotary
             for i in range(6):
-                density = properties[3] if i % 3 < 2 else properties[4]
-                here = i * (i + 1) // 2 + i
-                for lane in range(n_lanes):
-                    tangent[here, lane] += gain_m[lane] * length / 3.0 * density[lane]
+                density, here = (line if i % 3 < 2 else rotary), i * (i + 1) // 2 + i
+                tangent[here] += density
                 if i >= 3:
-                    for lane in range(n_lanes):
-                        tangent[here - 3, lane] += gain_m[lane] * length / 6.0 * density[lane]
+                    tangent[here - 3] += 0.5 * density
             for t in range(N_PACKED):
-                add_entry(elements.positions[e, t], 1.0, tangent[t], diagonal, lower)
+                add_entry(elements.positions[e, t], tangent[t], diagonal, lower)
+    keep(space)
+
+
+@njit(error_model="numpy", forceinline=True)
+def add_lumps(lumps, width, sections, block, v, a, gains, fresh, x, place, diagonal, lower):
+    """Add the inertia forces of the nodes' own masses to x, and their tangents to the matrix."""
+    v, a, masses, sections = items(v, width), items(a, width), items(lumps.mass, width), items(sections, width)
+    x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
+    gain_v, gain_a, _ = gains
+    for k in range(lumps.dofs.size):
+        dof, mass, braking = lumps.dofs[k], masses[block, k], sections[block, lumps.body[k], 6]
+        x[place[dof]] += mass * (a[dof] + braking * v[dof])
+        if fresh:
+            add_entry(lumps.positions[k], mass * (gain_a + braking * gain_v), diagonal, lower)
 
 
 @njit(cache=True, error_model="numpy")
-def add_lumps(lumps, mass, section, v, a, gains, fresh, x, place, diagonal, lower):
-    """Add the inertia forces of the nodes' own masses to x, and their tangents to the matrix."""
-    n_lanes = x.shape[1]
-    gain_v, gain_a, _ = gains
-    entry = np.empty(n_lanes)
-    for k in range(lumps.dofs.size):
-        dof = lumps.dofs[k]
-        braking = section[lumps.body[k], 6]
-        row = place[dof]
-        for lane in range(n_lanes):
-            x[row, lane] += mass[k, lane] * (a[dof, lane] + braking[lane] * v[dof, lane])
-            entry[lane] = mass[k, lane] * (gain_a + braking[lane] * gain_v)
-        if fresh:
-            add_entry(lumps.positions[k], 1.0, entry, diagonal, lower)
-
-
-@njit(cache=True, error_model="numpy", inline="always")
 def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, scale, fresh, x, diagonal, lower):
     """Evaluate the residual of a block, and the matrix.
 
@@ -218,36 +249,35 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
     x, diagonal, lower
         Results.
     """
-    gain_k = gains[2]
+    width, place = problem.width, problem.pattern.place
     q, v, a, multipliers, turns = state
-    section, place = problem.section[block], problem.pattern.place
-    x[:] = 0.0
+    fill(x, 0.0, width)
     if fresh:
-        diagonal[:] = 0.0
-        lower[:] = 0.0
+        fill(diagonal, 0.0, width)
+        fill(lower, 0.0, width)
     if problem.elements.length.size:
-        add_elements(problem.elements, section, q, v, a, gains, fresh, x, place, diagonal, lower)
+        add_elements(problem.elements, width, problem.section, block, q, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.lumps.dofs.size:
-        add_lumps(problem.lumps, problem.lumps.mass[block], section, v, a, gains, fresh, x, place, diagonal, lower)
+        add_lumps(problem.lumps, width, problem.section, block, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.solids.region.size:
-        add_solids(problem.solids, block, q, v, a, gains, fresh, x, place, diagonal, lower)
+        add_solids(problem.solids, width, block, q, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.beams.length.size:
-        add_beams(problem.beams, problem.rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower)
+        add_beams(problem.beams, width, problem.rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.masses.body.size:
-        add_masses(problem.masses, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
+        add_masses(problem.masses, width, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.actions.laws.size:
         of_actions = turns[problem.angles.dofs.shape[0] :]
         add_actions(
-            problem.actions, block, amplitudes[1], share, q, v, of_actions, gains, fresh, x, place, diagonal,
+            problem.actions, width, block, amplitudes[1], share, q, v, of_actions, gains, fresh, x, place, diagonal,
             lower,
         )  # fmt: skip
     if problem.modal.kinds.size:
         powers = np.empty((problem.modal.kinds.size, x.shape[1]))
         add_modal_damping(problem.modal, problem.dimension, q, v, x, place, powers)
-    add_loads(problem.loads, block, amplitudes[0], share, x, place)
+    add_loads(problem.loads, width, block, amplitudes[0], share, x, place)
     add_constraints(
-        problem.constraints, problem.dimension, angles, residual, q, multipliers, scale, gain_k, fresh, x, place,
-        diagonal, lower,
+        problem.constraints, width, problem.dimension, angles, residual, q, multipliers, scale, gains[2], fresh, x,
+        place, diagonal, lower,
     )  # fmt: skip
 
 
@@ -263,6 +293,7 @@ def count_turns(problem, q, turns):
 @njit(cache=True, error_model="numpy")
 def _count(statements, dofs, q, turns):
     """Put statements near `turns`, (n, n_lanes), there."""
+    statements = loaded(statements)
     n, m = dofs.shape
     scratch, y, g, h = scratch_of(statements, m // 2), np.zeros(m), np.zeros(m), np.zeros((1, 1))
     for k in range(n):
@@ -300,44 +331,50 @@ def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains
     size
         Result, shape (n_blocks, n_lanes).
     """
-    gain_v, gain_a, _ = gains
     n_dofs, n_lanes = state[0].shape[1:]
-    n_constraints = state[3].shape[1]
-    pattern = problem.pattern
-    x, scale = np.empty((n_dofs + n_constraints, n_lanes)), np.empty(n_lanes)
+    scale = np.empty(n_lanes)
     for block in range(blocks[0], blocks[1]):
         size[block] = 0.0
-        if not active[block].any():
-            continue
-        own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
-        diagonal, lower = factors.diagonal[block], factors.lower[block]
-        for lane in range(n_lanes):
-            scale[lane] = gain_a * typical_mass[block, lane]
-        evaluate(problem, block, amplitudes, angles, 1.0, residual[block], own, gains, scale, fresh, x, diagonal, lower)
-        if fresh:
-            factorise(pattern.starts, pattern.rows, diagonal, lower)
-        substitute(pattern.starts, pattern.rows, diagonal, lower, x)
-        take_correction(problem.units, pattern.place, x, scale, gain_v, gain_a, active[block], own, size[block])
+        if active[block].any():
+            own = state[0][block], state[1][block], state[2][block], state[3][block], state[4][block]
+            correct_block(
+                problem, factors, block, amplitudes, angles, residual[block], own, gains, typical_mass[block],
+                lanes_of(active[block]), fresh, scale, size[block],
+            )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def take_correction(units, place, x, scale, gain_v, gain_a, active, state, size):
-    """Correct the active samples of a block by the solution x in elimination order, and find its size (n_lanes,)."""
-    q, v, a, multipliers, _ = state
-    n_lanes = x.shape[1]
-    for dof in range(q.shape[0]):
-        at, unit = place[dof], units[dof]
-        for lane in range(n_lanes):
-            step = x[at, lane] if active[lane] else 0.0
-            q[dof, lane] -= step
-            v[dof, lane] -= gain_v * step
-            a[dof, lane] -= gain_a * step
-            moved = abs(step) * unit
-            # written so that a NaN is kept
-            if not moved <= size[lane]:
-                size[lane] = moved
-    for row in range(multipliers.shape[0]):
-        at = place[q.shape[0] + row]
-        for lane in range(n_lanes):
-            if active[lane]:
-                multipliers[row, lane] -= scale[lane] * x[at, lane]
+def correct_block(
+    problem, factors, block, amplitudes, angles, residual, state, gains, typical_mass, lanes, fresh, scale, size
+):  # fmt: skip
+    """Correct some lanes of a block; `scale` is a work array (n_lanes,)."""
+    width, pattern = problem.width, problem.pattern
+    x, matrix = borrowed(factors.x), borrowed(factors.matrix)[block]
+    diagonal, lower = matrix[: x.shape[0]], matrix[x.shape[0] :]
+    for lane in range(scale.size):
+        scale[lane] = gains[1] * typical_mass[lane]
+    evaluate(problem, block, amplitudes, angles, 1.0, residual, state, gains, scale, fresh, x, diagonal, lower)
+    if fresh:
+        factorise(pattern.starts, pattern.rows, pattern.products, items(matrix, width))
+    substitute(pattern.starts, pattern.rows, items(matrix, width), items(x, width))
+    take_correction(problem.units, width, pattern.place, x, scale, gains, lanes, state, size)
+
+
+@njit(error_model="numpy", forceinline=True)
+def take_correction(units, width, place, x, scale, gains, lanes, state, size):
+    """Correct some lanes of a block by the solution x in elimination order, and find its size (n_lanes,)."""
+    q, v, a = items(state[0], width), items(state[1], width), items(state[2], width)
+    multipliers, x = items(state[3], width), items(x, width)
+    scale, size = items(scale, width), items(size, width)
+    gain_v, gain_a, _ = gains
+    largest = 0.0
+    for dof in range(q.size):
+        step = select(lanes, x[place[dof]], 0.0)
+        q[dof] -= step
+        v[dof] -= gain_v * step
+        a[dof] -= gain_a * step
+        moved = absolute(step) * units[dof]
+        largest = select(beyond(moved, largest), moved, largest)  # written so that a NaN is kept
+    for row in range(multipliers.size):
+        multipliers[row] -= select(lanes, scale[()] * x[place[q.size + row]], 0.0)
+    size[()] = largest

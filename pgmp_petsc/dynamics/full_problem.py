@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.full_parts import (
     spatial_beams,
     spatial_masses,
 )
+from pgmp_petsc.dynamics.lane_items import width_of
 from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
@@ -157,7 +158,7 @@ class FullEquations:
         unknowns.frames(units)[:, d:] = 1.0
         here = self.layout.needed[: self.layout.n_unknowns]
         self.problem = contiguous(FullProblem(
-            d, elements, lumps, cells, beams, masses, loads, actions,
+            width_of(blocks.n_lanes), d, elements, lumps, cells, beams, masses, loads, actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self._pattern(), sections(share),
             np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
@@ -216,8 +217,9 @@ class FullEquations:
     def _pattern(self) -> Pattern:
         if isinstance(self.layout, WholeLayout):
             symbolic = self.layout.symbolic
-            return Pattern(symbolic.place, symbolic.starts, symbolic.rows)
-        return Pattern(self.layout.place, *np.zeros((2, 0), dtype=np.int64))
+            return Pattern(symbolic.place, symbolic.starts, symbolic.rows, symbolic.products)
+        nothing = np.zeros((3, 0), dtype=np.int64)
+        return Pattern(self.layout.place, *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
 
     def _loads(
         self, effects: Sequence[Effect], values: Mapping[str, np.ndarray], blocks: SampleBlocks

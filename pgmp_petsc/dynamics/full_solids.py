@@ -1,7 +1,7 @@
 """Continuum elements of full-order samples on one rank, compiled: their part of the residual, the matrix, the energy.
 
-Samples lie side by side in the last axis (lanes). Of a single sample as many elements of one material are evaluated
-side by side.
+LANES columns are evaluated side by side: an element of as many samples, or of a single sample as many elements of one
+material. What is evaluated is compiled once for both.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, strain_energies
+from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.dynamics.full_forces import add_entry
+from pgmp_petsc.dynamics.lane_items import WIDE, empty_lanes, items, keep, of_column
+from pgmp_petsc.dynamics.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
-
-TOGETHER = 16  # elements of a single sample that are evaluated side by side: what fits the vectors of any machine
 
 
 class Solids(NamedTuple):
@@ -55,24 +55,31 @@ class Solids(NamedTuple):
     counted: np.ndarray
 
 
-class _Columns(NamedTuple):
-    """Cells as columns, what the nodes do, and what the columns' material is."""
+class Columns(NamedTuple):
+    """LANES cells as columns, the last axis of all arrays: their geometry, what the nodes do, and the material."""
 
-    cells: Cells
+    gradients: np.ndarray
+    volumes: np.ndarray
+    mass: np.ndarray
     places: np.ndarray
     rates: np.ndarray
     accelerations: np.ndarray
-    modulus: np.ndarray
-    density: np.ndarray
+    material: np.ndarray
+    forces: np.ndarray
+    tangents: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
-def _columns(solids, n):
+@njit(inline="always")
+def _columns(solids):
     n_q, n_nodes, d = solids.gradients.shape[1:]
-    of_nodes = (n_nodes, d, n)
-    return _Columns(
-        Cells(np.empty((n_q, n_nodes, d, n)), np.empty((n_q, n))),
-        np.zeros(of_nodes), np.zeros(of_nodes), np.zeros(of_nodes), np.empty(n), np.empty(n),
+    m, of_nodes = n_nodes * d, (n_nodes, d, LANES)
+    nodal = empty_lanes(4 * m, LANES)
+    nodal[:] = 0.0
+    return Columns(
+        empty_lanes(n_q * m, LANES).reshape((n_q, n_nodes, d, LANES)), empty_lanes(n_q, LANES),
+        empty_lanes(n_nodes * n_nodes, LANES).reshape((n_nodes, n_nodes, LANES)), nodal[:m].reshape(of_nodes),
+        nodal[m : 2 * m].reshape(of_nodes), nodal[2 * m : 3 * m].reshape(of_nodes), empty_lanes(2, LANES),
+        nodal[3 * m :].reshape(of_nodes), empty_lanes(m * (m + 1) // 2, LANES),
     )  # fmt: skip
 
 
@@ -80,7 +87,7 @@ def _columns(solids, n):
 def _n_together(solids, first, n_lanes):
     """Return how many elements from `first` on are evaluated together: with several samples one."""
     last = first + 1
-    while n_lanes == 1 and last < min(first + TOGETHER, solids.region.size):
+    while n_lanes == 1 and last < min(first + LANES, solids.region.size):
         if solids.region[last] != solids.region[first]:
             break
         last += 1
@@ -91,112 +98,126 @@ def _n_together(solids, first, n_lanes):
 def _gather(solids, block, first, n_elements, q, v, a, columns):
     """Fill the columns: lanes of one element, or elements of one lane, the last of them again in what is left."""
     n_q, n_nodes, d = solids.gradients.shape[1:]
-    g, volumes = columns.cells
-    for c in range(volumes.shape[1]):
+    for c in range(LANES):
         e, lane = (first, c) if q.shape[1] > 1 else (first + min(c, n_elements - 1), 0)
         for point in range(n_q):
-            volumes[point, c] = solids.volumes[e, point]
+            columns.volumes[point, c] = solids.volumes[e, point]
             for node in range(n_nodes):
                 for i in range(d):
-                    g[point, node, i, c] = solids.gradients[e, point, node, i]
+                    columns.gradients[point, node, i, c] = solids.gradients[e, point, node, i]
         for node in range(n_nodes):
+            for other in range(n_nodes):
+                columns.mass[node, other, c] = solids.mass[e, node, other]
             for i in range(d):
                 dof = solids.dofs[e, node, i]
                 if dof >= 0:
                     columns.places[node, i, c] = q[dof, lane]
                     columns.rates[node, i, c] = v[dof, lane]
                     columns.accelerations[node, i, c] = a[dof, lane]
-        columns.modulus[c] = solids.moduli[block, solids.region[e], 0, lane]
-        columns.density[c] = solids.moduli[block, solids.region[e], 1, lane]
+        columns.material[0, c] = solids.moduli[block, solids.region[e], 0, lane]
+        columns.material[1, c] = solids.moduli[block, solids.region[e], 1, lane]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _evaluate(columns, lame, rayleigh, gains, fresh, work):
+    """Fill the forces of the columns, inertia and damping with them, and their tangents."""
+    gain_v, gain_a, gain_k = gains
+    beta, alpha = rayleigh[0], rayleigh[1]
+    mass, material = items(columns.mass, WIDE), items(columns.material, WIDE)
+    rates, accelerations = items(columns.rates, WIDE), items(columns.accelerations, WIDE)
+    forces, tangents = items(columns.forces, WIDE), items(columns.tangents, WIDE)
+    cells = Cells(items(columns.gradients, WIDE), items(columns.volumes, WIDE))
+    evaluate_cells(
+        cells, (lame[0], lame[1]), material[0], beta, gain_v, items(columns.places, WIDE), rates, beta != 0.0, fresh,
+        work, forces, tangents,
+    )  # fmt: skip
+    density, gain_m = material[1], gain_a + alpha * gain_v
+    n_nodes, d = forces.shape
+    for node in range(n_nodes):
+        for i in range(d):
+            moving = density * 0.0
+            for other in range(n_nodes):
+                moving += mass[node, other] * (accelerations[other, i] + alpha * rates[other, i])
+            forces[node, i] += density * moving  # (M (q'' + alpha q'))_i
+    for row in range(n_nodes * d if fresh else 0):
+        first = row * (row + 1) // 2
+        for column in range(row + 1):
+            own = gain_k * tangents[first + column]
+            if (row - column) % d == 0:
+                own += gain_m * density * mass[row // d, column // d]
+            tangents[first + column] = own
 
 
 @njit(cache=True, error_model="numpy")
-def add_solids(solids, block, q, v, a, gains, fresh, x, place, diagonal, lower):
+def add_solids(solids, width, block, q, v, a, gains, fresh, x, place, diagonal, lower):
     """Add inertia, internal and damping forces of all elements to x, and their tangents to the matrix."""
-    n_lanes = q.shape[1]
-    gain_v, gain_a, gain_k = gains
+    n_lanes, columns = q.shape[1], _columns(solids)
     n_nodes, d = solids.dofs.shape[1:]
-    n = n_lanes if n_lanes > 1 else TOGETHER
-    columns, work = _columns(solids, n), cell_work(n_nodes, d, n)
-    forces, powers, entry = np.empty((n_nodes, d, n)), np.empty(n), np.empty(n_lanes)
-    tangents = np.empty((n_nodes * d * (n_nodes * d + 1) // 2, n))
+    space = empty_lanes(n_work(n_nodes, d), LANES)
+    work = cell_work(n_nodes, d, items(space, WIDE))
+    x, diagonal, lower = items(x, width), items(diagonal, width), items(lower, width)
+    positions = solids.positions
     first = np.int64(0)  # a literal would be another type, and everything compiled once more
     while first < solids.region.size:
         n_elements = _n_together(solids, first, n_lanes)
         region = solids.region[first]
-        beta, alpha = solids.rayleigh[region]
         _gather(solids, block, first, n_elements, q, v, a, columns)
-        evaluate_cells(
-            columns.cells, (solids.lame[region, 0], solids.lame[region, 1]), columns.modulus, beta, gain_v,
-            columns.places, columns.rates, beta != 0.0, fresh, work, forces, tangents, powers,
-        )  # fmt: skip
-        for e in range(first, first + n_elements):
-            for node in range(n_nodes):
-                for i in range(d):
-                    dof = solids.dofs[e, node, i]
-                    if dof < 0:
-                        continue
-                    row = place[dof]
-                    for lane in range(n_lanes):
-                        x[row, lane] += forces[node, i, lane + e - first]
-                    for other in range(n_nodes):
-                        shared = solids.mass[e, node, other]
-                        for lane in range(n_lanes):
-                            c = lane + e - first
-                            moving = columns.accelerations[other, i, c] + alpha * columns.rates[other, i, c]
-                            x[row, lane] += columns.density[c] * shared * moving  # (M (q'' + alpha q'))_i
-        if fresh:
-            gain_m = gain_a + alpha * gain_v
-            for e in range(first, first + n_elements):
-                at = 0
-                for node in range(n_nodes):
-                    for i in range(d):
-                        for other in range(node + 1):
-                            shared = gain_m * solids.mass[e, node, other]
-                            for j in range(d if other < node else i + 1):
-                                if solids.dofs[e, node, 0] >= 0:  # other has a lower number
-                                    for lane in range(n_lanes):
-                                        entry[lane] = gain_k * tangents[at, lane + e - first]
-                                    if i == j:
-                                        for lane in range(n_lanes):
-                                            entry[lane] += columns.density[lane + e - first] * shared
-                                    add_entry(solids.positions[e, at], 1.0, entry, diagonal, lower)
-                                at += 1
+        _evaluate(columns, solids.lame[region], solids.rayleigh[region], gains, fresh, work)
+        for c in range(n_elements):
+            e = first + c
+            for row in range(n_nodes * d):
+                node, i = row // d, row % d
+                dof, at = solids.dofs[e, node, i], row * (row + 1) // 2
+                if dof < 0:
+                    continue
+                x[place[dof]] += of_column(columns.forces, row, c, width)
+                for entry in range(at, at + row + 1 if fresh else at):
+                    add_entry(positions[e, entry], of_column(columns.tangents, entry, c, width), diagonal, lower)
         first += n_elements
+    keep(space)
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _fill_energies(columns, lame, rayleigh, work, found):
+    """Fill kinetic and strain energy of the columns, and the power of their damping, shape (3, LANES)."""
+    beta, alpha = rayleigh[0], rayleigh[1]
+    mass, rates, material = items(columns.mass, WIDE), items(columns.rates, WIDE), items(columns.material, WIDE)
+    cells, places = Cells(items(columns.gradients, WIDE), items(columns.volumes, WIDE)), items(columns.places, WIDE)
+    found, constants = items(found, WIDE), (lame[0], lame[1])
+    moving = material[1] * 0.0  # q'.M q'
+    for node in range(rates.shape[0]):
+        for other in range(rates.shape[0]):
+            for i in range(rates.shape[1]):
+                moving += material[1] * mass[node, other] * (rates[node, i] * rates[other, i])
+    found[0] = 0.5 * moving
+    found[1] = strain_energies(cells, constants, material[0], places, work)
+    found[2] = -alpha * moving
+    if beta != 0.0:
+        found[2] += evaluate_cells(
+            cells, constants, material[0], beta, 0.0, places, rates, True, False, work, items(columns.forces, WIDE),
+            items(columns.tangents, WIDE),
+        )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
 def add_energies(solids, block, q, v, kinetic, strain, powers):
     """Add kinetic and strain energy of the elements that are counted here, shape (n_lanes,), J, and the power of the
     damping of their bodies, shape (n_bodies, n_lanes), W."""
-    n_lanes = q.shape[1]
+    n_lanes, columns, found = q.shape[1], _columns(solids), empty_lanes(3, LANES)
     n_nodes, d = solids.dofs.shape[1:]
-    n = n_lanes if n_lanes > 1 else TOGETHER
-    columns, work = _columns(solids, n), cell_work(n_nodes, d, n)
-    forces, damped, energies, unused = np.empty((n_nodes, d, n)), np.zeros(n), np.empty(n), np.empty((1, 1))
+    space = empty_lanes(n_work(n_nodes, d), LANES)
+    work = cell_work(n_nodes, d, items(space, WIDE))
     first = np.int64(0)
     while first < solids.region.size:
         n_elements = _n_together(solids, first, n_lanes)
         region = solids.region[first]
-        beta, alpha = solids.rayleigh[region]
-        lame = (solids.lame[region, 0], solids.lame[region, 1])
         _gather(solids, block, first, n_elements, q, v, v, columns)
-        strain_energies(columns.cells, lame, columns.modulus, columns.places, work, energies)
-        if beta != 0.0:
-            evaluate_cells(
-                columns.cells, lame, columns.modulus, beta, 0.0, columns.places, columns.rates, beta != 0.0,
-                np.bool_(False), work, forces, unused, damped,
-            )  # fmt: skip
+        _fill_energies(columns, solids.lame[region], solids.rayleigh[region], work, found)
         for e in range(first, first + n_elements):
             for lane in range(n_lanes if solids.counted[e] else 0):
                 c = lane + e - first
-                moving = 0.0  # q'.M q'
-                for node in range(n_nodes):
-                    for other in range(n_nodes):
-                        for i in range(d):
-                            product = columns.rates[node, i, c] * columns.rates[other, i, c]
-                            moving += columns.density[c] * solids.mass[e, node, other] * product
-                kinetic[lane] += 0.5 * moving
-                strain[lane] += energies[c]
-                powers[solids.body[e], lane] += damped[c] - alpha * moving
+                kinetic[lane] += found[0, c]
+                strain[lane] += found[1, c]
+                powers[solids.body[e], lane] += found[2, c]
         first += n_elements
+    keep(space)

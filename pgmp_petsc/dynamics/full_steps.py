@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
-from pgmp_petsc.dynamics.full_kernel import correct, count_turns
+from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
+from pgmp_petsc.dynamics.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
 
 
@@ -52,78 +53,133 @@ def take_steps(
     n_corrections
         Result: Newton corrections of each step, all samples together, shape (n_steps,).
     """
-    n_steps = strengths.loads.shape[0]
+    n_steps = n_taken = strengths.loads.shape[0]
     n_blocks, n_lanes = samples.shape
+    n_corrections[:] = 0
+    # when each sample was lost; a block goes through all steps while it is in the cache
+    when = np.full((n_blocks, n_lanes), n_steps)
+    work, flags = np.empty((3, n_lanes)), np.empty((2, n_lanes), dtype=np.bool_)
+    of_before = (
+        borrowed(before[0]), borrowed(before[1]), borrowed(before[2]), borrowed(before[3]), borrowed(before[4]),
+        borrowed(before[5]), borrowed(before[6]),
+    )  # fmt: skip
+    of_after = (
+        borrowed(after[0]), borrowed(after[1]), borrowed(after[2]), borrowed(after[3]), borrowed(after[4]),
+        borrowed(after[5]), borrowed(after[6]),
+    )  # fmt: skip
+    for block in range(n_blocks):
+        n_taken = _take_steps_of_block(
+            problem, factors, block, n_taken, strengths, probed, scheme, typical_mass[block], step, reference,
+            borrowed(behind[block]), of_before, borrowed(samples[block]), of_after, borrowed(work), borrowed(flags),
+            borrowed(when[block]), n_corrections,
+        )  # fmt: skip
+    keep(work)
+    keep(flags)
+    keep(when)
+    for block in range(n_blocks):
+        for lane in range(n_lanes):
+            lost[block, lane] = when[block, lane] == n_taken - 1
+    return n_taken
+
+
+@njit(inline="always")
+def _take_steps_of_block(
+    problem, factors, block, n_steps, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples,
+    after, work, flags, when, n_corrections,
+):  # fmt: skip
+    """Take up to n_steps steps of a block, to the one in which an iteration fails; return how many."""
+    width, lanes = problem.width, lanes_of(samples)
     gains = (scheme[4], scheme[5], 1.0)
-    itself = np.empty((n_blocks, 0, n_lanes))
-    active, size, last = samples.copy(), np.zeros((n_blocks, n_lanes)), np.zeros(n_lanes)
+    size, last, scale, active = work[0], work[1], work[2], flags[0]
+    lost, itself = flags[1], np.empty((0, samples.size))
     lost[:] = False
-    now = before
+    about = reference[0].shape[0] > 0
+    q, v, a, multipliers = before[0][block], before[1][block], before[2][block], before[3][block]
+    turns, auxiliary, contraction = before[4][block], before[5][block], before[6][block]
     for k in range(n_steps):
-        end = after[0][k], after[1][k], after[2][k], after[3][k], after[4][k], after[5][k], after[6][k]
-        state = end[0], end[1], end[2], end[3], end[4]
+        ahead = after[0][k, block], after[1][k, block], after[2][k, block]
+        forces, counted = after[3][k, block], after[4][k, block]
+        follows, expected = after[5][k, block], after[6][k, block]
         amplitudes, angles = (strengths.loads[k], strengths.actions[k]), strengths.angles[k]
-        n_corrections[k] = 0
-        for block in range(n_blocks):
-            predict_block(
-                scheme, step, now[0][block], now[1][block], now[2][block], now[5][block], behind[block],
-                samples[block], end[0][block], end[1][block], end[2][block],
+        _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead)
+        _copy(width, multipliers, forces)
+        _copy(width, turns, counted)
+        for lane in range(samples.size):
+            expected[lane] = FIRST_CONTRACTION if probed[k] else contraction[lane]
+            active[lane] = samples[lane]
+        if about:
+            _add(width, 1.0, reference[0][k, block], ahead[0])
+            _add(width, 1.0, reference[1][k, block], ahead[2])
+        state = ahead[0], ahead[1], ahead[2], forces, counted
+        going = lanes
+        for iteration in range(MAX_ITERATIONS):
+            if going == 0:
+                break
+            for lane in range(samples.size):
+                n_corrections[k] += active[lane]
+            fresh = iteration % REFRESH_EVERY == 0
+            correct_block(
+                problem, factors, block, amplitudes, angles, itself, state, gains, typical_mass, going, fresh, scale,
+                size,
             )  # fmt: skip
-            end[3][block], end[4][block], expected = now[3][block], now[4][block], end[6][block]
-            expected[:] = now[6][block]
-            if probed[k]:
-                expected[:] = FIRST_CONTRACTION
-            if reference[0].shape[0] > 0:
-                end[0][block] += reference[0][k, block]
-                end[2][block] += reference[1][k, block]
-            active[block] = samples[block]
-            for iteration in range(MAX_ITERATIONS):
-                if not active[block].any():
-                    break
-                n_corrections[k] += active[block].sum()
-                fresh = iteration % REFRESH_EVERY == 0
-                correct(
-                    problem, factors, (block, block + 1), amplitudes, angles, itself, state, gains, typical_mass,
-                    active, fresh, size,
-                )  # fmt: skip
-                judge(iteration, size[block], last, expected, active[block], lost[block])
-            for lane in range(n_lanes):
-                lost[block, lane] = lost[block, lane] or active[block, lane]
-                if lost[block, lane]:
-                    expected[lane] = FIRST_CONTRACTION
-            count_turns(problem, end[0][block], end[4][block])
-            if reference[0].shape[0] > 0:
-                end[0][block] -= reference[0][k, block]
-                end[2][block] -= reference[1][k, block]
-            follow_block(scheme, now[2][block], now[5][block], end[2][block], samples[block], end[5][block])
-        if lost.any():
+            judge(iteration, size, last, expected, active, lost)
+            going = lanes_of(active)
+        for lane in range(samples.size):
+            lost[lane] |= active[lane]
+            if lost[lane]:
+                expected[lane] = FIRST_CONTRACTION
+                when[lane] = k
+        count_turns(problem, ahead[0], counted)
+        if about:
+            _add(width, -1.0, reference[0][k, block], ahead[0])
+            _add(width, -1.0, reference[1][k, block], ahead[2])
+        _follow(width, scheme, a, auxiliary, ahead[2], lanes, follows)
+        if lanes_of(lost):
             return k + 1
-        behind, now = now[2], end
+        behind, q, v, a, multipliers = a, ahead[0], ahead[1], ahead[2], forces
+        turns, auxiliary, contraction = counted, follows, expected
     return n_steps
 
 
-@njit(cache=True, error_model="numpy")
-def predict_block(scheme, step, q, v, a, auxiliary, behind, samples, ahead_q, ahead_v, ahead_a):
+@njit(error_model="numpy", forceinline=True)
+def _copy(width, x, into):
+    """Copy x (n, n_lanes)."""
+    x, into = items(x, width), items(into, width)
+    for k in range(x.size):
+        into[k] = x[k]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _add(width, factor, x, into):
+    """Add a multiple of x (n_dofs, n_lanes)."""
+    x, into = items(x, width), items(into, width)
+    for dof in range(x.size):
+        into[dof] += factor * x[dof]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _predict(width, scheme, step, q, v, a, auxiliary, behind, lanes, ahead):
     """Predict the end of a step with the accelerations at its beginning and one step before, (n_dofs, n_lanes)."""
     alpha_m, alpha_f, beta, gamma, _, _ = scheme
-    weight = 1.0 / (1.0 - alpha_m)
-    for dof in range(q.shape[0]):
-        for lane in range(q.shape[1]):
-            now, known = a[dof, lane], auxiliary[dof, lane]
-            then = now + (now - behind[dof, lane])
-            ahead = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * known) * weight
-            moved = step * v[dof, lane] + step * step * ((0.5 - beta) * known + beta * ahead)
-            faster = step * ((1.0 - gamma) * known + gamma * ahead)
-            ahead_q[dof, lane] = q[dof, lane] + (moved if samples[lane] else 0.0)
-            ahead_v[dof, lane] = v[dof, lane] + (faster if samples[lane] else 0.0)
-            ahead_a[dof, lane] = then if samples[lane] else now
+    q, v, a, auxiliary = items(q, width), items(v, width), items(a, width), items(auxiliary, width)
+    behind, places, rates = items(behind, width), items(ahead[0], width), items(ahead[1], width)
+    accelerations, weight = items(ahead[2], width), 1.0 / (1.0 - alpha_m)
+    for dof in range(q.size):
+        now, known = a[dof], auxiliary[dof]
+        then = now + (now - behind[dof])
+        end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * known) * weight
+        moved = step * v[dof] + step * step * ((0.5 - beta) * known + beta * end)
+        places[dof] = q[dof] + select(lanes, moved, 0.0)
+        rates[dof] = v[dof] + select(lanes, step * ((1.0 - gamma) * known + gamma * end), 0.0)
+        accelerations[dof] = select(lanes, then, now)
 
 
-@njit(cache=True, error_model="numpy")
-def follow_block(scheme, a, auxiliary, ahead_a, samples, ahead_auxiliary):
+@njit(error_model="numpy", forceinline=True)
+def _follow(width, scheme, a, auxiliary, ahead, lanes, follows):
     """Find the auxiliary accelerations at the end of a step from the accelerations there."""
     alpha_m, alpha_f = scheme[0], scheme[1]
-    for dof in range(a.shape[0]):
-        for lane in range(a.shape[1]):
-            weighted = (1.0 - alpha_f) * ahead_a[dof, lane] + alpha_f * a[dof, lane] - alpha_m * auxiliary[dof, lane]
-            ahead_auxiliary[dof, lane] = weighted / (1.0 - alpha_m) if samples[lane] else auxiliary[dof, lane]
+    a, auxiliary, ahead, follows = items(a, width), items(auxiliary, width), items(ahead, width), items(follows, width)
+    for dof in range(a.size):
+        # to the last bit what `alpha_step` finds where a neighbour is lost
+        end = ((1.0 - alpha_f) * ahead[dof] + alpha_f * a[dof] - alpha_m * auxiliary[dof]) / (1.0 - alpha_m)
+        follows[dof] = select(lanes, end, auxiliary[dof])

@@ -18,6 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.dynamics.full_forces import add_entry
+from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.dynamics.lane_items import items
 from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import Products, director
@@ -175,12 +177,14 @@ class ConstraintParts:
 
 @njit(cache=True, error_model="numpy")
 def add_constraints(
-    constraints, d, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
+    constraints, width, d, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower
 ):  # fmt: skip
     """Add ``C^T lambda`` and ``s c`` to x, and ``s C`` and ``gain_k lambda d2c/dq2`` to the matrix.
 
     Parameters
     ----------
+    width
+        As many numbers as there are lanes; see `lane_items`.
     d
         Dimension.
     driven
@@ -196,41 +200,61 @@ def add_constraints(
     x, place, diagonal, lower
         Right-hand side in elimination order, the turn of each unknown, and the matrix.
     """
-    rows = constraints.rows
-    m = rows.dofs.shape[1]
+    rows, n_dofs, itself = constraints.rows, q.shape[0], residual.shape[0] == 0
+    starts, _, unknowns = rows.entries
+    of_x, of_q, entries = items(x, width), items(q, width), items(lower, width)
+    scales, forces, still = items(scale, width)[()], items(multipliers, width), items(residual, width)
+    n_linear = 0
+    for k in range(constraints.places.size):
+        if constraints.linear[k]:
+            n_linear += 1
+            number = constraints.places[k]
+            off, force = rows.constants[k] - _wanted(constraints, k, driven), forces[number]
+            for entry in range(starts[k], starts[k + 1]):
+                slope, dof = rows.slopes[entry], unknowns[entry]
+                off += slope * of_q[dof]
+                of_x[place[dof]] += slope * force
+                if fresh:
+                    entries[constraints.positions[entry]] += slope * scales
+            if itself:
+                of_x[place[n_dofs + number]] += scales * off
+    for number in range(still.size):
+        of_x[place[n_dofs + number]] += scales * still[number]
+    if n_linear < constraints.places.size:
+        _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+    if constraints.ties.products.rows.size:
+        _add_ties(constraints.ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+
+
+@njit(error_model="numpy", forceinline=True)
+def _wanted(constraints, k, driven):
+    """Return what is taken off a statement."""
+    motion = constraints.motions[k]
+    return constraints.wanted[k] + driven[motion] if motion >= 0 else constraints.wanted[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+    """Add what statements give that are not linear, lane by lane; see `add_constraints`."""
+    rows, statements = constraints.rows, loaded(constraints.rows.statements)
     n_dofs, n_lanes = q.shape
+    m, itself = rows.dofs.shape[1], residual.shape[0] == 0
     starts, columns, unknowns = rows.entries
     curved_starts, one, other = rows.curved
-    scratch, itself = scratch_of(rows.statements, m // 2), residual.shape[0] == 0
-    y, g, h, missed = np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros(n_lanes)
+    pair_starts, first, second, pair_positions = constraints.pairs
+    y, g, h, scratch = np.zeros(m), np.zeros(m), np.zeros((m, m)), scratch_of(statements, m // 2)
     for k in range(constraints.places.size):
-        number = constraints.places[k]
-        goal, near = constraints.wanted[k], 0.0
-        if constraints.motions[k] >= 0:
-            near = driven[constraints.motions[k]]
-            goal += near
-        entry_range = range(starts[k], starts[k + 1])
-        if constraints.linear[k]:
-            for lane in range(n_lanes):
-                missed[lane] = rows.constants[k] - goal
-            for entry in entry_range:
-                slope, dof = rows.slopes[entry], unknowns[entry]
-                at, position = place[dof], constraints.positions[entry]
-                for lane in range(n_lanes):
-                    missed[lane] += slope * q[dof, lane]
-                    x[at, lane] += slope * multipliers[number, lane]
-                if fresh:
-                    for lane in range(n_lanes):
-                        lower[position, lane] += slope * scale[lane]
-        else:
+        if not constraints.linear[k]:
+            number, motion = constraints.places[k], constraints.motions[k]
+            goal, near = _wanted(constraints, k, driven), driven[motion] if motion >= 0 else 0.0
             for lane in range(n_lanes):
                 for i in range(m):
                     dof = rows.dofs[k, i]
                     y[i] = q[dof, lane] if dof >= 0 else 0.0
-                missed[lane] = state(rows.statements, k, y, near, fresh, scratch, g, h) - goal
-                against = missed[lane] if itself else residual[number, lane]
+                missed = state(statements, k, y, near, fresh, scratch, g, h) - goal
+                against = missed if itself else residual[number, lane]
                 force = multipliers[number, lane] + constraints.weights[k] * scale[lane] * against
-                for entry in entry_range:
+                for entry in range(starts[k], starts[k + 1]):
                     i = columns[entry]
                     x[place[unknowns[entry]], lane] += g[i] * force
                     if fresh:
@@ -238,20 +262,11 @@ def add_constraints(
                 for entry in range(curved_starts[k], curved_starts[k + 1] if fresh else 0):
                     bent = gain_k * multipliers[number, lane] * h[one[entry], other[entry]]
                     _add(constraints.curved_positions[entry], lane, bent, diagonal, lower)
-                if fresh:
-                    pair_starts, first, second, positions = constraints.pairs
-                    for pair in range(pair_starts[k], pair_starts[k + 1]):
-                        product = g[columns[first[pair]]] * g[columns[second[pair]]]
-                        _add(positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower)
-        row = place[n_dofs + number]
-        for lane in range(n_lanes if itself else 0):
-            x[row, lane] += scale[lane] * missed[lane]
-    for number in range(residual.shape[0]):
-        row = place[n_dofs + number]
-        for lane in range(n_lanes):
-            x[row, lane] += scale[lane] * residual[number, lane]
-    if constraints.ties.products.rows.size:
-        _add_ties(constraints.ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
+                for pair in range(pair_starts[k], pair_starts[k + 1] if fresh else 0):
+                    product = g[columns[first[pair]]] * g[columns[second[pair]]]
+                    _add(pair_positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower)
+                if itself:
+                    x[place[n_dofs + number], lane] += scale[lane] * missed
 
 
 @njit(inline="always")
@@ -263,21 +278,21 @@ def _add(position, lane, value, diagonal, lower):
 
 
 @njit(cache=True, error_model="numpy")
-def _add_ties(ties, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
+def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
     """Add what ties of frames to faces give; see `add_constraints` and `FrameTies`."""
     n_dofs, n_lanes = q.shape
     rows, unknowns, factors = ties.linear
-    products = ties.products
+    products = loaded(ties.products)
     of_linear, of_position, of_turn, mixed, twice = ties.positions
+    scales, of_x, of_q, forces = items(scale, width)[()], items(x, width), items(q, width), items(multipliers, width)
+    of_diagonal, entries = items(diagonal, width), items(lower, width)
     for e in range(rows.size):
         dof, number, factor = unknowns[e], rows[e], factors[e]
-        at, row = place[dof], place[n_dofs + number]
-        for lane in range(n_lanes):
-            x[at, lane] += factor * multipliers[number, lane]
-            if itself:
-                x[row, lane] += scale[lane] * factor * q[dof, lane]
+        of_x[place[dof]] += factor * forces[number]
+        if itself:
+            of_x[place[n_dofs + number]] += scales * factor * of_q[dof]
         if fresh:
-            add_entry(of_linear[e], factor, scale, diagonal, lower)
+            add_entry(of_linear[e], factor * scales, of_diagonal, entries)
     for e in range(products.rows.size):
         number, position, turning, factor = (
             products.rows[e],

@@ -8,9 +8,7 @@ from typing import Self
 
 import numpy as np
 
-LANES = 32  # samples side by side: enough to make the compiler's check for overlap cheap, few enough for the cache
-LARGE = 2000  # unknowns, beyond which the matrices of so many samples are too much for the caches
-FEW = 8  # lanes are a multiple of it but for one sample: what fits the vectors of any machine
+from pgmp_petsc.dynamics.vectors import LANES
 
 
 @dataclass(frozen=True)
@@ -24,7 +22,7 @@ class SampleBlocks:
     n_samples
         Number of samples.
     n_lanes, n_blocks
-        Samples of a block, no more than are needed, and number of blocks.
+        Samples of a block, LANES but for a sample alone, and number of blocks.
     order
         Numbers of the samples as they lie in the lanes, shape (n_samples,); None where they lie one after the other.
     """
@@ -35,10 +33,9 @@ class SampleBlocks:
     order: np.ndarray | None = None
 
     @classmethod
-    def of(cls, n_samples: int, n_dofs: int) -> SampleBlocks:
-        """Choose the blocks for a number of samples of a system with n_dofs unknowns."""
-        most = LANES if n_dofs <= LARGE else 2 * FEW
-        n_lanes = 1 if n_samples == 1 else min(most, FEW * -(-n_samples // FEW))
+    def of(cls, n_samples: int) -> SampleBlocks:
+        """Choose the blocks for a number of samples."""
+        n_lanes = 1 if n_samples == 1 else LANES
         return cls(n_samples, n_lanes, -(-n_samples // n_lanes))
 
     @property

@@ -19,6 +19,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import lower_cast
+from numba.core.typeconv import Conversion
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
@@ -49,6 +51,10 @@ class Vector(types.Type):
     def __init__(self) -> None:
         super().__init__(name=f"Vector{LANES}")
 
+    def can_convert_from(self, typing: Any, other: types.Type) -> Conversion | None:
+        """A number stands for the same number in every lane."""
+        return Conversion.safe if other is types.float64 else None
+
 
 vector = Vector()
 
@@ -64,6 +70,13 @@ def _spread(builder: ir.IRBuilder, number: ir.Value) -> ir.Value:
     undefined = ir.Constant(_DOUBLES, ir.Undefined)
     one = builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+
+@lower_cast(types.float64, vector)
+def _widen(
+    context: Any, builder: ir.IRBuilder, from_type: types.Type, to_type: types.Type, number: ir.Value
+) -> ir.Value:
+    return _spread(builder, number)
 
 
 def _arithmetic(operators: tuple[Callable, ...], instruction: str) -> None:

@@ -7,7 +7,9 @@ import pytest
 import scipy.sparse as sp
 
 from pgmp_petsc.dynamics.batched_ldl import Symbolic, analyse, factorise, substitute
-from pgmp_petsc.dynamics.sample_blocks import LANES
+from pgmp_petsc.dynamics.lane_items import items, width_of
+from pgmp_petsc.dynamics.vectors import LANES
+from pgmp_petsc.runtime.compiled import njit
 
 
 def saddle_points(seed: int, n: int = 17, n_constraints: int = 5) -> tuple[np.ndarray, np.ndarray]:
@@ -32,25 +34,29 @@ def saddle_points(seed: int, n: int = 17, n_constraints: int = 5) -> tuple[np.nd
     return matrices[:, shuffled][:, :, shuffled], where[n:]
 
 
-def stored(symbolic: Symbolic, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return diagonal and lower entries as the factorisation takes them."""
-    n = matrices.shape[1]
-    diagonal, lower = np.zeros((n, LANES)), np.zeros((symbolic.rows.size, LANES))
+@njit(error_model="numpy")
+def solved(starts, rows, products, width, matrix, x):
+    factorise(starts, rows, products, items(matrix, width))
+    substitute(starts, rows, items(matrix, width), items(x, width))
+
+
+def stored(symbolic: Symbolic, matrices: np.ndarray) -> np.ndarray:
+    """Return the diagonal and the entries below it as the factorisation takes them, (n + n_entries, n_lanes)."""
+    n_lanes, n = matrices.shape[:2]
+    matrix = np.zeros((n + symbolic.rows.size, n_lanes))
     i, j = np.nonzero(np.tril(np.any(matrices != 0.0, axis=0)))
     for place, values in zip(symbolic.position(i, j), matrices[:, i, j].T):
-        if place < 0:
-            diagonal[-1 - place] += values
-        else:
-            lower[place] += values
-    return diagonal, lower
+        matrix[-1 - place if place < 0 else n + place] += values
+    return matrix
 
 
-def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve in all lanes; right and result have shape (LANES, n)."""
-    diagonal, lower = stored(symbolic, matrices)
-    factorise(symbolic.starts, symbolic.rows, diagonal, lower)
-    x = np.ascontiguousarray(right[:, symbolic.order].T)
-    substitute(symbolic.starts, symbolic.rows, diagonal, lower, x)
+def solve(symbolic: Symbolic, matrices: np.ndarray, right: np.ndarray, listed: bool = True) -> np.ndarray:
+    """Solve in all lanes; right and result have shape (n_lanes, n)."""
+    x, products = np.ascontiguousarray(right[:, symbolic.order].T), symbolic.products
+    if not listed:
+        products = tuple(part[:0] for part in products)
+    width, matrix = width_of(len(matrices)), stored(symbolic, matrices)
+    solved(symbolic.starts, symbolic.rows, products, width, matrix, x)
     result = np.empty_like(right)
     result[:, symbolic.order] = x.T
     return result
@@ -132,3 +138,13 @@ def test_a_lane_gives_the_same_wherever_it_is() -> None:
     np.testing.assert_array_equal(
         solve(symbolic, matrices[order], right[order]), solve(symbolic, matrices, right)[order]
     )
+
+
+def test_a_sample_alone_and_a_large_matrix_give_the_same_to_the_last_bit() -> None:
+    matrices, multipliers = saddle_points(3)
+    right = np.random.default_rng(8).normal(size=matrices.shape[:2])
+    symbolic = analysed(matrices, multipliers)
+    together = solve(symbolic, matrices, right)
+    alone = [solve(symbolic, matrices[k : k + 1], right[k : k + 1])[0] for k in range(LANES)]
+    np.testing.assert_array_equal(alone, together)
+    np.testing.assert_array_equal(solve(symbolic, matrices, right, listed=False), together)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import compiled_elements
 import numpy as np
 import pytest
 from scenes import RADIUS, four_bar, kinematics_of, slider_crank, trammel
 
-from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.bodies.matrices import assemble, element_dofs, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body, to_inertial
 from pgmp_petsc.mechanism.space import PLANE
@@ -83,14 +83,10 @@ def test_the_tangent_of_the_placed_bodies_is_the_constant_stiffness_in_body_fram
     tangent = np.zeros((mechanism.n_dofs,) * 2)
     for body in mechanism.bodies:
         terms = body.section.stiffness_terms()
-        section = sum(np.array(c) * m.evaluate({"r1": RADIUS}) for m, c in terms.items())[:, None]
+        section = sum(np.array(c) * m.evaluate({"r1": RADIUS}) for m, c in terms.items())
         cells = zip(element_dofs(body.elements), body.mesh.lengths, body.directions)
         for dofs, length, direction in cells:
-            force, packed = np.empty((6, 1)), np.empty((beam2d.N_PACKED, 1))
-            beam2d.force_and_tangent(q[dofs][:, None].copy(), length, direction, section, force, packed)
-            element = np.zeros((6, 6))
-            element[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = packed[:, 0]
-            tangent[np.ix_(dofs, dofs)] += element + np.tril(element, -1).T
+            tangent[np.ix_(dofs, dofs)] += compiled_elements.beam2d(q[dofs], length, direction, section)[1]
     in_body = to_body(mechanism, poses, to_body(mechanism, poses, tangent).T)
     stiffness = weighted_sum(assemble(mechanism.bodies, range(mechanism.n_dofs)).stiffness, {"r1": RADIUS})
     # at rest up to round-off: strains of 1e-13 times EA

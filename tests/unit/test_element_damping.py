@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from pgmp_petsc.bodies import beam2d
+from compiled_elements import damped_beam2d
 
 LENGTH, ALPHA, BETA, GAIN_V = 0.7, 0.4, 0.03, 250.0
 SECTION = np.array([3.0, 2.0, 0.5])
@@ -21,15 +20,7 @@ def strains(u: np.ndarray) -> np.ndarray:
 
 def damped(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return force (6,), full tangent (6, 6) and power of one element."""
-    force, packed, power = np.zeros((6, 1)), np.zeros((beam2d.N_PACKED, 1)), np.empty(1)
-    beam2d.add_damping(
-        u[:, None], v[:, None], LENGTH, ALPHA, SECTION[:, None], np.array([BETA]), GAIN_V, force, packed, power
-    )
-    tangent = np.empty((6, 6))
-    tangent[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = tangent[beam2d.PACKED_COLUMNS, beam2d.PACKED_ROWS] = packed[
-        :, 0
-    ]
-    return force[:, 0], tangent, power[0]
+    return damped_beam2d(u, v, LENGTH, ALPHA, SECTION, BETA, GAIN_V)
 
 
 def states() -> list[tuple[np.ndarray, np.ndarray]]:

@@ -66,7 +66,7 @@ def test_only_what_is_there_is_built() -> None:
     )
     for model, any_damping in ((bare, False), (damped, True)):
         batch = model.batch({}, 1)
-        problem = batch._problem  # noqa: SLF001
+        problem = batch._equations.problem  # noqa: SLF001
         assert problem.elements.damped == any_damping
         assert problem.actions.laws.size == 0 and problem.actions.positions.size == 0
         assert problem.loads.dofs.size == 0 and problem.lumps.dofs.size == 0

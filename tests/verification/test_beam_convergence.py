@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import compiled_elements
 import numpy as np
 import pytest
 from scenes import SHEAR_FACTOR, STEEL, kinematics_of, pendulum, straight
 
-from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.bodies.matrices import element_dofs
 from pgmp_petsc.modes.problem import ModalProblem
@@ -17,7 +17,7 @@ N_ELEMENTS = (10, 20, 40)
 def solve_cantilever(n: int, section: np.ndarray, load: np.ndarray, n_steps: int) -> np.ndarray:
     """Return the nodal unknowns (n + 1, 3) of a cantilever of 1 m under a load (3,) on its tip, by Newton's method."""
     mesh = straight(0.0, 1.0, n)
-    dofs, sections = element_dofs(mesh.cells), section[:, None]
+    dofs = element_dofs(mesh.cells)
     u = np.column_stack([mesh.nodes, np.zeros(n + 1)]).ravel()
     free = np.arange(DOFS_PER_NODE, u.size)
     for factor in np.linspace(0.0, 1.0, n_steps + 1)[1:]:
@@ -25,12 +25,9 @@ def solve_cantilever(n: int, section: np.ndarray, load: np.ndarray, n_steps: int
             residual, tangent = np.zeros(u.size), np.zeros((u.size, u.size))
             residual[-3:] = -factor * load
             for element, length in zip(dofs, mesh.lengths):
-                force, packed = np.empty((6, 1)), np.empty((beam2d.N_PACKED, 1))
-                beam2d.force_and_tangent(u[element][:, None].copy(), length, 0.0, sections, force, packed)
-                local = np.zeros((6, 6))
-                local[beam2d.PACKED_ROWS, beam2d.PACKED_COLUMNS] = packed[:, 0]
-                residual[element] += force[:, 0]
-                tangent[np.ix_(element, element)] += local + np.tril(local, -1).T
+                force, local = compiled_elements.beam2d(u[element], length, 0.0, section)
+                residual[element] += force
+                tangent[np.ix_(element, element)] += local
             step = np.linalg.solve(tangent[np.ix_(free, free)], residual[free])
             u[free] -= step
             if np.max(np.abs(step)) < 1e-10:
