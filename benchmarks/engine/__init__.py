@@ -1,0 +1,1 @@
+"""The engine of reduced models beside bare C."""
