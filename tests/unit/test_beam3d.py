@@ -184,12 +184,13 @@ def test_in_the_plane_it_is_the_planar_element() -> None:
         place[:, 2] = 0.0
     u = unknowns(*((x, Rotation.from_rotvec(p[:, None] * [0.0, 0.0, 1.0]).as_matrix()) for x, p in zip(places, phi)))
     beams = Beams3d(lengths, axes, SECTION)
-    planar = [
-        beam2d.strain_energy(
-            np.array([*places[0][e, :2], phi[0, e], *places[1][e, :2], phi[1, e]]), lengths[e], alphas[e], flat
-        )
-        for e in range(N)
-    ]
+    planar = []
+    for e in range(N):
+        moved = np.array([*places[0][e, :2], phi[0, e], *places[1][e, :2], phi[1, e]])
+        angle = alphas[e] + 0.5 * (phi[0, e] + phi[1, e])
+        strain = beam2d.strains.py_func(moved, np.cos(angle), np.sin(angle), lengths[e])
+        stress, strain = beam2d.stresses.py_func(strain, flat), (strain[0] - 1.0, *strain[1:])
+        planar.append(0.5 * beam2d.work_of.py_func(strain, stress, lengths[e]))
     np.testing.assert_allclose(beams.strain_energy(u), planar, rtol=1e-13)
     kept = [0, 1, 5, 6, 7, 11]
     stiffness = undeformed_stiffness(lengths, axes, SECTION)[:, kept][:, :, kept]
