@@ -18,6 +18,7 @@ petsc4py.init([])
 
 from petsc4py import PETSc  # noqa: E402
 
+from conftest import TIMEOUT_SECONDS  # noqa: E402
 from pgmp_petsc.runtime import memory as memory_module  # noqa: E402
 from pgmp_petsc.runtime.errors import InputError, RunError  # noqa: E402
 from pgmp_petsc.runtime.memory import free_memory, give_back  # noqa: E402
@@ -189,7 +190,7 @@ with ending_on_signals(0):
     assert run.stdout.readline() == b"ready\n"
     assert list(folder.iterdir())
     os.kill(run.pid, signal.SIGTERM)
-    run.communicate(timeout=30)
+    run.communicate(timeout=TIMEOUT_SECONDS)
     assert run.returncode == 143
     assert not list(folder.iterdir())
 
