@@ -11,7 +11,6 @@ in one of them.
 
 from __future__ import annotations
 
-import argparse
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +20,11 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.on_model import main
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, pieces
 from pgmp_petsc.ensemble.runner import Watching, run_batch
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.ending import end, guarded
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_rom
 
 RANKS = (2, 8, 64)
@@ -98,15 +96,5 @@ def run(path: Path, n_samples: int) -> None:
         )
 
 
-def main() -> int:
-    """Measure the reduced model on the command line."""
-    parser = argparse.ArgumentParser(prog="benchmarks.dealing", description=__doc__.splitlines()[0])
-    parser.add_argument("rom", type=Path)
-    parser.add_argument("-n", "--samples", type=int, default=10_000, metavar="N")
-    arguments = parser.parse_args()
-    start_petsc()
-    return guarded(lambda: run(arguments.rom, arguments.samples))
-
-
 if __name__ == "__main__":
-    end(main())
+    main(__doc__, run, 10_000)

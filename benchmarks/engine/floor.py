@@ -10,7 +10,6 @@ looks on. Their time is compared with that of as many corrections in C.
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import shutil
 import subprocess
@@ -21,13 +20,12 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
+from benchmarks.on_model import main
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.vectors import CACHE_LINE, N_POWERS, N_POWERS_OF_RIGID
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.inputs import read_rom
 
 WIDTHS = (4, 8)
@@ -102,15 +100,5 @@ def run(path: Path, n_samples: int) -> None:
     print(f"{corrections:.2f} corrections in C take {least:.3f} us: {least / min(ours):.2f} of the time is arithmetic")
 
 
-def main() -> int:
-    """Compare the reduced model on the command line with C."""
-    parser = argparse.ArgumentParser(prog="benchmarks.engine.floor", description=__doc__.splitlines()[0])
-    parser.add_argument("rom", type=Path)
-    parser.add_argument("-n", "--samples", type=int, default=512, metavar="N")
-    arguments = parser.parse_args()
-    start_petsc()
-    return guarded(lambda: run(arguments.rom, arguments.samples))
-
-
 if __name__ == "__main__":
-    end(main())
+    main(__doc__, run, 512)
