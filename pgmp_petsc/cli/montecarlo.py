@@ -24,7 +24,6 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_rom, read_scene
-from pgmp_petsc.studies.settled_step import settle_step
 
 MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
 LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
@@ -81,8 +80,10 @@ def montecarlo(
         say_remarks(context, loaded)
         with agreed(comm, "preparing the reduced model"):
             model = ReducedModel(loaded, rom)
-    model, remark = settle_step(model, comm, ensemble=True)
-    if remark:
+    if loaded.simulation.tolerance is not None:
+        from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+
+        model, remark = settle_step(model, comm, ensemble=True)
         say(context, remark)
     plan = Plan(n_samples, seed, output, resume)
     ensemble = run_ensemble(model, plan, group)

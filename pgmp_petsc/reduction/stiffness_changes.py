@@ -22,14 +22,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import Action
 from pgmp_petsc.effects.patterns import unit_force
-from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+
+if TYPE_CHECKING:
+    from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 
 
 @dataclass(frozen=True, eq=False)

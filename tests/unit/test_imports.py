@@ -131,6 +131,16 @@ def test_no_petsc_after_importing() -> None:
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.parametrize("command", ["simulate", "montecarlo"])
+def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) -> None:
+    """A reduced model stands alone: no eigensolver, no reader of meshes."""
+    script = f"import sys, pgmp_petsc.cli.{command}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    loaded = {name if name.startswith("pgmp_petsc") else name.split(".")[0] for name in done.stdout.split()}
+    offline = [f"pgmp_petsc.{name}" for name in ("modes", "components", "solvers", "selection", "reduction.build")]
+    assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
+
+
 def test_no_communicator_and_no_petsc_start_at_import() -> None:
     """Importing everything but the commands starts neither MPI's world nor PETSc with somebody's arguments."""
     for path in PACKAGE.rglob("*.py"):
