@@ -43,10 +43,11 @@ def summarise(directory: Path, scene: Path = SCENE) -> str:
         If a result file is missing or damaged.
     """
     # after PETSc was started by `main`
-    from benchmarks.paper import accuracy, comparison, cost, inertia, order, ranks
+    from benchmarks.paper import accuracy, comparison, cost, equal_error, inertia, order, ranks
 
     results = PaperResults.read(directory)
     costs = cost.measure(scene, directory)
+    at_equal_error = equal_error.measure(scene, directory)
     at_rest = order.exact_run(order.AT_REST, scene)
     tables = [
         comparison.published_table(results),
@@ -57,12 +58,14 @@ def summarise(directory: Path, scene: Path = SCENE) -> str:
         accuracy.distance_table(results),
         cost.wall_table(results),
         cost.cost_table(costs),
+        equal_error.equal_error_table(at_equal_error),
         ranks.rank_table(directory / "ranks"),
     ]
-    return "\n\n".join([_opening(results, costs, tables), *(table.markdown() for table in tables)]) + "\n"
+    saved = [equal_error.in_words(one) for one in at_equal_error] + [one.in_words for one in costs]
+    return "\n\n".join([_opening(results, costs, saved, tables), *(table.markdown() for table in tables)]) + "\n"
 
 
-def _opening(results: PaperResults, costs: Sequence[Cost], tables: Sequence[Table]) -> str:
+def _opening(results: PaperResults, costs: Sequence[Cost], saved: Sequence[str], tables: Sequence[Table]) -> str:
     """Return the result in a few lines, before any table."""
     angle, deformation = (
         max(results.largest_error(output, factor) for factor in results.modes)
@@ -80,7 +83,7 @@ def _opening(results: PaperResults, costs: Sequence[Cost], tables: Sequence[Tabl
         f"- {len(results.ensembles['reduced'].status)} reduced and {len(results.ensembles['full'].status)} full-order "
         "samples give the distributions of the paper's Fig. 6; the reduced deformation is a little too small, because "
         "15 modes leave out part of the static answer to the loads.\n"
-        f"- {' '.join(cost.in_words for cost in costs)}\n"
+        f"- {' '.join(saved)}\n"
         f"- The paper's mesh of 5 elements a body is not converged; on {costs[-1].n_elements} elements some "
         "frequencies are much lower.\n"
         f"- {count['ok']} of {count['all']} verdicts below are ok; the others say what differs and why.",

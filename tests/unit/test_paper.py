@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from benchmarks.paper import accuracy, comparison, cost, order, ranks, summary
+from benchmarks.paper import accuracy, comparison, cost, equal_error, order, ranks, summary
 from benchmarks.paper import figures as pictures
 from benchmarks.paper.published import BANDS, DENSITIES, RADII
 from benchmarks.paper.results import PaperResults
@@ -137,6 +137,20 @@ def test_the_order_is_measured_at_common_instants() -> None:
 )
 def test_the_speed_up_is_put_into_words(full: float, words: str) -> None:
     assert words in cost.Cost(5, 41, 15, full, 4.0).in_words
+
+
+def test_costs_are_compared_at_equal_error() -> None:
+    """The cheapest run that is good enough counts, whatever its step; what nobody reaches is said."""
+    runs = {
+        "full": [equal_error.Run(64, 0.05, 3e-3), equal_error.Run(128, 0.015, 2e-3), equal_error.Run(256, 0.004, 4e-3)],
+        "small": [equal_error.Run(64, 0.09, 1e-4), equal_error.Run(128, 0.018, 2e-4)],
+    }
+    one = equal_error.Comparison(5, runs["full"], {"small": runs["small"]})
+    assert equal_error.cheapest(one.full, 0.1).n_steps == 128
+    assert [row[-1] for row in equal_error.equal_error_table([one]).rows] == ["20", "10", "not reached"]
+    assert "costs 10 to 20 times less" in equal_error.in_words(one) and "2 to 10 %" in equal_error.in_words(one)
+    none = equal_error.Comparison(5, runs["full"], {"small": [equal_error.Run(64, 0.5, 1e-4)]})
+    assert "no reduced model reaches 10 %" in equal_error.in_words(none)
 
 
 def test_ranks_are_compared_by_their_largest_difference(tmp_path: Path) -> None:

@@ -1,0 +1,148 @@
+"""What the reduction saves at equal error: processor time of a sample, full order against reduced, step by step.
+
+Errors are the largest over time and over samples that span the parameters, as shares of the outputs' largest values,
+against the full-order model of the same mesh with a far smaller step. Both models may take any step: for every error
+that is asked for, the cheapest run counts that leaves no more of it in any output. Processor times are those of whole
+batches, with all that a sample takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.selection.history import errors_between, floors_of, run_history, with_steps
+from pgmp_petsc.studies.inputs import read_rom, read_scene
+from benchmarks.paper.cost import FINE, ROMS
+from benchmarks.tables import Table, number
+
+SMALL_ROMS = {5: "rom_small.h5", 40: "rom_small_40_elements.h5"}
+STEPS = (32, 64, 128, 256, 512, 1024)  # of 1 s: 31 ms to 1 ms
+EXACT_STEPS = 16 * STEPS[-1]
+WANTED = (0.1, 0.02, 0.01)  # what the paper's modes leave first; vibrations that no such step resolves leave 0.6 %
+N_FULL, N_REDUCED, N_REPEATS, SEED = 64, 512, 2, 1
+
+
+@dataclass(frozen=True)
+class Run:
+    """One model with one number of steps: its largest error, a share, and processor seconds of a sample."""
+
+    n_steps: int
+    error: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of the full-order model of a mesh, and of its reduced models by name."""
+
+    n_elements: int
+    full: Sequence[Run]
+    reduced: Mapping[str, Sequence[Run]]
+
+
+def measure(scene: Path, directory: Path) -> list[Comparison]:
+    """Measure the models of both meshes, in this process alone."""
+    comparisons = []
+    for n_elements, overrides in ((5, ()), (40, FINE)):
+        roms = {"the paper's 15 modes": ROMS[n_elements], "scenes/slider_crank.toml": SMALL_ROMS[n_elements]}
+        found = {name: directory / file for name, file in roms.items()}
+        comparisons.append(compare(scene, overrides, n_elements, found))
+    return comparisons
+
+
+def compare(scene: Path, overrides: Sequence[str], n_elements: int, roms: Mapping[str, Path]) -> Comparison:
+    """Measure the models of one mesh."""
+    loaded, meshes = read_scene(scene, overrides, (), MPI.COMM_SELF, Purpose.FULL)
+    full = FullModel(loaded, meshes)
+    values, n_samples = spanning_values(loaded)
+    exact = run_history(full, values, n_samples, EXACT_STEPS)
+
+    def runs(model: FullModel | ReducedModel, n_batch: int) -> list[Run]:
+        found = []
+        for n_steps in STEPS:
+            history = run_history(model, values, n_samples, n_steps)
+            error = float(np.max(errors_between(history, exact, floors_of(full))))
+            found.append(Run(n_steps, error, seconds_a_sample(model, n_steps, n_batch)))
+        return found
+
+    reduced = {name: ReducedModel(*read_rom(path, (), (), MPI.COMM_SELF)) for name, path in roms.items()}
+    return Comparison(n_elements, runs(full, N_FULL), {name: runs(model, N_REDUCED) for name, model in reduced.items()})
+
+
+def seconds_a_sample(model: FullModel | ReducedModel, n_steps: int, n_batch: int) -> float:
+    """Return the processor time of a sample in a batch of random ones, the least of some batches."""
+    values, simulation, times = draw(model.scene, SEED, 0, n_batch), with_steps(model.scene, n_steps).simulation, []
+    for _ in range(N_REPEATS):
+        start = process_time()
+        integrate(model.batch(values, n_batch), simulation)
+        times.append((process_time() - start) / n_batch)
+    return min(times)
+
+
+def cheapest(runs: Sequence[Run], error: float) -> Run | None:
+    """Return the cheapest run that leaves no more than an error; None where all leave more."""
+    return min((run for run in runs if run.error <= error), key=lambda run: run.seconds, default=None)
+
+
+def equal_error_table(comparisons: Sequence[Comparison]) -> Table:
+    """Show for every mesh, error and reduced model what a sample costs, and how many times less it is than full."""
+    rows = []
+    for one in comparisons:
+        for error in WANTED:
+            full = cheapest(one.full, error)
+            for name, runs in one.reduced.items():
+                reduced = cheapest(runs, error)
+                ratio = number(full.seconds / reduced.seconds, 2) if full and reduced else "not reached"
+                rows.append(
+                    [
+                        f"{one.n_elements} elements a body",
+                        f"{100 * error:g} %",
+                        _cell(full),
+                        name,
+                        _cell(reduced),
+                        ratio,
+                    ]
+                )
+    header = ("mesh", "largest error", "full order", "reduced model", "reduced", "full / reduced")
+    before = (
+        "Processor time of a sample with the cheapest step that leaves no more than an error, of the largest value of "
+        f"any output at any instant and over the parameters, against {EXACT_STEPS} steps of the full-order model. In "
+        f"brackets the steps of 1 s, and the error. One process, batches of {N_FULL} full-order and {N_REDUCED} "
+        f"reduced samples, least of {N_REPEATS}."
+    )
+    return Table("What the reduction saves at equal error", header, rows, before)
+
+
+def in_words(comparison: Comparison) -> str:
+    """Return what the best reduced model saves at the errors that it reaches."""
+    saved = {}
+    for error in WANTED:
+        full, reduced = cheapest(comparison.full, error), [cheapest(r, error) for r in comparison.reduced.values()]
+        reached = [run.seconds for run in reduced if run]
+        if full and reached:
+            saved[error] = full.seconds / min(reached)
+    where = f"With {comparison.n_elements} elements a body"
+    if not saved:
+        return f"{where} no reduced model reaches {100 * WANTED[0]:g} %."
+    ratios = f"{number(min(saved.values()), 2)} to {number(max(saved.values()), 2)}"
+    return (
+        f"{where} a reduced sample costs {ratios} times less than a full-order one with the same error "
+        f"({100 * min(saved):g} to {100 * max(saved):g} %), each with its best step."
+    )
+
+
+def _cell(run: Run | None) -> str:
+    if run is None:
+        return "not reached"
+    return f"{1e3 * run.seconds:.3g} ms ({run.n_steps}, {100 * run.error:.2g} %)"
