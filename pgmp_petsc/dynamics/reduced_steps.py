@@ -24,7 +24,7 @@ from pgmp_petsc.dynamics.alpha_step import (
 from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, vectors_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     LANES,
     blend,
     count_lanes,

@@ -17,7 +17,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.reduced_arrays import vectors_of
 from pgmp_petsc.dynamics.reduced_kernel import gather
-from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
+from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.runtime.compiled import njit
