@@ -246,13 +246,13 @@ class WatchedRun:
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         start = start_of(model.scene, model.kinematics.mechanism)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
-        motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
+        motion = ReferenceMotion(model.frames_of, model.output_frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval, begin)
         nodes, corrected = list(model.outputs.nodes), []
 
         def record(number: int, time: float, state: State) -> None:
-            nodal = motion.at(number).shaken + system.unpack(state.q)
-            corrected.append(nodal.reshape(-1, DOFS_PER_NODE, n)[nodes])
+            error = system.unpack(state.q).reshape(-1, DOFS_PER_NODE, n)[nodes]
+            corrected.append(motion.at(number).shaken.reshape(error.shape) + error)
 
         simulation = self._indicator.simulation.model_copy(
             update={
