@@ -57,9 +57,13 @@ class Validity:
 
     Attributes
     ----------
+    every
+        Steps of which one is looked at.
     extremes
         By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
+
+    every = EVERY
 
     def __init__(
         self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray], simulation: Simulation
@@ -81,16 +85,15 @@ class Validity:
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
-        self.over(number, np.array([time]), np.array([[state.q, state.v, state.a]]))
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Look at those of many states whose turn it is; see `TrailObserver`."""
-        numbers = first + np.arange(times.size)
         looked_at = np.flatnonzero((numbers % EVERY == 0) | (numbers == self._n_steps))
         # a sample that fails may overflow here before it is given up
         with np.errstate(all="ignore"):
             if looked_at.size:
-                self._look(times[looked_at], trail[looked_at])
+                self._look(times[looked_at], trail if looked_at.size == times.size else trail[looked_at])
             if numbers[-1] == self._n_steps:
                 self._strain()
 
