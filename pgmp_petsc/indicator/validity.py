@@ -28,7 +28,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -74,10 +74,11 @@ class Validity:
         n_looks = n_steps // EVERY + 1 + (n_steps % EVERY > 0)
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
-        self._weights = tuple(
+        of_mass, of_stiffness = (
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))))
             for weights in (tables.mass_weights, tables.stiffness_weights)
         )
+        self._weights = side_by_side(of_mass), of_stiffness
         self._places = Places.of(tables.samples, tables.stiffness, model.stiffness_changes)
         self._kept = Kept.nothing(self._places, -(-n_looks // self._part), n, system.n_eta)
         self._n_looks = 0
@@ -102,12 +103,12 @@ class Validity:
         loads, forces = self._system.load_amplitudes(times), self._system.action_forces(times, trail)
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
-        gained, lost = self._kept.shares()
+        gained, lost = self._kept.shares(self._system.n_samples)
         self.extremes |= {"stiffness_gained": gained, "stiffness_lost": lost}
 
     def _strain(self) -> None:
         """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""
-        states = self._kept.states
+        states = self._kept.deformed(self._system.n_samples)
         n_together = max(1, LARGEST // (states.shape[1] * self._model.kinematics.mechanism.n_dofs))
         for first in range(0, len(states), n_together):
             some = states[first : first + n_together]

@@ -17,6 +17,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.reduced_arrays import vectors_of
 from pgmp_petsc.dynamics.reduced_kernel import gather
+from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
@@ -92,7 +93,7 @@ class Kept(NamedTuple):
     largest
         Elastic energy in the present part of the run, least and largest share, shape (n_blocks, 3, LANES).
     states
-        The most deformed ones, shape (n_parts, n, n_eta).
+        The most deformed one of every part, shape (n_blocks, n_parts, n_eta, LANES).
     """
 
     ends: np.ndarray
@@ -104,15 +105,28 @@ class Kept(NamedTuple):
     def nothing(cls, places: Places, n_parts: int, n: int, n_eta: int) -> Self:
         """Return what is kept before a run."""
         _, n_modes, n_columns = places.influence.shape
-        rows = (2 * len(places.axes), places.stiffness.shape[2] + n_modes * (n_columns + 1), 3)
-        ends, terms, largest = (aligned_zeros((-(-n // LANES), n_rows, LANES)) for n_rows in rows)
-        ends[:], largest[:] = np.nan, np.nan
-        return cls(ends, terms, largest, np.zeros((n_parts, n, n_eta)))
+        n_entries = places.stiffness.shape[2] + n_modes * (n_columns + 1)
+        shapes = ((2 * len(places.axes),), (n_entries,), (3,), (n_parts, n_eta))
+        kept = cls(*(aligned_zeros((-(-n // LANES), *shape, LANES)) for shape in shapes))
+        kept.ends[:], kept.largest[:] = np.nan, np.nan
+        return kept
 
-    def shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest shares gained and lost, each of shape (n,), NaN where nothing is known."""
-        n = self.states.shape[1]
+    def shares(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the largest shares gained and lost of n samples, each of shape (n,), NaN where nothing is known."""
         return tuple(self.largest[:, row].ravel()[:n] for row in (1, 2))
+
+    def deformed(self, n: int) -> np.ndarray:
+        """Return the most deformed state of each part and sample, shape (n_parts, n, n_eta)."""
+        n_parts, n_eta = self.states.shape[1:3]
+        return np.moveaxis(self.states, (0, 3), (1, 2)).reshape(n_parts, -1, n_eta)[:, :n]
+
+
+def side_by_side(rows: np.ndarray) -> np.ndarray:
+    """Return what is known of n samples, (n, k), as vectors (n_blocks, k, LANES)."""
+    n_blocks = -(-len(rows) // LANES)
+    vectors = aligned_zeros((n_blocks, rows.shape[1], LANES))
+    vectors[:] = SampleBlocks(len(rows), LANES, n_blocks).pack(rows.T)
+    return vectors
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,7 +136,7 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
     Parameters
     ----------
     weights
-        Of the mass and of the stiffness terms, each of shape (n, n_terms).
+        Of the mass terms, vectors (n_blocks, n_terms, LANES), and of the stiffness terms, shape (n, n_terms).
     first, length
         Number of states of each sample that were looked at before, and in a part of the run.
     loads, forces
@@ -134,12 +148,14 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
         Moved on.
     """
     n, n_eta = trail.shape[2], trail.shape[3]
-    q, loading = vectors_of(n_eta), vectors_of(places.influence.shape[2])
+    r = len(places.axes)
+    q, rates, moving = vectors_of(n_eta), vectors_of(r), vectors_of(r + r * (r + 1) // 2)
+    loading = vectors_of(places.influence.shape[2])
     samples = np.empty(LANES, dtype=np.int64)
     for block in range(kept.ends.shape[0]):
         for lane in range(LANES):
             samples[lane] = min(block * LANES + lane, n - 1)  # behind the last one its copies
-        ends, terms, largest = kept.ends[block], kept.terms[block], kept.largest[block]
+        ends, terms, largest, states = kept.ends[block], kept.terms[block], kept.largest[block], kept.states[block]
         for k in range(trail.shape[0]):
             part, place = divmod(first + k, length)
             if place == 0:
@@ -149,15 +165,13 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
             for lane in range(LANES):
                 if moved & (1 << lane):
                     _come_to(_nearest(places.axes, ends, q, lane), places, weights[1][samples[lane]], lane, terms)
-            energy = _energy(terms, q, len(places.axes), n_eta)
+            energy = _energy(terms, q, r, n_eta)
             more = exceeding(energy, load(largest, 0)) & ~differing(energy, energy)
             store(largest, 0, blend(more, energy, load(largest, 0)))
-            for lane in range(LANES):
-                if more & (1 << lane):
-                    for i in range(n_eta):
-                        kept.states[part, samples[lane], i] = q[i, lane]
+            for i in range(n_eta):
+                store(states, part * n_eta + i, blend(more, load(q, i), load(states, part * n_eta + i)))
             if places.influence.shape[1] > 0:
-                _load_with(samples, weights[0], loads[k], forces[k], trail[k], len(places.axes), loading)
+                _load_with(samples, weights[0][block], loads[k], forces[k], trail[k], rates, moving, loading)
                 _keep_shares(places.influence, places.stiffness.shape[2], terms, loading, largest)
 
 
@@ -226,25 +240,32 @@ def _energy(terms, q, r, n_eta):
 
 
 @njit(inline="always")
-def _load_with(samples, mass_weights, loads, forces, state, r, loading):
-    """Fill how much of every column of influences acts, vectors (n_columns, LANES), at a state (3, n, n_eta)."""
+def _load_with(samples, mass_weights, loads, forces, state, rates, moving, loading):
+    """Fill how much of every column of influences acts, vectors (n_columns, LANES), at a state (3, n, n_eta).
+
+    `mass_weights` are vectors (n_terms, LANES); `rates` and `moving` have room for the velocities of the coordinates,
+    (r, LANES), and for their accelerations and products of velocities.
+    """
+    r, n_loads, n_forces = rates.shape[0], loads.shape[1], forces.shape[1]
     for lane in range(LANES):
-        sample, row = samples[lane], 0
-        for column in range(loads.shape[1]):
-            loading[row, lane] = loads[sample, column]
+        sample = samples[lane]
+        for k in range(r):
+            rates[k, lane], moving[k, lane] = state[1, sample, k], state[2, sample, k]
+        for column in range(n_loads):
+            loading[column, lane] = loads[sample, column]
+        for column in range(n_forces):
+            loading[n_loads + column, lane] = forces[sample, column]
+    row = r
+    for k in range(r):
+        for j in range(k + 1):
+            twice = 1.0 if j == k else 2.0
+            store(moving, row, load(rates, k) * load(rates, j) * twice)  # theta_k' theta_j'
             row += 1
-        for column in range(forces.shape[1]):
-            loading[row, lane] = forces[sample, column]
+    row = n_loads + n_forces
+    for term in range(mass_weights.shape[0]):
+        for k in range(moving.shape[0]):
+            store(loading, row, load(mass_weights, term) * load(moving, k))
             row += 1
-        for term in range(mass_weights.shape[1]):
-            for k in range(r):
-                loading[row, lane] = mass_weights[sample, term] * state[2, sample, k]  # theta_k''
-                row += 1
-            for k in range(r):
-                for j in range(k + 1):
-                    product = state[1, sample, k] * state[1, sample, j] * (1.0 if j == k else 2.0)
-                    loading[row, lane] = mass_weights[sample, term] * product  # theta_k' theta_j'
-                    row += 1
 
 
 @njit(inline="always")

@@ -14,7 +14,7 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.indicator.coverage import absence_of_estimates, why_not_covered
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import turned_loads
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -130,7 +130,7 @@ def test_the_nearest_sample() -> None:
 )
 def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
     """The most deformed state of each part and the extreme shares against numpy, whoever looks on and in what parts."""
-    random, n, n_t, length = np.random.default_rng(3), 11, 30, 7
+    random, n, n_t, length, n_parts = np.random.default_rng(3), 11, 30, 7, 5
     r, m, n_terms = grid.n_coordinates, 3, 2
     half = random.normal(size=(grid.n, n_terms, m, m))
     stiffness = half @ np.swapaxes(half, 2, 3)
@@ -144,8 +144,8 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
     places = Places.of(grid, stiffness, changes)
 
     def looked_at(samples: np.ndarray, *parts: int) -> Kept:
-        kept = Kept.nothing(places, -(-n_t // length), samples.size, r + m)
-        own = tuple(np.ascontiguousarray(part[samples]) for part in weights)
+        kept = Kept.nothing(places, n_parts, samples.size, r + m)
+        own = side_by_side(weights[0, samples]), np.ascontiguousarray(weights[1, samples])
         for some in np.split(np.arange(n_t), parts):
             seen = (np.ascontiguousarray(part[some][:, samples]) for part in (loads, forces))
             look_at(places, own, some[0], length, *seen, np.ascontiguousarray(trail[some][:, :, samples]), kept)
@@ -157,21 +157,21 @@ def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
         q, v, a = trail[:, 0, sample, r:], trail[:, 1, sample, :r], trail[:, 2, sample, :r]
         own = np.einsum("t,ntij->nij", weights[1, sample], stiffness)[nearest]
         energies = 0.5 * np.einsum("ni,nij,nj->n", q, own, q)
-        for part in range(len(found.states)):
+        for part in range(n_parts):
             most = part * length + int(np.argmax(energies[part * length : (part + 1) * length]))
-            np.testing.assert_array_equal(found.states[part, sample], trail[most, 0, sample])
+            np.testing.assert_array_equal(found.deformed(n)[part, sample], trail[most, 0, sample])
         k, j = np.tril_indices(r)
         moving = np.hstack([a, v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)])
         inertia = [weight * moving for weight in weights[0, sample]]
         loading = np.hstack([loads[:, sample], forces[:, sample], *inertia])
         shares = np.einsum("nkc,nc->nk", influence[nearest], loading)
         shares /= np.einsum("t,ntk->nk", weights[1, sample], changes.stiffness[nearest])
-        gained, lost = (part[sample] for part in found.shares())
+        gained, lost = (part[sample] for part in found.shares(n))
         assert gained == pytest.approx(max(shares.max(), 0.0), rel=1e-12)
         assert lost == pytest.approx(min(shares.min(), 0.0), rel=1e-12)
         alone = looked_at(np.array([sample]), 3, 4, 20)
-        np.testing.assert_array_equal(alone.states[:, 0], found.states[:, sample])
-        np.testing.assert_array_equal([part[0] for part in alone.shares()], [gained, lost])
+        np.testing.assert_array_equal(alone.deformed(1)[:, 0], found.deformed(n)[:, sample])
+        np.testing.assert_array_equal([part[0] for part in alone.shares(1)], [gained, lost])
 
 
 @pytest.mark.parametrize("scene", [slider_crank('effects.weight={type="gravity"}'), four_bar()])
@@ -210,8 +210,8 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
                 one = StiffnessChanges(changes.influence[:, k : k + 1], changes.stiffness[:, :, k : k + 1])
                 places = Places.of(rom.tables.samples, rom.tables.stiffness, one)
                 kept = Kept.nothing(places, 1, 1, trail.shape[3])
-                look_at(places, (of_mass, of_stiffness), 0, 1, *acting, trail, kept)
-                found.append(np.sum(kept.shares()))  # one of them is zero
+                look_at(places, (side_by_side(of_mass), of_stiffness), 0, 1, *acting, trail, kept)
+                found.append(np.sum(kept.shares(1)))  # one of them is zero
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
 
 
