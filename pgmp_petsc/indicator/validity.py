@@ -28,7 +28,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -139,7 +139,7 @@ class BodyStrains:
         self._spatial = mechanism.space is SPATIAL
         self._flexible = [body for body in mechanism.bodies if body.flexible]
         self._half_heights = {
-            body.name: np.reshape(half_height(scene, body.name, values), (-1, 1))
+            body.name: np.reshape(np.asarray(half_height(scene, body.name, values), dtype=float), -1)
             for body in self._flexible
             if body.is_beam
         }
@@ -164,21 +164,24 @@ class BodyStrains:
 
     def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
         """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
-        half_heights = np.resize(self._half_heights[body.name], (len(moved), 1))
+        half_heights = self._half_heights[body.name]
+        if not self._spatial:
+            angles, strain = np.asarray(body.directions, dtype=float), np.empty(len(moved))
+            fill_planar_strains(
+                np.ascontiguousarray(moved),
+                body.mesh.cells,
+                body.mesh.lengths,
+                angles,
+                half_heights,
+                self._curved,
+                strain,
+            )
+            return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
-        if self._spatial:
-            gradients = strain_gradients(body.mesh.lengths, body.axes)
-            strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
-            bending = np.linalg.norm(strains[..., 4:], axis=2)
-            return np.max(np.abs(strains[..., 0]) + half_heights * bending, axis=1)
-        change = ends[:, :, 1] - ends[:, :, 0]
-        lengths, angles = body.mesh.lengths, body.directions
-        along = lengths * np.cos(angles) + change[..., 0], lengths * np.sin(angles) + change[..., 1]
-        if self._curved:
-            angles = angles + 0.5 * (ends[:, :, 0, 2] + ends[:, :, 1, 2])
-        axial = (np.cos(angles) * along[0] + np.sin(angles) * along[1]) / lengths - 1.0
-        bending = half_heights * np.abs(change[..., 2] / lengths)
-        return np.max(np.abs(axial) + bending, axis=1)
+        gradients = strain_gradients(body.mesh.lengths, body.axes)
+        strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
+        bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[..., 4:], axis=2)
+        return np.max(np.abs(strains[..., 0]) + bending, axis=1)
 
 
 def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:

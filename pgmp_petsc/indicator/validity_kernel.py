@@ -282,3 +282,33 @@ def _keep_shares(influence, row, terms, loading, largest):
         gained, lost = load(largest, 1), load(largest, 2)
         store(largest, 1, blend(finite & exceeding(share, gained), larger(share, none), gained))
         store(largest, 2, blend(finite & exceeding(lost, share), blend(exceeding(share, none), none, share), lost))
+
+
+@njit(cache=True, error_model="numpy")
+def fill_planar_strains(moved, cells, lengths, angles, half_heights, curved, strain):
+    """Fill the largest strain of an outermost fibre of a planar beam, (n,), NaN where one is.
+
+    Parameters
+    ----------
+    moved
+        Displacements and rotations of its nodes in the body's frame, shape (n, n_nodes, 3).
+    cells, lengths, angles
+        Nodes of every element, shape (n_elements, 2); lengths, m, and directions, rad, each of shape (n_elements,).
+    half_heights
+        Of one sample after the other, or one for all, m.
+    curved
+        Whether strains are geometrically exact.
+    """
+    for k in range(moved.shape[0]):
+        half_height, strain[k] = half_heights[k % half_heights.size], 0.0
+        for e in range(lengths.size):
+            near, far, length, angle = moved[k, cells[e, 0]], moved[k, cells[e, 1]], lengths[e], angles[e]
+            along = length * np.cos(angle) + (far[0] - near[0]), length * np.sin(angle) + (far[1] - near[1])
+            if curved:
+                angle += 0.5 * (near[2] + far[2])
+            axial = (np.cos(angle) * along[0] + np.sin(angle) * along[1]) / length - 1.0
+            here = abs(axial) + half_height * abs((far[2] - near[2]) / length)
+            if not here <= strain[k]:
+                strain[k] = here
+            if np.isnan(here):
+                break
