@@ -22,7 +22,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.cells import Grid, evaluate_row, locate_lane
 from pgmp_petsc.dynamics.rotations import rotation_of, spin_of
-from pgmp_petsc.dynamics.vectors import LANES, aligned_zeros
+from pgmp_petsc.runtime.vectors import LANES, aligned_zeros
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.mechanism.statements import evaluate

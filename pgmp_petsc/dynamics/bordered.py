@@ -6,7 +6,7 @@ and so is every correction of that sample.
 
 from __future__ import annotations
 
-from pgmp_petsc.dynamics.vectors import load, spread, square_root, store
+from pgmp_petsc.runtime.vectors import load, spread, square_root, store
 from pgmp_petsc.runtime.compiled import njit
 
 

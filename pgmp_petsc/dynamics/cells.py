@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.vectors import absolute, blend, exceeding, floor, larger, load, spread, store
+from pgmp_petsc.runtime.vectors import absolute, blend, exceeding, floor, larger, load, spread, store
 from pgmp_petsc.runtime.compiled import njit
 
 FURTHEST = 1e9  # rad

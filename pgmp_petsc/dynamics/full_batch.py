@@ -22,7 +22,7 @@ from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.dynamics.vectors import aligned_zeros
+from pgmp_petsc.runtime.vectors import aligned_zeros
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 

@@ -22,7 +22,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from pgmp_petsc.dynamics.vectors import CACHE_LINE, LANES, blend, exceeding, vector
+from pgmp_petsc.runtime.vectors import CACHE_LINE, LANES, blend, exceeding, vector
 from pgmp_petsc.runtime.compiled import njit
 
 WIDE = (0.0,) * LANES

@@ -11,7 +11,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import Acting, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.dynamics.vectors import LANES
+from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
 
 

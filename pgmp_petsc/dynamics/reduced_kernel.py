@@ -16,7 +16,7 @@ from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     LANES,
     N_POWERS,
     absolute,

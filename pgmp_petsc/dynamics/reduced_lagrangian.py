@@ -38,7 +38,7 @@ from __future__ import annotations
 
 from pgmp_petsc.dynamics.reduced_arrays import layout_n_rigid, pair
 from pgmp_petsc.dynamics.second_order_terms import add_bent_loads, add_cubic, add_gyroscopic, add_swing
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     add,
     add_product,
     add_to_rows,

@@ -12,7 +12,7 @@ from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.dynamics.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros
+from pgmp_petsc.runtime.vectors import LANES, N_POWERS, N_POWERS_OF_RIGID, aligned_zeros
 
 
 class ReducedLanes:

@@ -24,7 +24,7 @@ from pgmp_petsc.dynamics.alpha_step import (
 from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, vectors_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     LANES,
     blend,
     count_lanes,
@@ -56,15 +56,16 @@ class Progress(NamedTuple):
         Newton corrections, all samples together, shape (1,).
     beyond
         Whether the sample is beyond the edges of laws, (n_samples, n_events).
-    trail
-        Positions, velocities and accelerations after every step, (n_steps, 3, n_samples, n_eta), or no steps where
-        nobody wants them.
+    shown, trail
+        Numbers of the steps that somebody wants to see, increasing, and positions, velocities and accelerations after
+        them, (n_t, 3, n_samples, n_eta).
     """
 
     outcome: np.ndarray
     n_steps: np.ndarray
     n_corrections: np.ndarray
     beyond: np.ndarray
+    shown: np.ndarray
     trail: np.ndarray
 
 
@@ -116,6 +117,9 @@ def _advance_block(
 ):  # fmt: skip
     """Take some lanes of a block through the steps; `state` are its vectors."""
     going, samples, outcome = lanes, memory.samples[block], progress.outcome[block]
+    row = 0
+    while row < progress.shown.size and progress.shown[row] <= first:
+        row += 1
     for number in range(strengths.loads.shape[0]):
         if going == 0:
             break
@@ -134,9 +138,10 @@ def _advance_block(
         for lane in range(LANES):
             if going & (1 << lane):
                 progress.n_steps[block, lane] = number + 1
-        if progress.trail.shape[0] > 0:
+        if row < progress.shown.size and progress.shown[row] == first + number + 1:
             for part in range(3):
-                scatter(state[part], samples, lanes, progress.trail[number, part])
+                scatter(state[part], samples, lanes, progress.trail[row, part])
+            row += 1
 
 
 @njit(inline="always")

@@ -258,6 +258,7 @@ class ReducedSystem:
         scheme: Scheme,
         samples: np.ndarray,
         beyond: np.ndarray,
+        shown: np.ndarray,
         trail: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Take some samples through several equal steps, each until it is done or something happens to it.
@@ -275,9 +276,11 @@ class ReducedSystem:
             Mask, shape (n_samples,).
         beyond
             Whether the edges of laws are crossed, shape (n_events, n_samples).
+        shown
+            Numbers of the steps that somebody wants to see, shape (n_t,).
         trail
-            Result: positions, velocities and accelerations after every step, (n_steps, 3, n_samples, n_eta), of the
-            samples that are advanced; of no steps where nobody wants them.
+            Result: positions, velocities and accelerations after these, (n_t, 3, n_samples, n_eta), of the samples that
+            are advanced.
 
         Returns
         -------
@@ -293,6 +296,7 @@ class ReducedSystem:
             self._lanes.zeros(np.int64),
             np.zeros(1, dtype=np.int64),
             np.ascontiguousarray(beyond.T),
+            shown,
             trail,
         )
         state, *others = moment

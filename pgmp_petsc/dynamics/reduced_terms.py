@@ -17,7 +17,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_arrays import Layout, Tables
-from pgmp_petsc.dynamics.vectors import N_POWERS_OF_RIGID
+from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid

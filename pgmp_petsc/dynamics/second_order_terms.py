@@ -5,7 +5,7 @@ Each function adds its part to the residual and, if `fresh`, to the iteration ma
 
 from __future__ import annotations
 
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     add,
     add_product,
     add_to_rows,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.vectors import LANES
+from pgmp_petsc.runtime.vectors import LANES
 
 SHARES = 3  # pieces that a rank would have of what is left, if all were equal
 LEAST = 32

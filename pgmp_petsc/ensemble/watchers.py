@@ -148,16 +148,18 @@ class BalanceWatcher:
 class _BalanceWatch:
     """Sums up works as the run goes on, by the trapezoidal rule over its steps."""
 
+    every = 1
+
     def __init__(self, system: SecondOrderSystem, samples: np.ndarray) -> None:
         self._system, self._samples = system, samples
         self._residual = self._exchanged = np.zeros(system.n_samples)
         self._sums = RunningBalance()
         self.observer = self
 
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps."""
-        for k, (time, parts) in enumerate(zip(times, trail)):
-            self(first + k, float(time), State(*parts, np.zeros(0)))
+        for number, time, parts in zip(numbers, times, trail):
+            self(int(number), float(time), State(*parts, np.zeros(0)))
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step."""

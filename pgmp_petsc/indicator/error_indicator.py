@@ -132,6 +132,8 @@ class ErrorIndicator:
 class WatchedRun:
     """The run of one batch: its observer while it runs, its estimate afterwards."""
 
+    every = 1
+
     def __init__(self, indicator: ErrorIndicator, values: Mapping[str, np.ndarray], samples: np.ndarray) -> None:
         self._indicator = indicator
         self._values = values
@@ -153,11 +155,11 @@ class WatchedRun:
         if number == 0:
             self._begin(np.array([part[self._samples] for part in (state.q, state.v, state.a)]))
         else:
-            self.over(number, np.array([time]), np.array([[state.q, state.v, state.a]]))
+            self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
-        chosen, last = trail[:, :, self._samples], first + times.size - 1
+        chosen, last = trail[:, :, self._samples], int(numbers[-1])
         while chosen.size:
             some, chosen = np.split(chosen, [LOOK - self._n_waiting])
             self._waiting[self._n_waiting : self._n_waiting + len(some)] = some
@@ -246,13 +248,13 @@ class WatchedRun:
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
         start = start_of(model.scene, model.kinematics.mechanism)
         full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
-        motion = ReferenceMotion(model.frames_of, states, self._slowest[chosen])
+        motion = ReferenceMotion(model.frames_of, model.output_frames_of, states, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval, begin)
         nodes, corrected = list(model.outputs.nodes), []
 
         def record(number: int, time: float, state: State) -> None:
-            nodal = motion.at(number).shaken + system.unpack(state.q)
-            corrected.append(nodal.reshape(-1, DOFS_PER_NODE, n)[nodes])
+            error = system.unpack(state.q).reshape(-1, DOFS_PER_NODE, n)[nodes]
+            corrected.append(motion.at(number).shaken.reshape(error.shape) + error)
 
         simulation = self._indicator.simulation.model_copy(
             update={

@@ -28,11 +28,10 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.indicator.validity_kernel import keep_changes, keep_most_deformed
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
-from pgmp_petsc.reduction.stiffness_changes import loading_of
 from pgmp_petsc.results.errors import VALIDITY, beyond_limit, limits_of
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
@@ -43,6 +42,7 @@ EVERY = 2
 # Evaluating a state costs about as much as a step of a single run, less in a batch.
 N_PARTS = 20
 SHORTEST = 10  # looks of which one state is evaluated
+LARGEST = 2**17  # displacements that are evaluated together, no more than stay in the cache
 
 
 class Validity:
@@ -57,84 +57,64 @@ class Validity:
 
     Attributes
     ----------
+    every
+        Steps of which one is looked at.
     extremes
         By the names of `VALIDITY`, each of shape (n_samples,): NaN where nothing is known.
     """
+
+    every = EVERY
 
     def __init__(
         self, model: ReducedModel, system: ReducedSystem, values: Mapping[str, np.ndarray], simulation: Simulation
     ) -> None:
         self._model, self._system = model, system
-        self._n_steps = count_steps(simulation.duration, simulation.step)
-        self._part = max(SHORTEST, -(-self._n_steps // (EVERY * N_PARTS)))
+        n_steps = self._n_steps = count_steps(simulation.duration, simulation.step)
+        self._part = max(SHORTEST, -(-n_steps // (EVERY * N_PARTS)))
+        n_looks = n_steps // EVERY + 1 + (n_steps % EVERY > 0)
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
-        self._weights = [
+        of_mass, of_stiffness = (
             np.ascontiguousarray(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))))
             for weights in (tables.mass_weights, tables.stiffness_weights)
-        ]
-        self._block: list[tuple[np.ndarray, ...]] = []
-        self._n_waiting = 0
-        self._deformed: list[np.ndarray] = []
+        )
+        self._weights = side_by_side(of_mass), of_stiffness
+        self._places = Places.of(tables.samples, tables.stiffness, model.stiffness_changes)
+        self._kept = Kept.nothing(self._places, -(-n_looks // self._part), n, system.n_eta)
+        self._n_looks = 0
         self.extremes = {name: np.full(n, np.nan) for name in VALIDITY}
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Look at a state, if it is its turn; the observer of the run."""
-        self.over(number, np.array([time]), np.array([[state.q, state.v, state.a]]))
+        self.over(np.array([number]), np.array([time]), np.array([[state.q, state.v, state.a]]))
 
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Look at those of many states whose turn it is; see `TrailObserver`."""
-        numbers = first + np.arange(times.size)
         looked_at = np.flatnonzero((numbers % EVERY == 0) | (numbers == self._n_steps))
-        while looked_at.size:
-            now, looked_at = np.split(looked_at, [self._part - self._n_waiting])
-            self._wait(times[now], trail[now])
-            # a sample that fails may overflow here before it is given up
-            with np.errstate(all="ignore"):
-                last = numbers[now[-1]] == self._n_steps
-                if last or self._n_waiting == self._part:
-                    self._evaluate()
-                # the states of a single run together: they cost little more than one
-                if last or self._system.n_samples > 1:
-                    self._strain()
+        # a sample that fails may overflow here before it is given up
+        with np.errstate(all="ignore"):
+            if looked_at.size:
+                self._look(times[looked_at], trail if looked_at.size == times.size else trail[looked_at])
+            if numbers[-1] == self._n_steps:
+                self._strain()
 
-    def _wait(self, times: np.ndarray, trail: np.ndarray) -> None:
-        """Keep states, (n_t, 3, n, n_eta), until there are enough of them."""
-        r = self._model.terms.tables.n_coordinates
-        known = (trail[:, 0],)
-        if self._model.stiffness_changes is not None:
-            loads, forces = self._system.load_amplitudes(times), self._system.action_forces(times, trail)
-            known += (loads, forces, trail[:, 1, :, :r], trail[:, 2, :, :r])
-        # a copy: the trail goes on
-        self._block.append(
-            tuple(np.array(part).reshape(times.size * self._system.n_samples, part.shape[2]) for part in known)
-        )
-        self._n_waiting += times.size
-
-    def _evaluate(self) -> None:
-        """Follow the stiffness over the states at hand, and find the most deformed ones."""
-        model, tables, of_stiffness = self._model, self._model.terms.tables, self._weights[1]
-        q, *loading = (np.concatenate(parts) for parts in zip(*self._block))
-        n, n_steps = self._system.n_samples, self._n_waiting
-        self._block, self._n_waiting = [], 0
-        places = tables.samples.nearest(q[:, : tables.n_coordinates])
-        states = np.zeros((n, q.shape[1]))
-        keep_most_deformed(places, q, tables.stiffness, of_stiffness, states)
-        self._deformed.append(states)
-        if loading:
-            loads, forces, v, a = loading
-            every = loading_of(loads, forces, np.tile(self._weights[0], (n_steps, 1)), v, a)
-            changes = model.stiffness_changes
-            gained, lost = (self.extremes[name] for name in ("stiffness_gained", "stiffness_lost"))
-            keep_changes(places, changes.influence, changes.stiffness, of_stiffness, every, gained, lost)
+    def _look(self, times: np.ndarray, trail: np.ndarray) -> None:
+        """Follow the stiffness over states (n_t, 3, n, n_eta), and keep the most deformed ones."""
+        loads, forces = self._system.load_amplitudes(times), self._system.action_forces(times, trail)
+        look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
+        self._n_looks += times.size
+        gained, lost = self._kept.shares(self._system.n_samples)
+        self.extremes |= {"stiffness_gained": gained, "stiffness_lost": lost}
 
     def _strain(self) -> None:
-        """Evaluate rotations and strains of the states that were found: several of one sample, or one of several."""
-        if self._deformed:
-            found = self._strains.largest(self._model.local_displacements(np.concatenate(self._deformed)))
-            self._deformed = []
+        """Evaluate rotations and strains of the most deformed states, as many parts of the run together as fit."""
+        states = self._kept.deformed(self._system.n_samples)
+        n_together = max(1, LARGEST // (states.shape[1] * self._model.kinematics.mechanism.n_dofs))
+        for first in range(0, len(states), n_together):
+            some = states[first : first + n_together]
+            found = self._strains.largest(self._model.local_displacements(some.reshape(-1, states.shape[2])))
             for name, values in zip(("elastic_rotation", "elastic_strain"), found):
-                values = np.where(np.isfinite(values), values, np.nan).reshape(-1, self._system.n_samples)
+                values = np.where(np.isfinite(values), values, np.nan).reshape(some.shape[:2])
                 self.extremes[name] = np.fmax(self.extremes[name], np.fmax.reduce(values, axis=0))
 
 
@@ -159,7 +139,7 @@ class BodyStrains:
         self._spatial = mechanism.space is SPATIAL
         self._flexible = [body for body in mechanism.bodies if body.flexible]
         self._half_heights = {
-            body.name: np.reshape(half_height(scene, body.name, values), (-1, 1))
+            body.name: np.reshape(np.asarray(half_height(scene, body.name, values), dtype=float), -1)
             for body in self._flexible
             if body.is_beam
         }
@@ -170,7 +150,8 @@ class BodyStrains:
         Parameters
         ----------
         local
-            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6).
+            Displacements and rotations of all nodes in body frames, shape (n, n_nodes, 3), in space (n, n_nodes, 6); of
+            all samples in the order of the parameter values, as often as there are states of each.
         """
         rotation, strain = np.zeros(len(local)), np.full(len(local), np.nan)
         for body in self._flexible:
@@ -183,20 +164,24 @@ class BodyStrains:
 
     def _strain(self, body: Body, moved: np.ndarray) -> np.ndarray:
         """Return the largest strain of a beam from its nodes' displacements (n, n_nodes, 3), shape (n,)."""
+        half_heights = self._half_heights[body.name]
+        if not self._spatial:
+            angles, strain = np.asarray(body.directions, dtype=float), np.empty(len(moved))
+            fill_planar_strains(
+                np.ascontiguousarray(moved),
+                body.mesh.cells,
+                body.mesh.lengths,
+                angles,
+                half_heights,
+                self._curved,
+                strain,
+            )
+            return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
-        if self._spatial:
-            gradients = strain_gradients(body.mesh.lengths, body.axes)
-            strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
-            bending = np.linalg.norm(strains[..., 4:], axis=2)
-            return np.max(np.abs(strains[..., 0]) + self._half_heights[body.name] * bending, axis=1)
-        change = ends[:, :, 1] - ends[:, :, 0]
-        lengths, angles = body.mesh.lengths, body.directions
-        along = lengths * np.cos(angles) + change[..., 0], lengths * np.sin(angles) + change[..., 1]
-        if self._curved:
-            angles = angles + 0.5 * (ends[:, :, 0, 2] + ends[:, :, 1, 2])
-        axial = (np.cos(angles) * along[0] + np.sin(angles) * along[1]) / lengths - 1.0
-        bending = self._half_heights[body.name] * np.abs(change[..., 2] / lengths)
-        return np.max(np.abs(axial) + bending, axis=1)
+        gradients = strain_gradients(body.mesh.lengths, body.axes)
+        strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
+        bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[..., 4:], axis=2)
+        return np.max(np.abs(strains[..., 0]) + bending, axis=1)
 
 
 def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:

@@ -73,7 +73,7 @@ class Reconstruction:
 
     def _displacements(self, eta: np.ndarray) -> np.ndarray:
         n_theta = self._kinematics.n_coordinates
-        delta = eta[:, n_theta:]
+        delta = np.ascontiguousarray(eta[:, n_theta:])
         factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
         return self._shapes.product(eta[:, :n_theta], factors)
 

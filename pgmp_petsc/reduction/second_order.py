@@ -24,6 +24,7 @@ from itertools import permutations
 import numpy as np
 
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.runtime.compiled import njit
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +96,18 @@ def unpacked(pairs: np.ndarray) -> np.ndarray:
     return matrices
 
 
-def pair_products(delta: np.ndarray) -> np.ndarray:
+@njit(cache=True, error_model="numpy")
+def pair_products(delta):
     """Return the factors of the packed chi in ``1/2 chi delta delta``, shape (n, n_pairs), for delta (n, n_delta)."""
-    i, j = np.tril_indices(delta.shape[1])
-    return np.where(i == j, 0.5, 1.0) * delta[:, i] * delta[:, j]
+    n, m = delta.shape
+    result = np.empty((n, m * (m + 1) // 2))
+    for k in range(n):
+        pair = 0
+        for i in range(m):
+            for j in range(i + 1):
+                result[k, pair] = (0.5 if i == j else 1.0) * delta[k, i] * delta[k, j]
+                pair += 1
+    return result
 
 
 def pair_rotations(rotations: np.ndarray) -> np.ndarray:

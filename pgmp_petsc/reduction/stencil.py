@@ -63,11 +63,18 @@ def stencil(theta, axis, rows, weights, slopes):
     rows, weights, slopes
         Results, shape (4,): ``A = sum weights A[rows]``, ``dA/dtheta = sum slopes A[rows]``.
     """
+    cell, s = locate(theta, axis)
+    cell_stencil(cell, s, axis, rows, weights, slopes)
+
+
+@njit(cache=True, error_model="numpy")
+def locate(theta, axis):
+    """Return the number of theta's cell, not yet taken into the range of a periodic grid, and its place s in it."""
     position = (theta - axis.lower) / axis.step
     cell = int(np.floor(position))
     if not axis.periodic:
         cell = min(max(cell, 0), axis.n - 2)
-    cell_stencil(cell, position - cell, axis, rows, weights, slopes)
+    return cell, position - cell
 
 
 @njit(cache=True, error_model="numpy")
@@ -87,8 +94,10 @@ def cell_stencil(cell, s, axis, rows, weights, slopes):
     for k in range(N_ROWS):
         rows[k] = first + k
     if periodic:
-        for k in range(N_ROWS):
-            rows[k] = rows[k] % n
+        row = first % n
+        for k in range(N_ROWS):  # a division for each would take longer than all else here
+            rows[k] = row
+            row = row + 1 if row + 1 < n else 0
     elif basis == OVERHAUSER:
         # a row beyond an end has the weight zero
         for k in range(N_ROWS):

@@ -12,7 +12,7 @@ of all that loads the bodies, in this order of columns:
 - every load term of the effects, its weight taken out,
 - every action (local effect), per unit of its force,
 - for every mass term, its weight taken out: the inertia forces of unit accelerations theta_k'', and those of unit
-  products theta_k' theta_l', k >= l, each pair once.
+  products theta_k' theta_l', k >= l, each pair once: where k > l a motion has twice as much of it.
 
 They hold at the nominal parameters, at which forces in statically determinate bodies do not depend on the stiffness;
 lambda_k is kept term by term and follows the parameters.
@@ -101,25 +101,3 @@ class InfluenceProbe:
         for weight in problem.mechanism.mass_weights:
             columns.append(-problem.inner(answers, problem.matrices.mass[weight] @ moving))
         return np.hstack(columns)
-
-
-def loading_of(
-    loads: np.ndarray, forces: np.ndarray, mass_weights: np.ndarray, v: np.ndarray, a: np.ndarray
-) -> np.ndarray:
-    """Return how much of every column of influences n states have, shape (n, n_columns).
-
-    Parameters
-    ----------
-    loads
-        Weighted amplitudes of the load terms, shape (n, n_loads).
-    forces
-        Of the actions, shape (n, n_actions).
-    mass_weights
-        Shape (n, n_mass_terms).
-    v, a
-        Velocities and accelerations of the rigid coordinates, shape (n, n_theta).
-    """
-    k, j = np.tril_indices(v.shape[1])
-    moving = np.hstack([a, v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)])
-    inertia = (mass_weights[:, :, None] * moving[:, None]).reshape(len(v), -1)
-    return np.hstack([loads, forces, inertia])

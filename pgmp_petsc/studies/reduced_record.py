@@ -17,6 +17,8 @@ class ReducedRecord:
         Counts the steps.
     """
 
+    every = 1
+
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
         self._times: list[np.ndarray] = []
@@ -26,7 +28,7 @@ class ReducedRecord:
         """Keep the state after a step."""
         self._keep(np.array([time]), np.array([[state.q, state.v, state.a]]), int(number > 0))
 
-    def over(self, first: int, times: np.ndarray, trail: np.ndarray) -> None:
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Keep the states after many steps; see `TrailObserver`."""
         self._keep(times, trail, times.size)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.dynamics.vectors import LANES
+from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import LEAST, Piece, joined, missing, pieces
 

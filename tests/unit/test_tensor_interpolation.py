@@ -105,4 +105,10 @@ def test_samples_are_reproduced_and_products_are_sums() -> None:
     found: Interpolant = interpolant(grid, table, "spline")
     np.testing.assert_allclose(found(grid.theta), table, rtol=0, atol=1e-12)
     expected = np.einsum("ki,kij->kj", vectors, found(POINTS))
-    np.testing.assert_allclose(found.product(POINTS, vectors), expected, rtol=0, atol=1e-13)
+    products = found.product(POINTS, vectors)
+    np.testing.assert_allclose(products, expected, rtol=0, atol=1e-13)
+    # whatever is beside it, in whichever lane: alone, and with others of its own cell, in another order
+    for k in range(len(POINTS)):
+        np.testing.assert_array_equal(found.product(POINTS[k : k + 1], vectors[k : k + 1])[0], products[k])
+    crowd = np.concatenate([np.arange(len(POINTS))[::-1], np.repeat(np.arange(5), 13)])
+    np.testing.assert_array_equal(found.product(POINTS[crowd], vectors[crowd]), products[crowd])

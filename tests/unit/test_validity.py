@@ -14,11 +14,12 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.indicator.coverage import absence_of_estimates, why_not_covered
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
-from pgmp_petsc.indicator.validity_kernel import keep_changes
+from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
-from pgmp_petsc.reduction.stiffness_changes import loading_of
+from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.results.errors import ROTATION_LIMIT, VALIDITY, beyond_limit
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Coefficients
@@ -119,6 +120,60 @@ def test_the_nearest_sample() -> None:
     assert part.nearest(np.array([-2.0, -0.6, -0.4, 0.4, 5.0])).tolist() == [0, 0, 1, 1, 2]
 
 
+@pytest.mark.parametrize(
+    "grid",
+    [
+        SampleGrid((Samples.uniform(-1.0, 2 * np.pi - 1.0, 12, True),)),
+        SampleGrid((Samples.chebyshev(-1.0, 2.0, 9),)),
+        SampleGrid((Samples.uniform(0.0, 2 * np.pi, 5, True), Samples.chebyshev(-1.0, 2.0, 4))),
+    ],
+)
+def test_what_is_kept_of_a_run(grid: SampleGrid) -> None:
+    """The most deformed state of each part and the extreme shares against numpy, whoever looks on and in what parts."""
+    random, n, n_t, length, n_parts = np.random.default_rng(3), 11, 30, 7, 5
+    r, m, n_terms = grid.n_coordinates, 3, 2
+    half = random.normal(size=(grid.n, n_terms, m, m))
+    stiffness = half @ np.swapaxes(half, 2, 3)
+    pairs = r * (r + 1) // 2
+    influence = random.normal(size=(grid.n, 2, 1 + 1 + n_terms * (r + pairs)))
+    changes = StiffnessChanges(influence, random.uniform(1.0, 2.0, size=(grid.n, n_terms, 2)))
+    weights = random.uniform(0.5, 2.0, size=(2, n, n_terms))
+    trail = random.normal(size=(n_t, 3, n, r + m))
+    trail[:, 0, :, :r] = np.cumsum(0.4 * trail[:, 0, :, :r], axis=0)
+    loads, forces = random.normal(size=(2, n_t, n, 1))
+    places = Places.of(grid, stiffness, changes)
+
+    def looked_at(samples: np.ndarray, *parts: int) -> Kept:
+        kept = Kept.nothing(places, n_parts, samples.size, r + m)
+        own = side_by_side(weights[0, samples]), np.ascontiguousarray(weights[1, samples])
+        for some in np.split(np.arange(n_t), parts):
+            seen = (np.ascontiguousarray(part[some][:, samples]) for part in (loads, forces))
+            look_at(places, own, some[0], length, *seen, np.ascontiguousarray(trail[some][:, :, samples]), kept)
+        return kept
+
+    found = looked_at(np.arange(n))
+    for sample in range(n):
+        nearest = grid.nearest(trail[:, 0, sample, :r])
+        q, v, a = trail[:, 0, sample, r:], trail[:, 1, sample, :r], trail[:, 2, sample, :r]
+        own = np.einsum("t,ntij->nij", weights[1, sample], stiffness)[nearest]
+        energies = 0.5 * np.einsum("ni,nij,nj->n", q, own, q)
+        for part in range(n_parts):
+            most = part * length + int(np.argmax(energies[part * length : (part + 1) * length]))
+            np.testing.assert_array_equal(found.deformed(n)[part, sample], trail[most, 0, sample])
+        k, j = np.tril_indices(r)
+        moving = np.hstack([a, v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)])
+        inertia = [weight * moving for weight in weights[0, sample]]
+        loading = np.hstack([loads[:, sample], forces[:, sample], *inertia])
+        shares = np.einsum("nkc,nc->nk", influence[nearest], loading)
+        shares /= np.einsum("t,ntk->nk", weights[1, sample], changes.stiffness[nearest])
+        gained, lost = (part[sample] for part in found.shares(n))
+        assert gained == pytest.approx(max(shares.max(), 0.0), rel=1e-12)
+        assert lost == pytest.approx(min(shares.min(), 0.0), rel=1e-12)
+        alone = looked_at(np.array([sample]), 3, 4, 20)
+        np.testing.assert_array_equal(alone.deformed(1)[:, 0], found.deformed(n)[:, sample])
+        np.testing.assert_array_equal([part[0] for part in alone.shares(1)], [gained, lost])
+
+
 @pytest.mark.parametrize("scene", [slider_crank('effects.weight={type="gravity"}'), four_bar()])
 def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) -> None:
     """The share from influences against ``psi.K3[u] psi / lambda`` of the static deformation u of all loads at once."""
@@ -147,13 +202,16 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
                 pairs = third.times(np.hstack([bent, modes.flexible[:, k : k + 1]]), (np.array([0]), np.array([1])))
                 change = sum(float(w.evaluate(scene.nominal)) * part[:, 0] for w, part in pairs.items())
                 expected.append(float(change @ modes.flexible[:, k]) / modes.eigenvalues[k])
-            loading = loading_of(of_loads * amplitudes, np.zeros((1, rom_actions(scene))), of_mass, v, a)
+            trail = np.zeros((1, 3, 1, 1 + rom.tables.n_modes))
+            trail[0, :, 0, 0] = modes.theta[0], v[0, 0], a[0, 0]
+            acting = (of_loads * amplitudes)[None], np.zeros((1, 1, rom_actions(scene)))
             changes, found = rom.stiffness_changes, []
             for k in range(3):
-                one = changes.influence[:, k : k + 1].copy(), changes.stiffness[:, :, k : k + 1].copy()
-                gained, lost = np.full(1, np.nan), np.full(1, np.nan)
-                keep_changes(np.array([number]), *one, of_stiffness, loading, gained, lost)
-                found.append(gained[0] + lost[0])  # one of them is zero
+                one = StiffnessChanges(changes.influence[:, k : k + 1], changes.stiffness[:, :, k : k + 1])
+                places = Places.of(rom.tables.samples, rom.tables.stiffness, one)
+                kept = Kept.nothing(places, 1, 1, trail.shape[3])
+                look_at(places, (side_by_side(of_mass), of_stiffness), 0, 1, *acting, trail, kept)
+                found.append(np.sum(kept.shares(1)))  # one of them is zero
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
 
 

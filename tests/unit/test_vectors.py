@@ -10,7 +10,7 @@ from pgmp_petsc.dynamics.bordered import eliminate, factorise, solve, substitute
 from pgmp_petsc.dynamics.cells import Grid, locate, refill
 from pgmp_petsc.dynamics.reduced_arrays import Matrix
 from pgmp_petsc.dynamics.reduced_terms import pack
-from pgmp_petsc.dynamics.vectors import (
+from pgmp_petsc.runtime.vectors import (
     LANES,
     absolute,
     aligned_zeros,
