@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
-from pgmp_petsc.mechanism.space import at_nodes, at_points
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -24,25 +22,6 @@ def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.
     return _turn(mechanism, [mechanism.space.rotation(pose).T for pose in poses], vectors)
 
 
-def linear_fields(body: Body) -> np.ndarray:
-    """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
-
-    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
-    nodes. The sections of beams in space turn with their fibres.
-    """
-    if body.component is not None:
-        return body.component.fields
-    d = body.mesh.nodes.shape[1]
-    unit = np.eye(d + d * d)
-    nodal = at_nodes(unit, body.mesh.nodes)
-    if body.axes is not None:
-        nodal[:, d:, d:] = body.section_turns()
-    parts = [nodal.reshape(-1, d + d * d)]
-    if body.meshed is not None:
-        parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
-    return np.concatenate(parts)
-
-
 def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
     """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,).
 
@@ -50,9 +29,9 @@ def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
     """
     d = mechanism.space.dimension
     places = np.zeros(mechanism.n_dofs)
-    for body, pose in zip(mechanism.bodies, poses):
+    for (dofs, fields), pose in zip(mechanism.linear_fields, poses):
         origin = mechanism.space.to_body(pose[:, None], pose[:d, None])[:, 0]
-        places[body.dofs] = linear_fields(body) @ np.concatenate([origin, np.eye(d).ravel()])
+        places[dofs] = fields @ np.concatenate([origin, np.eye(d).ravel()])
     return places
 
 
@@ -71,8 +50,8 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     ndarray, shape (n_dofs, n_theta)
     """
     velocities = np.zeros((mechanism.n_dofs, rates.shape[2]))
-    for body, pose, rate in zip(mechanism.bodies, poses, rates):
-        velocities[body.dofs] = linear_fields(body) @ mechanism.space.velocity_field(pose, rate)
+    for (dofs, fields), pose, rate in zip(mechanism.linear_fields, poses, rates):
+        velocities[dofs] = fields @ mechanism.space.velocity_field(pose, rate)
     return velocities
 
 
@@ -92,9 +71,9 @@ def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray,
     """
     n_theta = rates.shape[2]
     result = np.zeros((mechanism.n_dofs, n_theta, n_theta))
-    for body, pose, rate, curvature in zip(mechanism.bodies, poses, rates, curvatures):
+    for (dofs, fields), pose, rate, curvature in zip(mechanism.linear_fields, poses, rates, curvatures):
         field = mechanism.space.acceleration_field(pose, rate, curvature)
-        result[body.dofs] = np.tensordot(linear_fields(body), field, axes=1)
+        result[dofs] = (fields @ field.reshape(len(field), -1)).reshape(-1, n_theta, n_theta)
     return result
 
 

@@ -20,9 +20,9 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
 from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.sparse_pencil import SparsePencil
@@ -54,6 +54,8 @@ class ModalProblem:
         Number of flexible modes.
     comm
         Ranks that share one eigenproblem.
+    matrices
+        The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
 
     Raises
     ------
@@ -61,19 +63,28 @@ class ModalProblem:
         If the mesh has fewer flexible modes than asked for.
     """
 
-    def __init__(self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: MPI.Comm) -> None:
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        values: Mapping[str, float],
+        n_modes: int,
+        comm: MPI.Comm,
+        matrices: AffineMatrices | None = None,
+    ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
-        self._clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+        clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         first = self.mechanism.n_constraints
-        self._clamp_rows = slice(first, first + len(self._clamped))
+        self._clamp_rows = slice(first, first + len(clamped))
+        self._constraints = ConstraintJacobian(self.mechanism, clamped)
+        self._null_spaces = NullSpaces(self._constraints.pattern)
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
-        rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
-        self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
-        self.rows = rows
+        if matrices is None:
+            matrices = assemble(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
+        self.matrices, self.rows = matrices, matrices.rows
         self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), comm)
         self._known: ModeSet | None = None
         try:
@@ -127,11 +138,14 @@ class ModalProblem:
 
     def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
         """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
-        return constraint_jacobian(self.mechanism, poses, self._clamped)
+        return self._constraints.at(poses)
+
+    def _null_space(self, theta: np.ndarray) -> NullSpace:
+        return self._null_spaces.of(self._constraints.values(self.kinematics.motion(theta).poses))
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
-        self._pencil.move_to(null_space(self.constraints_at(self.kinematics.motion(theta).poses)))
+        self._pencil.move_to(self._null_space(theta))
         self._known = None
         return self.rigid_motion(theta)
 
@@ -248,11 +262,13 @@ class ModalProblem:
         return self._pencil.times_stiffness(vectors)
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return ``left^T right`` over all rows (those of all ranks)."""
+        """Return ``left^T right`` over all rows (those of all ranks), for right of shape (..., n_local, k)."""
         return self._summed(left.T @ right)
 
     def _summed(self, part: np.ndarray) -> np.ndarray:
         """Return a new array's sum over the ranks."""
+        if self.comm.size == 1:
+            return part
         from mpi4py import MPI
 
         part = np.ascontiguousarray(part)
@@ -281,7 +297,7 @@ class ModalProblem:
             )
 
     def _check_size(self) -> None:
-        null = null_space(self.constraints_at(self.kinematics.motion(self._lowest()).poses))
+        null = self._null_space(self._lowest())
         self._available = null.independent.size - self.free.size
         if self.n_modes > self._available:
             raise InputError(

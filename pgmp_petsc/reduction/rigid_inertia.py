@@ -6,7 +6,6 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
@@ -34,10 +33,9 @@ def rigid_inertia(samples: SampleGrid, weights: tuple[Monomial, ...], kinematics
     """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
-    for body in mechanism.bodies:
-        fields = linear_fields(body)
+    for dofs, fields in mechanism.linear_fields:
         own = np.zeros((mechanism.n_dofs, fields.shape[1]))
-        own[body.dofs] = fields
+        own[dofs] = fields
         unit = np.hstack([unit, own])
     terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     poses = kinematics.poses(fine.theta)

@@ -31,7 +31,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -164,7 +164,8 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     instants = _instants(run, kinematics)
     third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
-    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF) as problem:
+    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF, matrices) as problem:
+        turned = TurnedLoads(problem, loads)
         for k in instants:
             theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
             poses = kinematics.poses(theta)
@@ -178,7 +179,7 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             by_acceleration.append(m_rigid.T @ rigid @ acceleration)
             modes = problem.solve(theta)
             amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
-            forces = turned_loads(problem, loads, theta) @ (weights * amplitudes)
+            forces = turned.at(theta) @ (weights * amplitudes)
             forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
             shape = modes.flexible[:, :1]
             bending = problem.static_answers(rigid, forces[:, None], "static deformation")
