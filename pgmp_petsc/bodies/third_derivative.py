@@ -9,7 +9,7 @@ f and g from `beam2d.third_derivative`. A rank has the elements that touch its r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -69,11 +69,22 @@ class ThirdDerivative:
         dict
             For every weight an array of shape (n_rows, n_pairs): ``K3_i[v_j, v_k]``.
         """
-        n, n_pairs = self._strains.shape[0], pairs[0].size
-        strains = (self._strains @ vectors).reshape(n // 3, 3, vectors.shape[1])
-        stretched, sheared = beam2d.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]])
-        result = {}
-        for weight, stiffness in self._stiffness.items():
-            axial, shear = stiffness.T[..., None, None]
-            result[weight] = self._forces @ (axial * stretched + shear * sheared).reshape(n, n_pairs)
-        return result
+        units = self._of_units(vectors, pairs)
+        return {weight: self._summed(stiffness, units) for weight, stiffness in self._stiffness.items()}
+
+    def weighted(
+        self, vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray], values: Mapping[str, float]
+    ) -> np.ndarray:
+        """Return ``K3[v_j, v_k]`` at parameter values, shape (n_rows, n_pairs); see `times`."""
+        parts = (float(weight.evaluate(values)) * stiffness for weight, stiffness in self._stiffness.items())
+        return self._summed(sum(parts, np.zeros((self._strains.shape[0] // 3, 2))), self._of_units(vectors, pairs))
+
+    def _of_units(self, vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        strains = (self._strains @ vectors).reshape(self._strains.shape[0] // 3, 3, vectors.shape[1])
+        return beam2d.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]])
+
+    def _summed(self, stiffness: np.ndarray, units: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Return the forces on the unknowns for a stiffness (n_elements, 2)."""
+        axial, shear = stiffness.T[..., None, None]
+        on_strains = axial * units[0] + shear * units[1]
+        return self._forces @ on_strains.reshape(self._strains.shape[0], on_strains.shape[2])

@@ -7,6 +7,9 @@ of a body is then a combination of constant vectors.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
@@ -35,6 +38,25 @@ def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
     return places
 
 
+def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> np.ndarray:
+    """Return displacements in body frames of bodies that move as linear fields.
+
+    Parameters
+    ----------
+    coefficients
+        Of every body, shape (n_bodies, d + d^2, ...).
+
+    Returns
+    -------
+    ndarray, shape (n_dofs, ...)
+    """
+    trailing = coefficients[0].shape[1:]
+    result = np.zeros((mechanism.n_dofs, math.prod(trailing)))
+    for (dofs, fields), own in zip(mechanism.linear_fields, coefficients):
+        result[dofs] = fields @ own.reshape(len(own), -1)
+    return result.reshape(mechanism.n_dofs, *trailing)
+
+
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return ``d rho / d theta`` in body frames.
 
@@ -49,10 +71,7 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     -------
     ndarray, shape (n_dofs, n_theta)
     """
-    velocities = np.zeros((mechanism.n_dofs, rates.shape[2]))
-    for (dofs, fields), pose, rate in zip(mechanism.linear_fields, poses, rates):
-        velocities[dofs] = fields @ mechanism.space.velocity_field(pose, rate)
-    return velocities
+    return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 
 def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
@@ -69,12 +88,8 @@ def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray,
     -------
     ndarray, shape (n_dofs, n_theta, n_theta)
     """
-    n_theta = rates.shape[2]
-    result = np.zeros((mechanism.n_dofs, n_theta, n_theta))
-    for (dofs, fields), pose, rate, curvature in zip(mechanism.linear_fields, poses, rates, curvatures):
-        field = mechanism.space.acceleration_field(pose, rate, curvature)
-        result[dofs] = (fields @ field.reshape(len(field), -1)).reshape(-1, n_theta, n_theta)
-    return result
+    space = mechanism.space
+    return linear_motion(mechanism, [space.acceleration_field(*own) for own in zip(poses, rates, curvatures)])
 
 
 def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:

@@ -86,13 +86,19 @@ class NullSpace:
         entries = np.concatenate(values), (np.concatenate(rows), self._column[np.concatenate(columns)])
         return sp.coo_matrix(entries, shape=(self.n_dofs, self.independent.size)).tocsr()
 
-    def dense(self) -> np.ndarray:
-        """Return N as a dense array."""
-        matrix = np.zeros((self.n_dofs, self.independent.size))
-        matrix[self.independent, np.arange(self.independent.size)] = 1.0
+    @cached_property
+    def dependent(self) -> np.ndarray:
+        """The unknowns that the others determine, block by block, shape (rank,)."""
+        return np.concatenate([np.zeros(0, dtype=int), *(part.dependent for part in self.eliminations)])
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Rows of N of `dependent`, dense, shape (rank, n_independent)."""
+        found, first = np.zeros((self.dependent.size, self.independent.size)), 0
         for part in self.eliminations:
-            matrix[part.dependent[:, None], self._column[part.by]] = part.weights
-        return matrix
+            found[first : first + part.dependent.size, self._column[part.by]] = part.weights
+            first += part.dependent.size
+        return found
 
 
 @dataclass(frozen=True, eq=False)

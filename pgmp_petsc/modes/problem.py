@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
+from pgmp_petsc.mechanism.body_frames import linear_motion
 from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
@@ -35,6 +35,7 @@ PREFIX = "pgmp_modes_"
 SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
+SETTLED = 2  # number of the first step whose contraction holds for the next ones
 ROUND_OFF = 1e-15
 TAKEN_UP = 1e-11  # of a load: what round-off leaves of one that the constraints take up
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
@@ -152,8 +153,8 @@ class ModalProblem:
     def rigid_motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``d rho / d theta`` and ``d2 rho / d theta2`` at a configuration, local rows, as in `ModeSet`."""
         motion, own = self.kinematics.motion(theta), slice(self.rows.start, self.rows.stop)
-        rigid = rigid_velocities(self.mechanism, motion.poses, motion.rates)[own]
-        return rigid, rigid_curvatures(self.mechanism, motion.poses, motion.rates, motion.curvatures)[own]
+        parts = (motion.velocities, motion.accelerations)
+        return tuple(linear_motion(self.mechanism, part)[own] for part in parts)
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them, or that clamped joints take up.
@@ -201,25 +202,32 @@ class ModalProblem:
             If the refinement does not converge.
         """
         m_kept = self.times_mass(kept)
-        gram = self.inner(kept, m_kept)
-        balanced = loads - m_kept @ np.linalg.solve(gram, self.inner(kept, loads))
+        inverse = np.linalg.inv(self.inner(kept, m_kept))
+        balanced = loads - m_kept @ (inverse @ self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
         undeflated = self.norms(self._pencil.shifted_answers(loads))
-        answers = np.zeros_like(loads)
+        answers, m_answers = np.zeros((2, *loads.shape))
         last = np.full(loads.shape[1], np.inf)
         active = np.flatnonzero(self._feels(loads))
         if not active.size:
             return answers
-        for _ in range(MAX_REFINEMENTS):
-            residual = balanced[:, active] - self.times_stiffness(answers[:, active])
-            step = self._steps(residual)
-            step -= kept @ np.linalg.solve(gram, self.inner(m_kept, step))
+        for number in range(MAX_REFINEMENTS):
+            step = self._steps(balanced[:, active] - self.times_stiffness(answers[:, active]))
+            m_step = self.times_mass(step)
+            known = inverse @ self.inner(kept, m_step)
+            step -= kept @ known
+            m_step -= m_kept @ known
             answers[:, active] += step
-            size, whole = np.split(self.norms(np.hstack([step, answers[:, active]])), 2)
+            m_answers[:, active] += m_step
+            squares = [np.einsum("dk,dk->k", step, m_step)]
+            squares.append(np.einsum("dk,dk->k", answers[:, active], m_answers[:, active]))
+            size, whole = np.sqrt(np.maximum(self._summed(np.array(squares)), 0.0))
+            # the first steps are exact along what is known: only then is the contraction that of what is left
+            ahead = size * size / last[active] if number >= SETTLED else size
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
-            going = (size > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
+            going = (np.minimum(size, ahead) > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
             if not going.any():
                 return answers
             worst = np.max(size[going] / whole[going])

@@ -22,7 +22,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Action, Effect
 from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body
+from pgmp_petsc.mechanism.body_frames import linear_motion, to_body
 from pgmp_petsc.mechanism.body_gradients import BodyGradients
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
@@ -121,7 +121,7 @@ class SpringStiffness:
     def _rigid(self, theta: np.ndarray) -> np.ndarray:
         """Return ``rho,k`` of the free coordinates in body frames, all rows, shape (n_dofs, n_free)."""
         motion = self.kinematics.motion(theta)
-        return rigid_velocities(self._mechanism, motion.poses, motion.rates)[:, self.free]
+        return linear_motion(self._mechanism, motion.velocities)[:, self.free]
 
     def _of_curvature(
         self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
@@ -131,7 +131,7 @@ class SpringStiffness:
 
         motion = self.kinematics.motion(theta)
         poses = motion.poses
-        curvature = rigid_curvatures(self._mechanism, poses, motion.rates, motion.curvatures)
+        curvature = linear_motion(self._mechanism, motion.accelerations)
         curvature = curvature[:, self.free][:, :, self.free]
         pulled = self._forces.at(poses) @ np.array(forces)
         own = slice(matrices.rows.start, matrices.rows.stop)

@@ -75,7 +75,9 @@ class ParameterSnapshots:
         kept
             Free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
         """
-        rest = np.hstack([np.empty((len(kept), 0)), *snapshots])
+        if not snapshots:
+            return np.empty((len(kept), 0))
+        rest = np.hstack(snapshots)
         for _ in range(2):
             rest = rest - self._problem.onto(kept, rest)
         return rest

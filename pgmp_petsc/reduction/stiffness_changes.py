@@ -72,6 +72,7 @@ class InfluenceProbe:
         self._problem = problem
         self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
         self._forces = UnitForces(actions, problem.mechanism)
+        self._pairs = np.tril_indices(problem.kinematics.n_coordinates)
         masses = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
         self._mass = sp.vstack(masses, format="csr")
 
@@ -87,11 +88,10 @@ class InfluenceProbe:
         """
         problem = self._problem
         each = np.arange(modes.flexible.shape[1])
-        third = self._third.times(problem.all_rows(modes.flexible), (each, each))
-        forces = sum(float(weight.evaluate(problem.values)) * part for weight, part in third.items())
+        forces = self._third.weighted(problem.all_rows(modes.flexible), (each, each), problem.values)
         answers = problem.static_answers(modes.rigid[:, modes.free], forces, "influence of loads on the stiffness")
         turned = self._forces.at(problem.kinematics.motion(modes.theta).poses)[problem.rows.start : problem.rows.stop]
-        k, j = np.tril_indices(modes.rigid.shape[1])
+        k, j = self._pairs
         moving = np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]])
         inertia = (self._mass @ problem.all_rows(moving)).reshape(-1, *moving.shape)
         return problem.inner(answers, np.hstack([loads, turned, *-inertia]))

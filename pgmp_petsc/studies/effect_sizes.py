@@ -26,7 +26,6 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -166,28 +165,25 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
     with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF, matrices) as problem:
         turned = TurnedLoads(problem, loads)
+        kinematics.follow(run.theta[instants])
         for k in instants:
             theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
-            poses = kinematics.poses(theta)
-            rates = kinematics.rates(poses)
-            curvatures = kinematics.curvatures(poses, rates)
-            rigid = rigid_velocities(mechanism, poses[..., 0], rates[..., 0])
-            bent = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures[..., 0])
-            centripetal = np.einsum("ikl,k,l->i", bent, speed, speed)
+            modes = problem.solve(theta)
+            rigid = modes.rigid
+            centripetal = np.einsum("ikl,k,l->i", modes.rigid_curvature, speed, speed)
             m_rigid = problem.times_mass(rigid)
             by_speed.append(m_rigid.T @ centripetal)
             by_acceleration.append(m_rigid.T @ rigid @ acceleration)
-            modes = problem.solve(theta)
             amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
             forces = turned.at(theta) @ (weights * amplitudes)
             forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
             shape = modes.flexible[:, :1]
             bending = problem.static_answers(rigid, forces[:, None], "static deformation")
-            pulled = third.times(np.hstack([bending, shape]), (np.array([0]), np.array([1])))
-            change = sum(float(w.evaluate(scene.values)) * part[:, 0] for w, part in pulled.items()) @ shape[:, 0]
+            pulled = third.weighted(np.hstack([bending, shape]), (np.array([0]), np.array([1])), scene.values)
+            change = pulled[:, 0] @ shape[:, 0]
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
             flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
-            spin = np.max(np.abs(rates[flexible, 2, :, 0] @ speed), initial=0.0)
+            spin = np.max(np.abs(kinematics.motion(theta).rates[flexible, 2] @ speed), initial=0.0)
             spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
