@@ -12,6 +12,7 @@ flexible vectors are not orthogonal to them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -86,10 +87,21 @@ class ModalProblem:
         if matrices is None:
             matrices = assemble(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
         self.matrices, self.rows = matrices, matrices.rows
-        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), comm)
+        self._check_size()
+        self._open()
+
+    def at_values(self, values: Mapping[str, float]) -> ModalProblem:
+        """Return the problem at other parameter values, to be closed by itself; what they leave as it is is shared."""
+        other = copy(self)
+        other.values = dict(values)
+        other._open()
+        return other
+
+    def _open(self) -> None:
+        """Make the pencil at the parameter values, and find its shift."""
+        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), self.comm)
         self._known: ModeSet | None = None
         try:
-            self._check_size()
             self._find_shift()
         except PgmpError:
             self.close()

@@ -145,7 +145,7 @@ class Sampler:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
         n_modes = modes.flexible.shape[1]
         rotation = np.eye(n_kept)
-        probe = self.problem.inner(modes.flexible, self._waves)
+        probe = self.problem.inner(modes.flexible, self._waves[:, :n_modes])
         rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
         return rotation
 

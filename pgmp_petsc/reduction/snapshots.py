@@ -27,7 +27,7 @@ class ParameterSnapshots:
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
         self._problem, self._loads = problem, loads
-        self.problems = [ModalProblem(problem.kinematics, values, problem.n_modes, problem.comm) for values in points]
+        self.problems = [problem.at_values(values) for values in points]
 
     def __enter__(self) -> ParameterSnapshots:
         return self

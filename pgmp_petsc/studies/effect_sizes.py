@@ -28,6 +28,7 @@ from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import TurnedLoads
@@ -47,8 +48,13 @@ CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
-def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSizes:
+def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
+
+    Parameters
+    ----------
+    branch
+        Assembly branch of the mechanism where it is known; see `RigidKinematics`.
 
     Raises
     ------
@@ -56,7 +62,7 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
         If the mechanism is not sound, or its rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes), branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged
@@ -67,8 +73,13 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
 
 
-def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Remark, ...]:
-    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank."""
+def remarks_on_sizes(
+    scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None
+) -> tuple[Remark, ...]:
+    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
+
+    Parameters are those of `estimate_effects`.
+    """
     continuum = [name for name, body in scene.bodies.items() if body.continuum]
     if continuum:
         return (
@@ -80,7 +91,7 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
     if scene.dimension == 3:
         return (note("sizes of effects were not estimated: the estimate is for beams in the plane"),)
     try:
-        sizes = estimate_effects(scene, meshes)
+        sizes = estimate_effects(scene, meshes, branch)
     except PgmpError as error:
         return (note(f"sizes of effects were not estimated: {error}"),)
     missing = [size for size in sizes.sizes if _is_missing(scene, size)]
