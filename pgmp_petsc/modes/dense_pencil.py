@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh, lapack
+from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
 from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.runtime.errors import RunError
@@ -22,6 +22,7 @@ from pgmp_petsc.solvers.eigenpair_checks import RESIDUAL_TOLERANCE
 from pgmp_petsc.solvers.shift_invert import EigenPairs
 
 MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
+BLOCK = 64  # columns that LAPACK treats together
 SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are faster
 
 
@@ -63,7 +64,8 @@ class DensePencil:
         reduced = []
         for matrix in (self._stiffness, self._mass):
             half = matrix[stays] + weights.T @ matrix[goes]
-            reduced.append(half[:, stays] + half[:, goes] @ weights)
+            # symmetric: the transpose is in LAPACK's order
+            reduced.append((half[:, stays] + half[:, goes] @ weights).T)
         self._reduced = tuple(reduced)
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
@@ -79,10 +81,7 @@ class DensePencil:
         mass, n_pairs = self._reduced[1], n_rigid + n_flexible
         n = len(mass)
         inverse = lapack.dsygst(mass, self._factor, itype=1, lower=1)[0]
-        if n_pairs < SUBSET * n:
-            mu, vectors = eigh(inverse, subset_by_index=(n - n_pairs, n - 1), check_finite=False)
-        else:
-            mu, vectors = eigh(inverse, driver="ev", check_finite=False)
+        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else eigh(inverse, driver="ev")
         mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
         n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
         if n_finite < n_pairs:
@@ -151,6 +150,20 @@ class DensePencil:
     def times_stiffness(self, vectors: np.ndarray) -> np.ndarray:
         """Return K times columns (n_dofs, k)."""
         return self._stiffness @ vectors
+
+
+def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix.
+
+    By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these for all eigenvectors
+    alone, and bisection for some, which takes half as long again.
+    """
+    n = len(matrix)
+    reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n)
+    chosen = {"select": "i", "select_range": (n - k, n - 1), "lapack_driver": "stemr"}
+    values, vectors = eigh_tridiagonal(diagonal, beside, check_finite=False, **chosen)
+    turned = lapack.dormqr("L", "N", reflectors[1:, :-1], scales, vectors[1:], BLOCK * n)[0]
+    return values, np.concatenate([vectors[:1], turned])
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:

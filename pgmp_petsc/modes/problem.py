@@ -129,8 +129,9 @@ class ModalProblem:
         rigid, curvature = self._move_to(theta)
         where = self.kinematics.describe(theta)
         pairs = self._pencil.solve(n_free, self.n_modes, where)
-        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], rigid[:, self.free], where)
-        flexible = self._deflate(pairs.vectors[:, n_free:], rigid[:, self.free])
+        free = rigid[:, self.free]
+        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], free, where)
+        flexible = self._deflate(pairs.vectors[:, n_free:], free)
         self._known = ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
         return self._known
 

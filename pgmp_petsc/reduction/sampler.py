@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,7 @@ from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
+DENSE = 0.1  # share of entries from which on a matrix is multiplied as a dense one
 TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "influence")
 
 
@@ -166,7 +168,7 @@ class Sampler:
                 waves[body.dofs] = probes[:, np.arange(n_waves) % probes.shape[1]]
         return waves[rows.start : rows.stop]
 
-    def _times(self, terms: sp.csr_matrix, columns: np.ndarray) -> np.ndarray:
+    def _times(self, terms: sp.csr_matrix | np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Return stacked terms times local columns (n_local, k), shape (n_terms, n_local, k)."""
         return (terms @ self.problem.all_rows(columns)).reshape(-1, *columns.shape)
 
@@ -202,9 +204,10 @@ class TurnedLoads:
         return turned
 
 
-def _stacked(terms: Sequence[sp.csr_matrix]) -> sp.csr_matrix:
-    """Return terms below each other: their products with vectors are one."""
-    return sp.vstack(terms, format="csr")
+def _stacked(terms: Sequence[sp.csr_matrix]) -> sp.csr_matrix | np.ndarray:
+    """Return terms below each other, their products with vectors are one; dense where that is not much more."""
+    stacked = sp.vstack(terms, format="csr")
+    return stacked.toarray() if stacked.nnz > DENSE * math.prod(stacked.shape) else stacked
 
 
 def _symmetric(matrices: np.ndarray) -> np.ndarray:

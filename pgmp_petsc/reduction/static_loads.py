@@ -95,9 +95,10 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     theta`` of the prescribed coordinates. (That of a free coordinate balances the applied loads and is in their
     answers.) Shape (n_local, n_accelerations).
     """
-    once = np.tril_indices(curvature.shape[1])
-    driven = np.setdiff1d(np.arange(rigid.shape[1]), problem.free)
-    return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
+    n_theta = rigid.shape[1]
+    pairs = [(k, j) for k in range(n_theta) for j in range(k + 1)]
+    driven = [k for k in range(n_theta) if k not in problem.free]
+    return np.stack([*(curvature[:, k, j] for k, j in pairs), *(rigid[:, k] for k in driven)], axis=1)
 
 
 def _forces(problem: ModalProblem, turning: UnitForces, theta: np.ndarray) -> np.ndarray:
