@@ -414,6 +414,17 @@ def test_a_dense_pencil_with_eigenvalues_below_the_shift_is_refused() -> None:
         pencil.solve(0, 2, "here")
 
 
+@pytest.mark.parametrize(("n", "k"), [(12, 1), (60, 7), (130, 17)])
+def test_the_largest_eigenpairs_of_a_symmetric_matrix(n: int, k: int) -> None:
+    turn = np.linalg.qr(np.random.default_rng(n).normal(size=(n, n)))[0]
+    expected = np.logspace(-9, 0, n)
+    matrix = turn * expected @ turn.T
+    values, vectors = dense_module._largest(np.tril(matrix), k)
+    np.testing.assert_allclose(values, expected[n - k :], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(k), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(matrix @ vectors, vectors * values, rtol=0, atol=1e-14)
+
+
 def test_a_dense_pencil_checks_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
     pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
     pencil.move_to(null_space(sp.csr_matrix((0, 3))))
