@@ -137,59 +137,53 @@ def undeformed_stiffness(lengths: np.ndarray, alphas: np.ndarray, section: np.nd
     return np.einsum("s,sie,sje,e->eij", section, gradients, gradients, 1 / lengths)
 
 
-def third_derivative(
-    lengths: np.ndarray,
-    alphas: np.ndarray,
-    section: np.ndarray,
-    vectors: np.ndarray,
-    pairs: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:
-    """Contract the third derivative of the strain energy at rest with pairs of vectors, in the mesh's own frame.
+def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
+    """Return what `third_derivative` is made of, linear in the unknowns: ``(u / L, w / L, psi)`` of every element.
 
-    At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
-    e''[c, a] e'[b])`` over them, times the length. With extension ``u`` and deflection ``w`` of the second node against
-    the first, along and across the element, and ``psi`` the mean rotation of the nodes::
-
-        eps'   = u / L           eps''[a, b]   = (psi_a w_b + w_a psi_b) / L - psi_a psi_b
-        gamma' = w / L - psi     gamma''[a, b] = -(psi_a u_b + u_a psi_b) / L
-
-    The curvature kappa is linear, so bending takes no part.
+    Extension u and deflection w are those of the second node against the first, along and across the element, and psi
+    the mean rotation of the nodes.
 
     Parameters
     ----------
     lengths, alphas
         Shape (n_elements,): m and rad.
-    section
-        ``(EA, k_s GA, EI)``, shape (3,).
-    vectors
-        Element unknowns, shape (n_elements, 6, m).
-    pairs
-        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
 
     Returns
     -------
-    ndarray, shape (n_elements, 6, n_pairs)
-        ``K3[v_i, v_j]``.
+    ndarray, shape (n_elements, 3, 6)
     """
-    cos, sin, zero = np.cos(alphas), np.sin(alphas), np.zeros_like(alphas)
+    cos, sin, zero = np.cos(alphas) / lengths, np.sin(alphas) / lengths, np.zeros_like(alphas)
     half = np.full_like(alphas, 0.5)
-    along = np.array([-cos, -sin, zero, cos, sin, zero]).T / lengths[:, None]
-    across = np.array([sin, -cos, zero, -sin, cos, zero]).T / lengths[:, None]
-    mean = np.array([zero, zero, half, zero, zero, half]).T
-    i, j = pairs
-    u, w, psi = (np.einsum("ek,ekm->em", row, vectors)[:, None] for row in (along, across, mean))
-    along, across, mean = along[..., None], across[..., None], mean[..., None]
-    # e'' applied to one vector: its gradient in the other, shape (n_elements, 6, m)
-    curved_eps = mean * (w - psi) + across * psi
-    curved_gamma = -(mean * u + along * psi)
-    result = np.zeros((len(lengths), 6, i.size))
-    for stiffness, slope, gradient, curved in (
-        (section[0], u, along, curved_eps),
-        (section[1], w - psi, across - mean, curved_gamma),
-    ):
-        second = np.einsum("ekp,ekp->ep", curved[:, :, i], vectors[:, :, j])[:, None]
-        result += stiffness * (gradient * second + slope[..., i] * curved[..., j] + slope[..., j] * curved[..., i])
-    return lengths[:, None, None] * result
+    rows = [[-cos, -sin, zero, cos, sin, zero], [sin, -cos, zero, -sin, cos, zero], [zero, zero, half] * 2]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def third_derivative(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Contract the third derivative of the strain energy at rest with pairs of vectors, for a unit of EA and of k_s GA.
+
+    At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
+    e''[c, a] e'[b])`` over them, times the length. With u, w and psi of `rest_strains`::
+
+        eps'   = u              eps''[a, b]   = psi_a w_b + w_a psi_b - psi_a psi_b
+        gamma' = w - psi        gamma''[a, b] = -(psi_a u_b + u_a psi_b)
+
+    The curvature kappa is linear, so bending takes no part.
+
+    Parameters
+    ----------
+    a, b
+        Strains of both vectors of every pair, shape (n_elements, 3, n_pairs).
+
+    Returns
+    -------
+    tuple of ndarray, each of shape (n_elements, 3, n_pairs)
+        Coefficients of the strains of c, a unit of length: those of EA, and those of k_s GA.
+    """
+    (u_a, w_a, psi_a), (u_b, w_b, psi_b) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
+    gamma_a, gamma_b = w_a - psi_a, w_b - psi_b
+    eps, gamma = psi_a * gamma_b + w_a * psi_b, -(psi_a * u_b + u_a * psi_b)
+    mixed, sheared = u_a * gamma_b + u_b * gamma_a, gamma_a * psi_b + gamma_b * psi_a
+    return np.stack([eps, -gamma, mixed], axis=1), np.stack([-sheared, gamma, -gamma - mixed], axis=1)
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:

@@ -307,33 +307,6 @@ class Body:
         entries = self._undeformed_stiffness(chosen, (axial.coefficient, *[0.0] * (n_strains - 1)))
         return {axial.monomial: entries}
 
-    def cubic_entries(
-        self, chosen: np.ndarray, vectors: np.ndarray, pairs: tuple[np.ndarray, np.ndarray]
-    ) -> dict[Monomial, np.ndarray]:
-        """Return third derivatives of the strain energy at rest, times pairs of vectors, by weight; in the plane.
-
-        Parameters
-        ----------
-        chosen
-            Numbers of elements, n_chosen of them.
-        vectors
-            Their unknowns in the body's frame, shape (n_chosen, 6, m).
-        pairs
-            As for `beam2d.third_derivative`.
-
-        Returns
-        -------
-        dict
-            Each of shape (n_chosen, 6, n_pairs).
-        """
-        if not self.is_planar_beam:
-            return {}
-        lengths, directions = self.mesh.lengths[chosen], self.directions[chosen]
-        return {
-            monomial: beam2d.third_derivative(lengths, directions, np.array(coefficients), vectors, pairs)
-            for monomial, coefficients in self.section.stiffness_terms().items()
-        }
-
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
         if not self.is_beam:

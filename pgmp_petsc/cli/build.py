@@ -94,7 +94,7 @@ def with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, Body
     """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
     timings = Timings()
     with timings.phase("effect sizes"):
-        found = remarks_on_sizes(scene, meshes)
+        found = remarks_on_sizes(scene, meshes, rom.branch)
     record = rom.record
     remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
     return replace(rom, record=replace(record, remarks=remarks, timings=seconds))

@@ -18,7 +18,7 @@ import numpy as np
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
-from pgmp_petsc.effects.patterns import unit_force
+from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 
@@ -93,7 +93,7 @@ class ActionEffect(Effect):
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the unit forces of the actions whose direction is constant in body frames, as in any configuration."""
         rows, anywhere = slice(matrices.rows.start, matrices.rows.stop), self._mechanism.first_guess
-        return [unit_force(action, self._mechanism, anywhere)[rows] for action in self._fixed()]
+        return list(UnitForces(self._fixed(), self._mechanism).at(anywhere)[rows].T)
 
     def elastic_patterns(self) -> list[int]:
         """Return the numbers of the patterns that are forces of linear springs."""

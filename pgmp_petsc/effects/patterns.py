@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pgmp_petsc.effects.action import Action
+from pgmp_petsc.mechanism.body_gradients import BodyGradients
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.scene.numerics import Reduction
 
@@ -20,7 +22,7 @@ class Patterns:
     fixed
         Vectors that do not change with the configuration, local rows, shape (n_local, n_fixed).
     turning
-        Actions whose forces turn in body frames with the configuration; one vector each (`unit_force`).
+        Actions whose forces turn in body frames with the configuration; one vector each (`UnitForces`).
     elastic
         Numbers of the vectors among `fixed` that are forces of linear springs, shape (n_elastic,).
     """
@@ -44,11 +46,31 @@ class Patterns:
         return Patterns(self.fixed[:, :0])
 
 
-def unit_force(action: Action, mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
-    """Return an action's unit force on the rigid mechanism at poses (n_bodies, n_pose), in body frames, (n_dofs,)."""
-    space, total = mechanism.space, np.zeros(mechanism.n_dofs)
-    gradient = action.statement.gradient(*(space.natural(side.frame_of_pose(poses)) for side in action.sides))
-    for side, part in zip(action.sides, np.split(gradient, 2)):
-        if not side.on_ground:
-            total[side.dofs] += part @ space.natural_gradient(poses[side.body], side.arm)
-    return total
+class UnitForces:
+    """Unit forces of actions on the rigid mechanism, in body frames, at any configuration.
+
+    Parameters
+    ----------
+    actions
+        What acts.
+    mechanism
+        What they act on.
+
+    Attributes
+    ----------
+    actions
+        The actions.
+    """
+
+    def __init__(self, actions: Sequence[Action], mechanism: Mechanism) -> None:
+        self.actions, self._mechanism = tuple(actions), mechanism
+        self._gradients = BodyGradients(mechanism, [(action.statement, action.sides) for action in actions])
+
+    def chosen(self, numbers: np.ndarray) -> UnitForces:
+        """Return those of some of the actions, by their numbers or a mask."""
+        numbers = np.arange(len(self.actions))[numbers]
+        return UnitForces([self.actions[k] for k in numbers], self._mechanism)
+
+    def at(self, poses: np.ndarray) -> np.ndarray:
+        """Return the forces at poses (n_bodies, n_pose), all rows, shape (n_dofs, n_actions)."""
+        return self._gradients.dense(poses).T

@@ -7,11 +7,12 @@ of a body is then a combination of constant vectors.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
-from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.mechanism import Mechanism, on_mesh
-from pgmp_petsc.mechanism.space import at_nodes, at_points
 
 
 def to_inertial(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -24,25 +25,6 @@ def to_body(mechanism: Mechanism, poses: np.ndarray, vectors: np.ndarray) -> np.
     return _turn(mechanism, [mechanism.space.rotation(pose).T for pose in poses], vectors)
 
 
-def linear_fields(body: Body) -> np.ndarray:
-    """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
-
-    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
-    nodes. The sections of beams in space turn with their fibres.
-    """
-    if body.component is not None:
-        return body.component.fields
-    d = body.mesh.nodes.shape[1]
-    unit = np.eye(d + d * d)
-    nodal = at_nodes(unit, body.mesh.nodes)
-    if body.axes is not None:
-        nodal[:, d:, d:] = body.section_turns()
-    parts = [nodal.reshape(-1, d + d * d)]
-    if body.meshed is not None:
-        parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
-    return np.concatenate(parts)
-
-
 def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
     """Return the undeformed bodies' positions in the inertial frame, as vectors in body frames, shape (n_dofs,).
 
@@ -50,10 +32,29 @@ def rigid_positions(mechanism: Mechanism, poses: np.ndarray) -> np.ndarray:
     """
     d = mechanism.space.dimension
     places = np.zeros(mechanism.n_dofs)
-    for body, pose in zip(mechanism.bodies, poses):
+    for (dofs, fields), pose in zip(mechanism.linear_fields, poses):
         origin = mechanism.space.to_body(pose[:, None], pose[:d, None])[:, 0]
-        places[body.dofs] = linear_fields(body) @ np.concatenate([origin, np.eye(d).ravel()])
+        places[dofs] = fields @ np.concatenate([origin, np.eye(d).ravel()])
     return places
+
+
+def linear_motion(mechanism: Mechanism, coefficients: Sequence[np.ndarray]) -> np.ndarray:
+    """Return displacements in body frames of bodies that move as linear fields.
+
+    Parameters
+    ----------
+    coefficients
+        Of every body, shape (n_bodies, d + d^2, ...).
+
+    Returns
+    -------
+    ndarray, shape (n_dofs, ...)
+    """
+    trailing = coefficients[0].shape[1:]
+    result = np.zeros((mechanism.n_dofs, math.prod(trailing)))
+    for (dofs, fields), own in zip(mechanism.linear_fields, coefficients):
+        result[dofs] = fields @ own.reshape(len(own), -1)
+    return result.reshape(mechanism.n_dofs, *trailing)
 
 
 def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -70,10 +71,7 @@ def rigid_velocities(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray)
     -------
     ndarray, shape (n_dofs, n_theta)
     """
-    velocities = np.zeros((mechanism.n_dofs, rates.shape[2]))
-    for body, pose, rate in zip(mechanism.bodies, poses, rates):
-        velocities[body.dofs] = linear_fields(body) @ mechanism.space.velocity_field(pose, rate)
-    return velocities
+    return linear_motion(mechanism, [mechanism.space.velocity_field(*own) for own in zip(poses, rates)])
 
 
 def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
@@ -90,12 +88,8 @@ def rigid_curvatures(mechanism: Mechanism, poses: np.ndarray, rates: np.ndarray,
     -------
     ndarray, shape (n_dofs, n_theta, n_theta)
     """
-    n_theta = rates.shape[2]
-    result = np.zeros((mechanism.n_dofs, n_theta, n_theta))
-    for body, pose, rate, curvature in zip(mechanism.bodies, poses, rates, curvatures):
-        field = mechanism.space.acceleration_field(pose, rate, curvature)
-        result[body.dofs] = np.tensordot(linear_fields(body), field, axes=1)
-    return result
+    space = mechanism.space
+    return linear_motion(mechanism, [space.acceleration_field(*own) for own in zip(poses, rates, curvatures)])
 
 
 def _turn(mechanism: Mechanism, rotations: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,14 +39,3 @@ class Connection:
         """How far b is turned against a about the joint's axis; in the plane from where both bodies are parallel, in
         space from where they are assembled."""
         return angle(*self.axes)
-
-    def body_gradients(self, parts: Sequence[Statement], poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return, for each side that moves, its node's unknowns (n_dofs,) and the derivatives (n_parts, n_dofs) of
-        statements about the two frames in them, in body frames at poses (n_bodies, n_pose)."""
-        space, found = self.a.space, []
-        frames = [space.natural(side.frame_of_pose(poses)) for side in self.sides]
-        gradients = np.array([part.gradient(*frames) for part in parts])
-        for side, part in zip(self.sides, np.split(gradients, 2, axis=1)):
-            if not side.on_ground:
-                found.append((side.dofs, part @ space.natural_gradient(poses[side.body], side.arm)))
-        return found

@@ -13,38 +13,55 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
+from pgmp_petsc.mechanism.body_gradients import BodyGradients
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
-from pgmp_petsc.mechanism.statement_rows import ROUND_OFF, StatementRows
+from pgmp_petsc.mechanism.statement_rows import StatementRows
 
 
-def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:
-    """Return C in body frames at one configuration of the rigid mechanism.
+class ConstraintJacobian:
+    """C in body frames at configurations of the rigid mechanism, on one nonzero pattern.
+
+    Rows are those of the joints, of the clamped coordinates, and of the ties of frames to the meshes of continuum
+    bodies.
 
     Parameters
     ----------
-    poses
-        Shape (n_bodies, 3).
+    mechanism
+        The mechanism.
     clamped
-        Coordinates that are held: the relative rotation of each is one more constraint, in rows after all others.
+        Coordinates that are held: the relative rotation of each is one more constraint.
 
-    Returns
-    -------
-    csr_matrix, shape (n_constraints + n_clamped + n_ties, n_dofs)
-        The ties of frames to the meshes of continuum bodies come last.
+    Attributes
+    ----------
+    pattern
+        A matrix with the nonzero pattern, shape (n_constraints + n_clamped + n_ties, n_dofs). What no constraint feels
+        at any configuration is not in it: such an unknown must not become a dependent one.
     """
-    rows, columns, values = [], [], []
-    parts = [(c.rows.start, c.body_gradients(c.joint.statements, poses)) for c in mechanism.connections]
-    parts += [(row, coordinate.body_gradient(poses)) for row, coordinate in enumerate(clamped, mechanism.n_constraints)]
-    for first_row, gradients in parts:
-        for dofs, block in gradients:
-            # explicit zeros are dropped: an unknown that no constraint feels must not become a dependent one
-            row, column = np.nonzero(np.abs(block) > ROUND_OFF)
-            rows.append(first_row + row)
-            columns.append(dofs[column])
-            values.append(block[row, column])
-    shape = (mechanism.n_constraints + len(clamped), mechanism.n_dofs)
-    joints = sp.coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
-    return sp.vstack([joints, *_ties(mechanism)]).tocsr()
+
+    def __init__(self, mechanism: Mechanism, clamped: Sequence[Coordinate] = ()) -> None:
+        held = [(part, c.sides) for c in mechanism.connections for part in c.joint.statements]
+        self._gradients = BodyGradients(mechanism, held + [(c.connection.angle, c.connection.sides) for c in clamped])
+        rows, columns = self._gradients.rows, self._gradients.dofs
+        self._order = np.lexsort((columns, rows))
+        ones, shape = np.ones(rows.size), (self._gradients.n, mechanism.n_dofs)
+        joints = sp.csr_matrix((ones, (rows, columns)), shape=shape)
+        self.pattern = sp.vstack([joints, *_ties(mechanism)]).tocsr()
+
+    def values(self, poses: np.ndarray) -> np.ndarray:
+        """Return the entries on the pattern at poses (n_bodies, n_pose), shape (n_entries,)."""
+        values = self.pattern.data.copy()
+        values[: self._order.size] = self._gradients.values(poses)[self._order]
+        return values
+
+    def at(self, poses: np.ndarray) -> sp.csr_matrix:
+        """Return C at poses (n_bodies, n_pose)."""
+        pattern = self.pattern
+        return sp.csr_matrix((self.values(poses), pattern.indices, pattern.indptr), shape=pattern.shape)
+
+
+def constraint_jacobian(mechanism: Mechanism, poses: np.ndarray, clamped: Sequence[Coordinate] = ()) -> sp.csr_matrix:
+    """Return C at one configuration, poses (n_bodies, n_pose)."""
+    return ConstraintJacobian(mechanism, clamped).at(poses)
 
 
 def _ties(mechanism: Mechanism) -> Iterator[sp.spmatrix]:

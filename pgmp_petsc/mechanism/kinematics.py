@@ -39,11 +39,16 @@ class RigidMotion:
         ``dP/dtheta_k``, shape (n_bodies, n_pose, n_theta).
     curvatures
         ``d2P/dtheta_k dtheta_l``, shape (n_bodies, n_pose, n_theta, n_theta).
+    velocities, accelerations
+        Coefficients of the linear fields ``d rho/d theta_k`` and ``d2 rho/d theta_k d theta_l`` (`Space`), shapes
+        (n_bodies, d + d^2, n_theta) and (n_bodies, d + d^2, n_theta, n_theta).
     """
 
     poses: np.ndarray
     rates: np.ndarray
     curvatures: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
 
 
 class RigidKinematics:
@@ -131,7 +136,11 @@ class RigidKinematics:
         poses = self.poses(theta)
         rates = self.rates(poses)
         curvatures = self.curvatures(poses, rates)
-        parts = zip(*(np.moveaxis(part, -1, 0) for part in (poses, rates, curvatures)))
+        space = self.mechanism.space
+        velocities = np.array([space.velocity_field(*own) for own in zip(poses, rates)])
+        accelerations = np.array([space.acceleration_field(*own) for own in zip(poses, rates, curvatures)])
+        everything = (poses, rates, curvatures, velocities, accelerations)
+        parts = zip(*(np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in everything))
         self._followed.update((one.tobytes(), RigidMotion(*part)) for one, part in zip(theta, parts))
 
     def motion(self, theta: np.ndarray) -> RigidMotion:

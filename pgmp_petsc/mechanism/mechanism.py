@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.composition import attachment_at, bodies_of, connections_of, first_guess
 from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.joints import orthonormality
-from pgmp_petsc.mechanism.space import SPATIAL, Space, rotate, space_of
+from pgmp_petsc.mechanism.space import SPATIAL, Space, at_nodes, at_points, rotate, space_of
 from pgmp_petsc.mechanism.statements import Statement
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.schema import Scene
@@ -37,11 +38,6 @@ class Coordinate:
     upper: float
     periodic: bool
     prescribed: bool = False
-
-    def body_gradient(self, poses: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return, for each side that moves, unknowns of its node and the coordinate's derivatives (1, n_dofs) in them,
-        in body frames at poses (n_bodies, n_pose)."""
-        return self.connection.body_gradients((self.connection.angle,), poses)
 
 
 def placed(space: Space, bodies: Sequence[Body], n_dofs: int, poses: np.ndarray) -> np.ndarray:
@@ -63,6 +59,25 @@ def on_mesh(body: Body, vectors: np.ndarray) -> np.ndarray:
     """View what vectors (n_dofs, ...) have at the nodes of a continuum body's mesh, shape (n, d, ...)."""
     mesh = body.meshed.solid.mesh
     return vectors[body.internal].reshape(mesh.n_nodes, mesh.dimension, *vectors.shape[1:])
+
+
+def linear_fields(body: Body) -> np.ndarray:
+    """Return the linear displacement fields of a body in its own frame, shape (n_body_dofs, d (d + 1)).
+
+    They are ordered as in `Component.fields`; a beam and a rigid body follow those that are no rigid motion at their
+    nodes. The sections of beams in space turn with their fibres.
+    """
+    if body.component is not None:
+        return body.component.fields
+    d = body.mesh.nodes.shape[1]
+    unit = np.eye(d + d * d)
+    nodal = at_nodes(unit, body.mesh.nodes)
+    if body.axes is not None:
+        nodal[:, d:, d:] = body.section_turns()
+    parts = [nodal.reshape(-1, d + d * d)]
+    if body.meshed is not None:
+        parts.append(at_points(unit, body.meshed.solid.mesh.nodes).reshape(-1, d + d * d))
+    return np.concatenate(parts)
 
 
 def _point_rates(pose: np.ndarray, rate: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -120,6 +135,11 @@ class Mechanism:
     def stiffness_weights(self) -> tuple[Monomial, ...]:
         """Weights of the affine stiffness terms, sorted."""
         return tuple(sorted({m for body in self.bodies for m in body.stiffness_weights}))
+
+    @cached_property
+    def linear_fields(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Unknowns and linear displacement fields (`linear_fields`) of every body."""
+        return tuple((body.dofs, linear_fields(body)) for body in self.bodies)
 
     def connection(self, name: str) -> Connection:
         """Return the connection of the joint with this name."""

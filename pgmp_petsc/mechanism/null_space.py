@@ -13,15 +13,14 @@ dropped and counted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import lapack
 from scipy.sparse.csgraph import connected_components
 
 RANK_TOLERANCE = 1e-10  # of the largest pivot of a block; joint Jacobians have entries of order 1
-PATTERNS = 64  # of Jacobians whose blocks are remembered
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,37 +86,19 @@ class NullSpace:
         entries = np.concatenate(values), (np.concatenate(rows), self._column[np.concatenate(columns)])
         return sp.coo_matrix(entries, shape=(self.n_dofs, self.independent.size)).tocsr()
 
-    def dense(self) -> np.ndarray:
-        """Return N as a dense array."""
-        matrix = np.zeros((self.n_dofs, self.independent.size))
-        matrix[self.independent, np.arange(self.independent.size)] = 1.0
+    @cached_property
+    def dependent(self) -> np.ndarray:
+        """The unknowns that the others determine, block by block, shape (rank,)."""
+        return np.concatenate([np.zeros(0, dtype=int), *(part.dependent for part in self.eliminations)])
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Rows of N of `dependent`, dense, shape (rank, n_independent)."""
+        found, first = np.zeros((self.dependent.size, self.independent.size)), 0
         for part in self.eliminations:
-            matrix[part.dependent[:, None], self._column[part.by]] = part.weights
-        return matrix
-
-
-def null_space(constraints: sp.csr_matrix) -> NullSpace:
-    """Compute the sparse null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
-    constraints = sp.csr_matrix(constraints)
-    n_redundant, eliminations, chosen = 0, [], [np.zeros(0, dtype=int)]
-    # scipy's whole numbers have 4 or 8 bytes, by the size of the matrix and its history
-    pattern = (part.astype(np.int64).tobytes() for part in (constraints.indptr, constraints.indices))
-    for block in _blocks(*pattern, constraints.shape):
-        values = np.zeros((block.rows.size, block.touched.size))
-        np.add.at(values, block.places, constraints.data[block.entries])
-        r, order = qr(values, mode="r", pivoting=True, check_finite=False)
-        pivots = np.abs(np.diagonal(r))
-        rank = int(np.sum(pivots > RANK_TOLERANCE * max(pivots[0], 1e-300))) if pivots.size else 0
-        n_redundant += block.rows.size - rank
-        if rank == 0:
-            continue
-        independent_rows = slice(None)
-        if rank < block.rows.size:
-            independent_rows = qr(values.T, mode="r", pivoting=True, check_finite=False)[1][:rank]
-        chosen.append(block.rows[independent_rows])
-        weights = -solve_triangular(r[:rank, :rank], r[:rank, rank:], check_finite=False)
-        eliminations.append(Elimination(block.touched[order[:rank]], block.touched[order[rank:]], weights))
-    return NullSpace(constraints.shape[1], tuple(eliminations), n_redundant, np.sort(np.concatenate(chosen)))
+            found[first : first + part.dependent.size, self._column[part.by]] = part.weights
+            first += part.dependent.size
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,17 +119,60 @@ class _Block:
     places: tuple[np.ndarray, np.ndarray]
 
 
-@lru_cache(maxsize=PATTERNS)
-def _blocks(indptr: bytes, indices: bytes, shape: tuple[int, int]) -> tuple[_Block, ...]:
-    """Return the blocks of a pattern, which from one configuration to the next is mostly the same."""
-    starts, columns = np.frombuffer(indptr, dtype=np.int64), np.frombuffer(indices, dtype=np.int64)
-    # the pattern, not the values: orthogonal rows that share unknowns belong together
-    pattern = sp.csr_matrix((np.ones(columns.size), columns, starts), shape)
-    n_groups, group_of = connected_components(pattern @ pattern.T, directed=False)
-    row_of = np.repeat(np.arange(shape[0]), np.diff(starts))
-    blocks = []
-    for group in range(n_groups):
-        rows, entries = np.flatnonzero(group_of == group), np.flatnonzero(group_of[row_of] == group)
-        touched, column = np.unique(columns[entries], return_inverse=True)
-        blocks.append(_Block(rows, touched, entries, (np.searchsorted(rows, row_of[entries]), column)))
-    return tuple(blocks)
+class NullSpaces:
+    """Null spaces of Jacobians on one nonzero pattern: which constraints share unknowns is found once.
+
+    Parameters
+    ----------
+    pattern
+        A matrix with the pattern and no entry twice, shape (n_constraints, n_dofs).
+    """
+
+    def __init__(self, pattern: sp.csr_matrix) -> None:
+        self._n_dofs = pattern.shape[1]
+        # the pattern, not the values: orthogonal rows that share unknowns belong together
+        shared = sp.csr_matrix((np.ones(pattern.nnz), pattern.indices, pattern.indptr), pattern.shape)
+        n_groups, group_of = connected_components(shared @ shared.T, directed=False)
+        row_of = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+        self._blocks = []
+        for group in range(n_groups):
+            rows, entries = np.flatnonzero(group_of == group), np.flatnonzero(group_of[row_of] == group)
+            touched, column = np.unique(pattern.indices[entries], return_inverse=True)
+            self._blocks.append(_Block(rows, touched, entries, (np.searchsorted(rows, row_of[entries]), column)))
+
+    def of(self, values: np.ndarray) -> NullSpace:
+        """Return the null space for values (n_entries,) on the pattern."""
+        n_redundant, eliminations, chosen = 0, [], [np.zeros(0, dtype=int)]
+        for block in self._blocks:
+            matrix = np.zeros((block.rows.size, block.touched.size), order="F")
+            matrix[block.places] = values[block.entries]
+            r, order, rank = _pivoted(matrix)
+            n_redundant += block.rows.size - rank
+            if rank == 0:
+                continue
+            independent_rows = slice(None)
+            if rank < block.rows.size:
+                independent_rows = _pivoted(matrix.T)[1][:rank]
+            chosen.append(block.rows[independent_rows])
+            weights = -lapack.dtrtrs(r[:rank, :rank], r[:rank, rank:])[0]
+            eliminations.append(Elimination(block.touched[order[:rank]], block.touched[order[rank:]], weights))
+        return NullSpace(self._n_dofs, tuple(eliminations), n_redundant, np.sort(np.concatenate(chosen)))
+
+
+def null_space(constraints: sp.csr_matrix) -> NullSpace:
+    """Return the null space of a constraint Jacobian of shape (n_constraints, n_dofs)."""
+    constraints = sp.csr_matrix(constraints)
+    constraints.sum_duplicates()
+    return NullSpaces(constraints).of(constraints.data)
+
+
+def _pivoted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return R in its upper triangle (what is below it is not zero), the order of columns, and the rank.
+
+    LAPACK itself: what SciPy checks and allocates takes ten times as long as a joint's few rows.
+    """
+    if not matrix.shape[1]:
+        return matrix, np.zeros(0, dtype=int), 0
+    r, order, *_ = lapack.dgeqp3(matrix)
+    pivots = np.abs(np.diagonal(r))
+    return r, order - 1, int(np.count_nonzero(pivots > RANK_TOLERANCE * max(pivots[0], 1e-300)))

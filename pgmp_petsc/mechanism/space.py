@@ -85,8 +85,8 @@ class Space(Protocol):
         ...)."""
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
-        """Return the coefficients (d + d^2, k, k) of accelerations for second derivatives of the pose (n_pose, k,
-        k)."""
+        """Return the coefficients (d + d^2, k, k, ...) of accelerations for second derivatives of the pose (n_pose, k,
+        k, ...)."""
 
 
 class Plane:
@@ -153,7 +153,7 @@ class Plane:
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
         """Return ``R^T r''`` and ``phi'' J - phi' phi' 1``."""
-        spin, centripetal = curvatures[2], np.outer(rates[2], rates[2])
+        spin, centripetal = curvatures[2], rates[2][:, None] * rates[2]
         return np.array([*rotate(-pose[2], curvatures[:2]), -centripetal, -spin, spin, -centripetal])
 
 
@@ -223,8 +223,9 @@ class Spatial:
 
     def acceleration_field(self, pose: np.ndarray, rates: np.ndarray, curvatures: np.ndarray) -> np.ndarray:
         """Return ``R^T r''`` and ``R^T R''``."""
-        found = self._field(pose, curvatures.reshape(12, -1))
-        return found.reshape(len(found), *curvatures.shape[1:])
+        n_pose, k, _, *trailing = curvatures.shape
+        found = self._field(pose, curvatures.reshape(n_pose, k * k, *trailing))
+        return found.reshape(len(found), k, k, *trailing)
 
     def _field(self, pose: np.ndarray, change: np.ndarray) -> np.ndarray:
         # director k is the column k of R: (R^T R')_ij = d_i . d_j'

@@ -26,7 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, schur
+from scipy.linalg import schur
 from scipy.sparse.csgraph import connected_components
 
 from pgmp_petsc.runtime.errors import RunError
@@ -38,25 +38,25 @@ FAR_APART = 0.5  # ... where their eigenvalues come closer than this; others dri
 EXCHANGE = 0.5  # overlap that makes one group of any vectors: one turns into the other between two samples
 
 
-def procrustes(overlap: np.ndarray) -> tuple[np.ndarray, float]:
-    """Solve the orthogonal Procrustes problem.
+def procrustes(overlaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the orthogonal Procrustes problem, of many pairs of bases together.
 
     Parameters
     ----------
-    overlap
-        ``V^T M B``, shape (m, m): the new vectors V against the neighbour's basis B.
+    overlaps
+        ``V^T M B``, shape (..., m, m): the new vectors V against the neighbour's basis B.
 
     Returns
     -------
-    rotation
-        Orthogonal Q such that ``V Q`` is closest to B, shape (m, m).
-    cosine
-        Cosine of the largest angle between the two subspaces; 1 where they agree.
+    rotations
+        Orthogonal Q such that ``V Q`` is closest to B, shape (..., m, m).
+    cosines
+        Cosine of the largest angle between the two subspaces, shape (...); 1 where they agree.
     """
-    if len(overlap) == 1:  # a sign; most groups are single vectors
-        return np.where(overlap < 0.0, -1.0, 1.0), float(np.abs(overlap[0, 0]))
-    left, cosines, right = np.linalg.svd(overlap)
-    return left @ right, float(cosines[-1])
+    if overlaps.shape[-1] == 1:  # a sign
+        return np.where(overlaps < 0.0, -1.0, 1.0), np.abs(overlaps[..., 0, 0])
+    left, cosines, right = np.linalg.svd(overlaps)
+    return left @ right, cosines[..., -1]
 
 
 def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray:
@@ -75,8 +75,8 @@ def canonical_rotation(eigenvalues: np.ndarray, probe: np.ndarray) -> np.ndarray
         Block-diagonal orthogonal matrix, one block for equal eigenvalues.
     """
     splits = np.flatnonzero(np.diff(eigenvalues) > EQUAL_TOLERANCE * eigenvalues[1:]) + 1
-    clusters = np.split(np.arange(eigenvalues.size), splits)
-    return block_diag(*(procrustes(probe[np.ix_(cluster, cluster)])[0] for cluster in clusters))
+    bounds = [0, *splits, eigenvalues.size]
+    return _by_groups(probe, [np.arange(*pair) for pair in zip(bounds, bounds[1:])])[0]
 
 
 def group_modes(eigenvalues: np.ndarray, overlaps: np.ndarray) -> list[np.ndarray]:
@@ -126,24 +126,30 @@ def transport(overlaps: np.ndarray, groups: Sequence[np.ndarray], start: np.ndar
     ndarray, shape (n, m, m)
         Q of every sample.
     """
+    # the polar factor of O Q with an orthogonal Q is that of O, times Q
     rotations = [start]
-    for overlap in overlaps:
-        rotations.append(_by_groups(overlap @ rotations[-1], groups)[0])
+    for turn in _by_groups(overlaps, groups)[0]:
+        rotations.append(turn @ rotations[-1])
     return np.array(rotations)
 
 
 def cosines_of(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
     """Return the cosine of the largest angle of any group for overlaps (n, m, m), shape (n,)."""
-    return np.array([_by_groups(overlap, groups)[1] for overlap in overlaps])
+    return _by_groups(overlaps, groups)[1]
 
 
-def _by_groups(overlap: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
-    rotation, smallest = np.zeros_like(overlap), 1.0
-    for group in groups:
-        block = np.ix_(group, group)
-        rotation[block], cosine = procrustes(overlap[block])
-        smallest = min(smallest, cosine)
-    return rotation, smallest
+def _by_groups(overlaps: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Procrustes rotations of overlaps (..., m, m), block-diagonal, and the least cosines of a group."""
+    rotations, smallest = np.zeros_like(overlaps), np.ones(overlaps.shape[:-2])
+    alone = np.array([group[0] for group in groups if group.size == 1], dtype=int)  # most are single vectors
+    signs, cosines = procrustes(overlaps[..., alone, alone][..., None, None])
+    rotations[..., alone, alone] = signs[..., 0, 0]
+    np.minimum(smallest, cosines.min(axis=-1, initial=1.0), out=smallest)
+    for group in (group for group in groups if group.size > 1):
+        block = (..., *np.ix_(group, group))
+        rotations[block], cosines = procrustes(overlaps[block])
+        np.minimum(smallest, cosines, out=smallest)
+    return rotations, smallest
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +198,7 @@ def close_revolution(
         block = np.ix_(group, group)
         own = holonomy[block]
         closure = Closure.of(own) if beside is None else Closure.beside(own, beside.closures[number])
-        for k in range(len(rotations)):
-            turn = closure.rotation(k / len(rotations))
-            closed[k][:, group] = rotations[k][:, group] @ turn
+        closed[..., group] = rotations[..., group] @ closure.rotations(np.arange(len(rotations)) / len(rotations))
         if closure.flipped >= 0:
             flipped.append(group[closure.flipped])
         closures.append(closure)
@@ -266,13 +270,13 @@ class Closure:
             result += angle * (plane - plane.T)
         return result
 
-    def rotation(self, fraction: float) -> np.ndarray:
-        """Return the matrix that the transported basis is multiplied with, a fraction of the way round."""
-        turn = np.eye(len(self.frame))
+    def rotations(self, fractions: np.ndarray) -> np.ndarray:
+        """Return what the transported basis is multiplied with, fractions (n,) of the way round, shape (n, m, m)."""
+        turns = np.tile(np.eye(len(self.frame)), (fractions.size, 1, 1))
         for (i, j), angle in zip(self.planes, self.angles):
-            cos, sin = np.cos(fraction * angle), np.sin(fraction * angle)
-            turn[[i, i, j, j], [i, j, i, j]] = cos, sin, -sin, cos
-        return self.start @ (self.frame @ turn @ self.frame.T)
+            cos, sin = np.cos(fractions * angle), np.sin(fractions * angle)
+            turns[:, i, i], turns[:, i, j], turns[:, j, i], turns[:, j, j] = cos, sin, -sin, cos
+        return self.start @ (self.frame @ turns @ self.frame.T)
 
 
 def _planes(holonomy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:

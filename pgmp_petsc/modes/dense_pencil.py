@@ -6,21 +6,24 @@ as with shift-invert they are those of the inverse,
     L^-1 M L^-T y = mu y,    K - sigma M = L L^T,    psi = L^-T y,    lambda = sigma + 1/mu,
 
 so that the lowest ones, which are sought, come out to the last digits, however stiff the bodies are along their axes.
-Unknowns without mass have mu = 0.
+Unknowns without mass have mu = 0. N itself is never formed: but for those of the dependent unknowns its rows are those
+of the identity.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import LinAlgError, cho_solve, cholesky, eigh, solve_triangular
+from scipy.linalg import eigh, eigh_tridiagonal, lapack
 
-from pgmp_petsc.mechanism.null_space import NullSpace
+from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.solvers.eigenpair_checks import RESIDUAL_TOLERANCE
 from pgmp_petsc.solvers.shift_invert import EigenPairs
 
 MOST_UNKNOWNS = 250  # beyond, sparse factorisations are faster (benchmarks/scaling/angles.py)
+BLOCK = 64  # columns that LAPACK treats together
+SUBSET = 0.2  # of all eigenvectors: for more of them QR iterations for all are faster
 
 
 class DensePencil:
@@ -35,8 +38,8 @@ class DensePencil:
     def __init__(self, mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
         self._mass, self._stiffness = mass.toarray(), stiffness.toarray()
         self.shift = 0.0
-        self._null = np.zeros((len(self._mass), 0))
-        self._reduced = (np.zeros((0, 0)), np.zeros((0, 0)))
+        self._null = NullSpaces(sp.csr_matrix((0, len(self._mass)))).of(np.zeros(0))
+        self._reduced = (self._stiffness, self._mass)
         self._factor: np.ndarray | None = None
 
     def close(self) -> None:
@@ -56,8 +59,14 @@ class DensePencil:
 
     def move_to(self, null: NullSpace) -> None:
         """Project K and M."""
-        self._null, self._factor = null.dense(), None
-        self._reduced = tuple(self._null.T @ (part @ self._null) for part in (self._stiffness, self._mass))
+        self._null, self._factor = null, None
+        stays, goes, weights = null.independent, null.dependent, null.weights
+        reduced = []
+        for matrix in (self._stiffness, self._mass):
+            half = matrix[stays] + weights.T @ matrix[goes]
+            # symmetric: the transpose is in LAPACK's order
+            reduced.append((half[:, stays] + half[:, goes] @ weights).T)
+        self._reduced = tuple(reduced)
 
     def solve(self, n_rigid: int, n_flexible: int, where: str) -> EigenPairs:
         """Compute the lowest eigenpairs and check their residuals; vectors are ``N psi``.
@@ -70,11 +79,10 @@ class DensePencil:
         what = f"eigenproblem at {where}"
         self.factor(what)
         mass, n_pairs = self._reduced[1], n_rigid + n_flexible
-        half = solve_triangular(self._factor, mass, lower=True, check_finite=False)
-        inverse = solve_triangular(self._factor, half.T, lower=True, check_finite=False)
         n = len(mass)
-        mu, vectors = eigh(inverse, subset_by_index=(n - n_pairs, n - 1), check_finite=False)
-        mu, vectors = mu[::-1], vectors[:, ::-1]
+        inverse = lapack.dsygst(mass, self._factor, itype=1, lower=1)[0]
+        mu, vectors = _largest(inverse, n_pairs) if n_pairs < SUBSET * n else eigh(inverse, driver="ev")
+        mu, vectors = mu[: -n_pairs - 1 : -1], vectors[:, : -n_pairs - 1 : -1]
         n_finite = int(np.sum(mu > n * np.finfo(float).eps * mu[0]))
         if n_finite < n_pairs:
             raise RunError(
@@ -82,13 +90,13 @@ class DensePencil:
                 "modes"
             )
         values = self.shift + 1.0 / mu
-        vectors = solve_triangular(self._factor, vectors, lower=True, trans="T", check_finite=False)
+        vectors = lapack.dtrtrs(self._factor, vectors, lower=1, trans=1)[0]
         # a step of inverse iteration takes the round-off out of the stiffest directions, where it costs most energy
-        vectors = cho_solve((self._factor, True), mass @ vectors, check_finite=False) / mu
+        vectors = _solved(self._factor, mass @ vectors) / mu
         size = _factor(vectors.T @ mass @ vectors, f"{what}: inertia of the modes")
-        vectors = solve_triangular(size, vectors.T, lower=True, check_finite=False).T
+        vectors = lapack.dtrtrs(size, vectors.T, lower=1)[0].T
         self._check_residuals(values, vectors, n_rigid, what)
-        return EigenPairs(values, self._null @ vectors, np.zeros(0))
+        return EigenPairs(values, self._expanded(vectors), np.zeros(0))
 
     def _check_residuals(self, values: np.ndarray, vectors: np.ndarray, n_rigid: int, what: str) -> None:
         """Check residuals relative to the eigenvalue; those of zero eigenvalues to the first positive one."""
@@ -122,11 +130,18 @@ class DensePencil:
 
     def shifted_answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N (N^T (K - sigma M) N)^-1 N^T`` times loads (n_dofs, k), with the factor of the last solve."""
-        return self._null @ cho_solve((self._factor, True), self.felt(loads), check_finite=False)
+        return self._expanded(_solved(self._factor, self.felt(loads)))
 
     def felt(self, loads: np.ndarray) -> np.ndarray:
         """Return ``N^T`` times loads (n_dofs, k)."""
-        return self._null.T @ loads
+        return loads[self._null.independent] + self._null.weights.T @ loads[self._null.dependent]
+
+    def _expanded(self, independent: np.ndarray) -> np.ndarray:
+        """Return N times columns (n_independent, k), shape (n_dofs, k)."""
+        vectors = np.empty((self._null.n_dofs, independent.shape[1]))
+        vectors[self._null.independent] = independent
+        vectors[self._null.dependent] = self._null.weights @ independent
+        return vectors
 
     def times_mass(self, vectors: np.ndarray) -> np.ndarray:
         """Return M times columns (n_dofs, k)."""
@@ -137,6 +152,25 @@ class DensePencil:
         return self._stiffness @ vectors
 
 
+def _largest(matrix: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the k largest eigenvalues, ascending, and their vectors, of the lower triangle of a symmetric matrix.
+
+    By relatively robust representations of the tridiagonal matrix; LAPACK's own driver has these for all eigenvectors
+    alone, and bisection for some, which takes half as long again.
+    """
+    n = len(matrix)
+    reflectors, diagonal, beside, scales, _ = lapack.dsytrd(matrix, lower=1, lwork=BLOCK * n)
+    chosen = {"select": "i", "select_range": (n - k, n - 1), "lapack_driver": "stemr"}
+    values, vectors = eigh_tridiagonal(diagonal, beside, check_finite=False, **chosen)
+    turned = lapack.dormqr("L", "N", reflectors[1:, :-1], scales, vectors[1:], BLOCK * n)[0]
+    return values, np.concatenate([vectors[:1], turned])
+
+
+def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return ``(L L^T)^-1`` times columns, for a lower factor L."""
+    return lapack.dpotrs(factor, right, lower=1)[0]
+
+
 def _factor(matrix: np.ndarray, what: str) -> np.ndarray:
     """Return the lower Cholesky factor.
 
@@ -145,9 +179,7 @@ def _factor(matrix: np.ndarray, what: str) -> np.ndarray:
     RunError
         If the matrix is not positive definite, or not finite.
     """
-    try:
-        return cholesky(matrix, lower=True, check_finite=True)
-    except (LinAlgError, ValueError):
-        raise RunError(
-            f"{what}: the matrix is not positive definite; the mesh may be too fine for double precision"
-        ) from None
+    factor, failed = lapack.dpotrf(matrix, lower=1)
+    if failed or not np.isfinite(factor).all():
+        raise RunError(f"{what}: the matrix is not positive definite; the mesh may be too fine for double precision")
+    return factor

@@ -133,10 +133,9 @@ def _torn_groups(
         first = (slice(None),) * axis + (0,)
         before[first] *= np.where(flipped[axis], -1.0, 1.0)
         turns = np.swapaxes(rotations, -1, -2) @ samples.along(axis) @ before
-        for turn in turns[samples.meaningful(axis)]:
-            for number, group in enumerate(groups):
-                turned = procrustes(turn[np.ix_(group, group)])[0]
-                torn[number] |= np.linalg.norm(turned - np.eye(group.size), 2) > LARGEST_TURN
+        for number, group in enumerate(groups):
+            turned = procrustes(turns[samples.meaningful(axis)][(..., *np.ix_(group, group))])[0]
+            torn[number] |= np.any(np.linalg.norm(turned - np.eye(group.size), 2, axis=(-2, -1)) > LARGEST_TURN)
     return np.flatnonzero(torn)
 
 

@@ -12,6 +12,7 @@ flexible vectors are not orthogonal to them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,10 +20,10 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import AffineMatrices, assemble, owned_rows, weighted_sum
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
+from pgmp_petsc.mechanism.body_frames import linear_motion
+from pgmp_petsc.mechanism.constraints import ConstraintJacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces
 from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.sparse_pencil import SparsePencil
@@ -35,6 +36,7 @@ PREFIX = "pgmp_modes_"
 SCALE_PREFIX = "pgmp_scale_"  # of the first solve, with a guessed shift
 MAX_REFINEMENTS = 60
 REFINEMENT_FLOOR = 1e-6
+SETTLED = 2  # number of the first step whose contraction holds for the next ones
 ROUND_OFF = 1e-15
 TAKEN_UP = 1e-11  # of a load: what round-off leaves of one that the constraints take up
 DEPENDENT_TOLERANCE = 1e-8  # of a vector's own size: what is left of it beside the others
@@ -54,6 +56,8 @@ class ModalProblem:
         Number of flexible modes.
     comm
         Ranks that share one eigenproblem.
+    matrices
+        The rows that this rank has of the mechanism's matrices (`owned_rows`), where they are assembled already.
 
     Raises
     ------
@@ -61,23 +65,43 @@ class ModalProblem:
         If the mesh has fewer flexible modes than asked for.
     """
 
-    def __init__(self, kinematics: RigidKinematics, values: Mapping[str, float], n_modes: int, comm: MPI.Comm) -> None:
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        values: Mapping[str, float],
+        n_modes: int,
+        comm: MPI.Comm,
+        matrices: AffineMatrices | None = None,
+    ) -> None:
         self.kinematics = kinematics
         self.mechanism = kinematics.mechanism
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
-        self._clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
+        clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
         first = self.mechanism.n_constraints
-        self._clamp_rows = slice(first, first + len(self._clamped))
+        self._clamp_rows = slice(first, first + len(clamped))
+        self._constraints = ConstraintJacobian(self.mechanism, clamped)
+        self._null_spaces = NullSpaces(self._constraints.pattern)
         self.comm = comm
         self.n_modes = n_modes
         self.values = dict(values)
-        rows = owned_rows(self.mechanism.n_dofs, comm.rank, comm.size)
-        self.matrices: AffineMatrices = assemble(self.mechanism.bodies, rows)
-        self.rows = rows
-        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), comm)
+        if matrices is None:
+            matrices = assemble(self.mechanism.bodies, owned_rows(self.mechanism.n_dofs, comm.rank, comm.size))
+        self.matrices, self.rows = matrices, matrices.rows
+        self._check_size()
+        self._open()
+
+    def at_values(self, values: Mapping[str, float]) -> ModalProblem:
+        """Return the problem at other parameter values, to be closed by itself; what they leave as it is is shared."""
+        other = copy(self)
+        other.values = dict(values)
+        other._open()
+        return other
+
+    def _open(self) -> None:
+        """Make the pencil at the parameter values, and find its shift."""
+        self._pencil = _pencil(self._sum(self.matrices.mass), self._sum(self.matrices.stiffness), self.comm)
         self._known: ModeSet | None = None
         try:
-            self._check_size()
             self._find_shift()
         except PgmpError:
             self.close()
@@ -105,8 +129,9 @@ class ModalProblem:
         rigid, curvature = self._move_to(theta)
         where = self.kinematics.describe(theta)
         pairs = self._pencil.solve(n_free, self.n_modes, where)
-        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], rigid[:, self.free], where)
-        flexible = self._deflate(pairs.vectors[:, n_free:], rigid[:, self.free])
+        free = rigid[:, self.free]
+        self._check_rigid(pairs.values, pairs.vectors[:, :n_free], free, where)
+        flexible = self._deflate(pairs.vectors[:, n_free:], free)
         self._known = ModeSet(theta, pairs.values[n_free:], rigid, curvature, flexible, self.free)
         return self._known
 
@@ -127,19 +152,22 @@ class ModalProblem:
 
     def constraints_at(self, poses: np.ndarray) -> sp.csr_matrix:
         """Return the constraint Jacobian at poses (n_bodies, 3), prescribed coordinates clamped."""
-        return constraint_jacobian(self.mechanism, poses, self._clamped)
+        return self._constraints.at(poses)
+
+    def _null_space(self, theta: np.ndarray) -> NullSpace:
+        return self._null_spaces.of(self._constraints.values(self.kinematics.motion(theta).poses))
 
     def _move_to(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Refill the matrices for a configuration; return its rigid velocity and curvature, local rows."""
-        self._pencil.move_to(null_space(self.constraints_at(self.kinematics.motion(theta).poses)))
+        self._pencil.move_to(self._null_space(theta))
         self._known = None
         return self.rigid_motion(theta)
 
     def rigid_motion(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return ``d rho / d theta`` and ``d2 rho / d theta2`` at a configuration, local rows, as in `ModeSet`."""
         motion, own = self.kinematics.motion(theta), slice(self.rows.start, self.rows.stop)
-        rigid = rigid_velocities(self.mechanism, motion.poses, motion.rates)[own]
-        return rigid, rigid_curvatures(self.mechanism, motion.poses, motion.rates, motion.curvatures)[own]
+        parts = (motion.velocities, motion.accelerations)
+        return tuple(linear_motion(self.mechanism, part)[own] for part in parts)
 
     def independent(self, loads: np.ndarray) -> np.ndarray:
         """Leave out the loads that are combinations of those before them, or that clamped joints take up.
@@ -187,25 +215,32 @@ class ModalProblem:
             If the refinement does not converge.
         """
         m_kept = self.times_mass(kept)
-        gram = self.inner(kept, m_kept)
-        balanced = loads - m_kept @ np.linalg.solve(gram, self.inner(kept, loads))
+        inverse = np.linalg.inv(self.inner(kept, m_kept))
+        balanced = loads - m_kept @ (inverse @ self.inner(kept, loads))
         # of what is deflated too: an answer that vanishes beside it is round-off and never settles
         undeflated = self.norms(self._pencil.shifted_answers(loads))
-        answers = np.zeros_like(loads)
+        answers, m_answers = np.zeros((2, *loads.shape))
         last = np.full(loads.shape[1], np.inf)
         active = np.flatnonzero(self._feels(loads))
         if not active.size:
             return answers
-        for _ in range(MAX_REFINEMENTS):
-            residual = balanced[:, active] - self.times_stiffness(answers[:, active])
-            step = self._steps(residual)
-            step -= kept @ np.linalg.solve(gram, self.inner(m_kept, step))
+        for number in range(MAX_REFINEMENTS):
+            step = self._steps(balanced[:, active] - self.times_stiffness(answers[:, active]))
+            m_step = self.times_mass(step)
+            known = inverse @ self.inner(kept, m_step)
+            step -= kept @ known
+            m_step -= m_kept @ known
             answers[:, active] += step
-            size, whole = np.split(self.norms(np.hstack([step, answers[:, active]])), 2)
+            m_answers[:, active] += m_step
+            squares = [np.einsum("dk,dk->k", step, m_step)]
+            squares.append(np.einsum("dk,dk->k", answers[:, active], m_answers[:, active]))
+            size, whole = np.sqrt(np.maximum(self._summed(np.array(squares)), 0.0))
+            # the first steps are exact along what is known: only then is the contraction that of what is left
+            ahead = size * size / last[active] if number >= SETTLED else size
             # round-off of stiff directions may hold the steps up before that, but never far above
             stalled = (size > 0.5 * last[active]) & (size <= REFINEMENT_FLOOR * whole)
             last[active] = size
-            going = (size > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
+            going = (np.minimum(size, ahead) > np.maximum(1e-13 * whole, ROUND_OFF * undeflated[active])) & ~stalled
             if not going.any():
                 return answers
             worst = np.max(size[going] / whole[going])
@@ -248,11 +283,13 @@ class ModalProblem:
         return self._pencil.times_stiffness(vectors)
 
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Return ``left^T right`` over all rows (those of all ranks)."""
+        """Return ``left^T right`` over all rows (those of all ranks), for right of shape (..., n_local, k)."""
         return self._summed(left.T @ right)
 
     def _summed(self, part: np.ndarray) -> np.ndarray:
         """Return a new array's sum over the ranks."""
+        if self.comm.size == 1:
+            return part
         from mpi4py import MPI
 
         part = np.ascontiguousarray(part)
@@ -281,7 +318,7 @@ class ModalProblem:
             )
 
     def _check_size(self) -> None:
-        null = null_space(self.constraints_at(self.kinematics.motion(self._lowest()).poses))
+        null = self._null_space(self._lowest())
         self._available = null.independent.size - self.free.size
         if self.n_modes > self._available:
             raise InputError(

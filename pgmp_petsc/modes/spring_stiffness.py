@@ -20,9 +20,10 @@ import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects import Action, Effect
-from pgmp_petsc.effects.patterns import unit_force
+from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.effects.springs import Block, moving_dofs, spring_block, spring_force
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities, to_body
+from pgmp_petsc.mechanism.body_frames import linear_motion, to_body
+from pgmp_petsc.mechanism.body_gradients import BodyGradients
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 
 if TYPE_CHECKING:
@@ -68,8 +69,11 @@ class SpringStiffness:
         self._springs, self._weights = tuple(springs), weights
         self.free = np.flatnonzero([not coordinate.prescribed for coordinate in kinematics.coordinates])
         self.dofs = [moving_dofs(spring) for spring in self._springs]
+        self._forces = UnitForces(self._springs, self._mechanism)
+        turned = [kinematics.coordinates[k].connection for k in self.free]
+        self._turning = BodyGradients(self._mechanism, [(joint.angle, joint.sides) for joint in turned])
         if weights is not None and self.free.size:
-            self.dofs.append(self._turning(self._mechanism.first_guess)[0])
+            self.dofs.append(np.unique(self._turning.dofs))
 
     def at(self, theta: np.ndarray, matrices: AffineMatrices, comm: MPI.Comm) -> list[Block]:
         """Return the blocks at a configuration (n_theta,), rad; the same on all ranks. Collective on `comm`.
@@ -90,7 +94,8 @@ class SpringStiffness:
             for spring, force in zip(self._springs, forces)
         ]
         if loaded and self.free.size:
-            dofs, turning = self._turning(poses)
+            dofs = self.dofs[-1]
+            turning = self._turning.dense(poses)[:, dofs].T
             blocks.append(Block(dofs, turning @ self._of_curvature(theta, forces, matrices, comm) @ turning.T))
         return blocks
 
@@ -116,17 +121,7 @@ class SpringStiffness:
     def _rigid(self, theta: np.ndarray) -> np.ndarray:
         """Return ``rho,k`` of the free coordinates in body frames, all rows, shape (n_dofs, n_free)."""
         motion = self.kinematics.motion(theta)
-        return rigid_velocities(self._mechanism, motion.poses, motion.rates)[:, self.free]
-
-    def _turning(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return unknowns of the free coordinates' joints, and the coordinates' derivatives in them, (n, n_free)."""
-        parts = [self.kinematics.coordinates[k].body_gradient(poses) for k in self.free]
-        dofs = np.unique(np.concatenate([own for part in parts for own, _ in part]))
-        gradient = np.zeros((dofs.size, self.free.size))
-        for column, part in zip(gradient.T, parts):
-            for own, values in part:
-                column[np.searchsorted(dofs, own)] += values[0]
-        return dofs, gradient
+        return linear_motion(self._mechanism, motion.velocities)[:, self.free]
 
     def _of_curvature(
         self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
@@ -136,11 +131,9 @@ class SpringStiffness:
 
         motion = self.kinematics.motion(theta)
         poses = motion.poses
-        curvature = rigid_curvatures(self._mechanism, poses, motion.rates, motion.curvatures)
+        curvature = linear_motion(self._mechanism, motion.accelerations)
         curvature = curvature[:, self.free][:, :, self.free]
-        pulled = np.zeros(self._mechanism.n_dofs)
-        for spring, force in zip(self._springs, forces):
-            pulled += force * unit_force(spring, self._mechanism, poses)
+        pulled = self._forces.at(poses) @ np.array(forces)
         own = slice(matrices.rows.start, matrices.rows.stop)
         weight = self._weight(poses, matrices)
         work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1), op=MPI.SUM)

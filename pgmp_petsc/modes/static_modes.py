@@ -53,14 +53,18 @@ def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) ->
 
 def _with_answers(problem: ModalProblem, kept: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out."""
-    basis, dependent = kept, np.zeros(len(loads.T), dtype=bool)
-    for number, load in enumerate(loads.T):
-        answer = problem.static_answers(kept, load[:, None])
-        before = problem.norms(answer)[0]
+    if not len(loads.T):
+        return kept, np.zeros(0, dtype=bool)
+    answers = problem.static_answers(kept, loads)
+    before = problem.norms(answers)
+    basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(loads.T), dtype=bool)
+    for number, answer in enumerate(answers.T[..., None]):
+        gram = problem.inner(basis, m_basis)
         for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            answer = answer - problem.onto(basis, answer)
-        after = problem.norms(answer)[0]
-        dependent[number] = not after > DEPENDENT_TOLERANCE * before
+            answer = answer - basis @ np.linalg.solve(gram, problem.inner(m_basis, answer))
+        m_answer = problem.times_mass(answer)
+        after = np.sqrt(problem.inner(answer, m_answer)[0, 0])
+        dependent[number] = not after > DEPENDENT_TOLERANCE * before[number]
         if not dependent[number]:
-            basis = np.hstack([basis, answer / after])
+            basis, m_basis = np.hstack([basis, answer / after]), np.hstack([m_basis, m_answer / after])
     return basis, dependent

@@ -8,15 +8,16 @@ rounds of further configurations follow where the interpolated tables differ fro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.bodies.matrices import assemble, owned_rows
+from pgmp_petsc.bodies.matrices import assemble, assemble_mass, owned_rows
 from pgmp_petsc.components.condensing import angle_group, condensed
-from pgmp_petsc.effects import Action, Load, Patterns, actions_of, effects_of, loads_of, patterns_of
+from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -31,7 +32,6 @@ from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
-from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.refinement import interpolation_errors, midpoints
 from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -110,39 +110,31 @@ def _built(
         rows = owned_rows(mechanism.n_dofs, group.comm.rank, group.comm.size)
         matrices, effects = assemble(mechanism.bodies, rows), effects_of(scene, mechanism)
         loads, patterns = loads_of(effects, matrices), patterns_of(effects, matrices)
-    with timings.phase("points"):
-        points = choose_points(scene, kinematics, patterns, group)
     store = SampleStore(group, _samples(scene, kinematics))
-    setting = _Setting(scene, kinematics, loads, actions_of(effects), patterns, points, group, scramble, checkpoint)
-    n_redundant, joined, basis = 0, None, None
-    compression: Compression | None = None
-    while True:
+    with ExitStack() as opened:
         with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
-            n_redundant = max(n_redundant, setting.compute(store))
-        with timings.phase("continuity"):
-            previous = basis
-            with agreed(group.world, "continuity"):
-                joined = store.join()
-            with agreed(group.world, "compression"):
-                if joined is not None:
-                    # later rounds take the first one's: other vectors would have other tables to compare
-                    compression = compression or compression_of(
-                        mechanism, scene.nominal, joined, scene.reduction.parameter_modes
-                    )
-                    basis = ContinuousBasis.of(mechanism, store.samples, loads, joined, compression)
-            wanted = on_root(group.world, lambda: _wanted(scene, store, previous, basis))
-        if wanted.size == 0:
-            break
-        store.request(wanted)
-    if scene.second_order:
-        with timings.phase("second order"):
-            basis = setting.curve(store, basis)
+            problem = ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm, matrices)
+            opened.enter_context(problem)
+            static_loads = StaticLoads.of(problem, patterns, scene.reduction)
+        with timings.phase("points"):
+            points = choose_points(scene, problem, static_loads, group)
+        with timings.phase("eigenproblems"), agreed(group.world, "eigenproblems"):
+            snapshots = opened.enter_context(ParameterSnapshots(problem, static_loads, points.points))
+            sampler = Sampler(problem, loads, static_loads, snapshots, _probe(problem, actions_of(effects)))
+        sampling = _Sampling(scene, sampler, group, scramble, checkpoint)
+        joined, basis = sampling.joined(store, loads, timings)
+        if scene.second_order:
+            with timings.phase("second order"):
+                basis = sampling.curve(store, basis, Manifold(problem, loads, static_loads, scene.static_stretching))
+    n_redundant = problem.n_redundant
     timings = timings.maximum(group.world)
     if joined is None:
         return None
-    tables = basis.tables
+    tables, mass = basis.tables, matrices.mass
+    if group.comm.size > 1:
+        mass = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
     if scene.second_order:
-        changes = mode_changes(kinematics, tables.samples, basis.projection, scene.reduction.interpolation)
+        changes = mode_changes(kinematics, mass, tables.samples, basis.projection, scene.reduction.interpolation)
         tables = replace(tables, changes=changes)
     indefinite = indefinite_between(tables, scene.reduction.interpolation, *spanning_values(scene))
     remarks = (
@@ -154,7 +146,7 @@ def _built(
     return ReducedOrderModel(
         tables=tables,
         branch=kinematics.branch,
-        rigid_inertia=rigid_inertia(tables.samples, tables.mass_weights, kinematics),
+        rigid_inertia=rigid_inertia(tables.samples, mass, kinematics),
         projection=basis.projection,
         frequencies_hz=np.sqrt(joined.tables["eigenvalues"]) / (2 * np.pi),
         cosines=joined.cosines,
@@ -186,59 +178,74 @@ def _doubts(cosine: float, n_redundant: int, indefinite: str) -> tuple[Remark, .
 
 
 @dataclass(frozen=True)
-class _Setting:
-    """What the samples of one build have in common."""
+class _Sampling:
+    """How the samples of one build are computed."""
 
     scene: Scene
-    kinematics: RigidKinematics
-    loads: tuple[Load, ...]
-    actions: tuple[Action, ...]
-    patterns: Patterns
-    points: ParameterPoints
+    sampler: Sampler
     group: RankGroup
     scramble: Callable[[ModeSet], ModeSet]
     checkpoint: BuildCheckpoint | None
 
-    def compute(self, store: SampleStore) -> int:
-        """Compute this group's missing samples; return the number of redundant constraints, 0 if there were none."""
+    def joined(
+        self, store: SampleStore, loads: Sequence[Load], timings: Timings
+    ) -> tuple[JoinedSamples | None, ContinuousBasis | None]:
+        """Compute samples, round by round, and join them; on the first rank, None elsewhere. Collective."""
+        scene, world, mechanism = self.scene, self.group.world, self.sampler.problem.mechanism
+        joined, basis = None, None
+        compression: Compression | None = None
+        while True:
+            with timings.phase("eigenproblems"), agreed(world, "eigenproblems"):
+                self._compute(store)
+            with timings.phase("continuity"):
+                previous = basis
+                with agreed(world, "continuity"):
+                    joined = store.join()
+                with agreed(world, "compression"):
+                    if joined is not None:
+                        # later rounds take the first one's: other vectors would have other tables to compare
+                        compression = compression or compression_of(
+                            mechanism, scene.nominal, joined, scene.reduction.parameter_modes
+                        )
+                        basis = ContinuousBasis.of(mechanism, store.samples, loads, joined, compression)
+                wanted = on_root(world, lambda: _wanted(scene, store, previous, basis))
+            if wanted.size == 0:
+                return joined, basis
+            store.request(wanted)
+
+    def _compute(self, store: SampleStore) -> None:
+        """Compute this group's missing samples."""
         missing = store.missing()
         if not missing:
-            return 0
-        with progress(len(missing), "eigenproblems", self.group.world) as bar, self._problem() as problem:
-            static_loads = self._static_loads(problem)
-            self.kinematics.follow(np.array(list(missing.values())))
-            with ParameterSnapshots(problem, static_loads, self.points.points) as snapshots:
-                sampler = Sampler(problem, self.loads, static_loads, snapshots, self._probe(problem))
-                try:
-                    for number, theta in missing.items():
-                        store.put(number, self._sample(sampler, theta))
-                        bar.update()
-                finally:
-                    if self.checkpoint is not None:
-                        self.checkpoint.flush()
-            return problem.n_redundant
+            return
+        self.sampler.problem.kinematics.follow(np.array(list(missing.values())))
+        with progress(len(missing), "eigenproblems", self.group.world) as bar:
+            try:
+                for number, theta in missing.items():
+                    store.put(number, self._sample(theta))
+                    bar.update()
+            finally:
+                if self.checkpoint is not None:
+                    self.checkpoint.flush()
 
-    def _sample(self, sampler: Sampler, theta: np.ndarray) -> Sample:
+    def _sample(self, theta: np.ndarray) -> Sample:
         if self.checkpoint is None:
-            return sampler.sample(theta, self.scramble)
-        sample = self.checkpoint.sample(theta, sampler.problem)
+            return self.sampler.sample(theta, self.scramble)
+        sample = self.checkpoint.sample(theta, self.sampler.problem)
         if sample is None:
-            sample = sampler.sample(theta, self.scramble)
-            self.checkpoint.add_sample(theta, sample, sampler.problem)
+            sample = self.sampler.sample(theta, self.scramble)
+            self.checkpoint.add_sample(theta, sample, self.sampler.problem)
         return sample
 
-    def curve(self, store: SampleStore, basis: ContinuousBasis | None) -> ContinuousBasis | None:
+    def curve(self, store: SampleStore, basis: ContinuousBasis | None, manifold: Manifold) -> ContinuousBasis | None:
         """Add what is of second order to the finished basis (first rank; None elsewhere). Collective."""
         world, own, found = self.group.world, store.own(), {}
         combinations = world.bcast(None if basis is None else basis.combinations)
-        with agreed(world, "second order"):
-            if own:
-                with progress(len(own), "second order", world) as bar, self._problem() as problem:
-                    manifold = Manifold(problem, self.loads, self._static_loads(problem), self.scene.static_stretching)
-                    for place, sample in own.items():
-                        chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
-                        found[place] = problem.all_rows(chi), tables
-                        bar.update()
+        with agreed(world, "second order"), progress(len(own), "second order", world) as bar:
+            for place, sample in own.items():
+                chi, tables = manifold.at(store.samples.theta[place], sample, combinations[place])
+                found[place] = self.sampler.problem.all_rows(chi), tables
+                bar.update()
         if self.group.roots is None:
             return None
         parts = self.group.roots.gather(found)
@@ -248,16 +255,11 @@ class _Setting:
         curvature = np.array([chi for chi, _ in ordered])
         return basis.curved(store.samples, curvature, SecondOrderTables.joined([tables for _, tables in ordered]))
 
-    def _problem(self) -> ModalProblem:
-        return ModalProblem(self.kinematics, self.scene.nominal, self.scene.reduction.modes, self.group.comm)
 
-    def _probe(self, problem: ModalProblem) -> InfluenceProbe | None:
-        """Return what probes the modes' stiffness; None with others than beams in the plane, whose K3 is not known."""
-        beams = all(body.is_planar_beam or not body.flexible for body in problem.mechanism.bodies)
-        return InfluenceProbe(problem, self.actions) if beams else None
-
-    def _static_loads(self, problem: ModalProblem) -> StaticLoads:
-        return StaticLoads.of(problem, self.patterns, self.scene.reduction)
+def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:
+    """Return what probes the modes' stiffness; None with others than beams in the plane, whose K3 is not known."""
+    beams = all(body.is_planar_beam or not body.flexible for body in problem.mechanism.bodies)
+    return InfluenceProbe(problem, actions) if beams else None
 
 
 def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis) -> StiffnessChanges | None:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.effects import Patterns
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.modes.static_modes import static_modes
@@ -33,8 +32,15 @@ GAIN = 0.9  # a further point leaves less than this of the largest share, or is 
 DIGITS = 6  # of the shares that are compared: round-off must not choose
 
 
-def choose_points(scene: Scene, kinematics: RigidKinematics, patterns: Patterns, group: RankGroup) -> ParameterPoints:
+def choose_points(scene: Scene, problem: ModalProblem, loads: StaticLoads, group: RankGroup) -> ParameterPoints:
     """Choose the points for ``reduction.parameter_modes``. Collective on ``group.world``; the same on all ranks.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem at the nominal parameters.
+    loads
+        What static modes answer.
 
     Raises
     ------
@@ -53,7 +59,7 @@ def choose_points(scene: Scene, kinematics: RigidKinematics, patterns: Patterns,
             "value beside the nominal one) to take modes at; give one, or leave parameter_modes out"
         )
     with agreed(group.world, "choice of parameter points"):
-        shares = _Shares(scene, kinematics, patterns, group, candidates)
+        shares = _Shares(scene, problem, loads, group, candidates)
     chosen: list[int] = []
     current = shares.of(chosen)
     missed = [current.max()]
@@ -74,23 +80,21 @@ class _Shares:
     def __init__(
         self,
         scene: Scene,
-        kinematics: RigidKinematics,
-        patterns: Patterns,
+        problem: ModalProblem,
+        loads: StaticLoads,
         group: RankGroup,
         candidates: Sequence[Mapping[str, float]],
     ) -> None:
         self._group, self._n_candidates = group, len(candidates)
         self._n_vectors = scene.reduction.parameter_modes
         self._own: list[_Configuration] = []
-        middles = _middles(kinematics)
+        middles = _middles(problem.kinematics)
         own = middles[list(group.arc(len(middles)))]
         if not own.size:
             return
-        with ModalProblem(kinematics, scene.nominal, scene.reduction.modes, group.comm) as problem:
-            loads = StaticLoads.of(problem, patterns, scene.reduction)
-            with ParameterSnapshots(problem, loads, candidates) as snapshots:
-                for theta in own:
-                    self._own.append(_Configuration.of(problem, snapshots, loads, theta))
+        with ParameterSnapshots(problem, loads, candidates) as snapshots:
+            for theta in own:
+                self._own.append(_Configuration.of(problem, snapshots, loads, theta))
 
     def of(self, chosen: Sequence[int]) -> np.ndarray:
         """Return the largest missed share of every candidate over the configurations, shape (n_candidates,)."""

@@ -75,13 +75,10 @@ def join_samples(
         If the modes cannot be made continuous (first rank).
     """
     overlaps = _overlaps(group, owners, own, samples)
-    rows = {k: group.comm.gather(own[k].shape) for k in sorted(own)}
+    shapes = {k: _all_rows(group, own[k].shape) for k in sorted(own)}
     if group.roots is None:
         return None
-    found = {
-        k: ({name: getattr(sample, name) for name in TABLES}, np.concatenate(rows[k]), overlaps[k])
-        for k, sample in own.items()
-    }
+    found = {k: ({name: getattr(sample, name) for name in TABLES}, shapes[k], overlaps[k]) for k, sample in own.items()}
     everything = group.roots.gather(found)
     if group.world.rank > 0:
         return None
@@ -128,19 +125,27 @@ def _overlaps(
             giver, taker = owners[before], owners[here]
             if before < 0 or group.index not in (giver, taker):
                 continue
-            whole = None
-            if group.index == giver:
-                parts = group.comm.gather(own[before].kept)
-                whole = np.concatenate(parts) if parts is not None else None
-            if giver != taker and group.comm.rank == 0:
-                if group.index == giver:
+            if giver == taker:
+                rows = own[before].kept
+            elif group.index == giver:
+                whole = _all_rows(group, own[before].kept)
+                if group.roots is not None:
                     group.roots.send(whole, dest=int(taker), tag=here)
-                else:
-                    whole = group.roots.recv(source=int(giver), tag=here)
-            if group.index == taker:
-                product = own[here].mass_kept.T @ _own_rows(group, own[here], group.comm.bcast(whole))
-                overlaps[here][axis] = group.comm.allreduce(product, op=MPI.SUM)
+                continue
+            else:
+                whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
+                rows = _own_rows(group, own[here], group.comm.bcast(whole))
+            product = own[here].mass_kept.T @ rows
+            overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product, op=MPI.SUM)
     return overlaps
+
+
+def _all_rows(group: RankGroup, rows: np.ndarray) -> np.ndarray | None:
+    """Return the rows of all ranks of the group on its first one, None elsewhere."""
+    if group.comm.size == 1:
+        return rows
+    parts = group.comm.gather(rows)
+    return None if parts is None else np.concatenate(parts)
 
 
 def _own_rows(group: RankGroup, sample: Sample, whole: np.ndarray) -> np.ndarray:

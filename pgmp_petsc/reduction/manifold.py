@@ -9,7 +9,7 @@ import numpy as np
 from pgmp_petsc.effects import Load
 from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.sampler import Sample, turned_loads
+from pgmp_petsc.reduction.sampler import Sample, TurnedLoads
 from pgmp_petsc.reduction.second_order import SecondOrderTables, symmetric, unpacked
 from pgmp_petsc.reduction.static_loads import StaticLoads
 
@@ -36,7 +36,7 @@ class Manifold:
         static_loads: StaticLoads,
         static_stretching: bool = False,
     ) -> None:
-        self._problem, self._loads, self._static_loads = problem, loads, static_loads
+        self._problem, self._loads, self._static_loads = problem, TurnedLoads(problem, loads), static_loads
         self._curvature = CurvatureProblem(problem, static_stretching)
 
     def at(self, theta: np.ndarray, sample: Sample, combination: np.ndarray) -> tuple[np.ndarray, SecondOrderTables]:
@@ -74,6 +74,6 @@ class Manifold:
         inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
         return curvature.chi, SecondOrderTables(
             cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
-            curved_load=unpacked(problem.inner(turned_loads(problem, self._loads, theta), curvature.chi))[None],
+            curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],
             curved_inertia=unpacked(inertia)[None],
         )

@@ -6,12 +6,14 @@ A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -34,18 +36,25 @@ class ModeChanges:
     spread: np.ndarray
 
 
-def mode_changes(kinematics: RigidKinematics, samples: SampleGrid, projection: np.ndarray, scheme: str) -> ModeChanges:
+def mode_changes(
+    kinematics: RigidKinematics,
+    masses: Mapping[Monomial, sp.csr_matrix],
+    samples: SampleGrid,
+    projection: np.ndarray,
+    scheme: str,
+) -> ModeChanges:
     """Return the tables of changing modes, in the plane.
 
     Parameters
     ----------
+    masses
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
     projection
         Flexible vectors in body frames, shape (n, n_dofs, n_delta), continuous.
     scheme
         Interpolation over the samples.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
-    masses = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     rates = kinematics.rates(kinematics.poses(samples.theta))
     over = interpolant(samples, projection, scheme)
     slopes = [over.slope(samples.theta, k) for k in range(r)]

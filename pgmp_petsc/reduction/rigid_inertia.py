@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.mechanism.body_frames import linear_fields
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
@@ -21,11 +22,18 @@ def fine_grid(samples: SampleGrid) -> SampleGrid:
     return SampleGrid(tuple(Samples.uniform(axis.lower, axis.upper, n, axis.periodic) for axis in samples))
 
 
-def rigid_inertia(samples: SampleGrid, weights: tuple[Monomial, ...], kinematics: RigidKinematics) -> np.ndarray:
+def rigid_inertia(
+    samples: SampleGrid, mass: Mapping[Monomial, sp.csr_matrix], kinematics: RigidKinematics
+) -> np.ndarray:
     """Return ``(d rho/d theta_k)^T M_i (d rho/d theta_l)`` of every mass term on the fine grid.
 
     In its own frame a body moves as a combination of constant vectors, so the mass that belongs to the velocities of
-    all bodies is assembled once.
+    all bodies is projected once.
+
+    Parameters
+    ----------
+    mass
+        All rows of the mass terms, in body frames, shape (n_dofs, n_dofs) each.
 
     Returns
     -------
@@ -34,15 +42,14 @@ def rigid_inertia(samples: SampleGrid, weights: tuple[Monomial, ...], kinematics
     """
     fine, mechanism = fine_grid(samples), kinematics.mechanism
     unit = np.zeros((mechanism.n_dofs, 0))
-    for body in mechanism.bodies:
-        fields = linear_fields(body)
+    for dofs, fields in mechanism.linear_fields:
         own = np.zeros((mechanism.n_dofs, fields.shape[1]))
-        own[body.dofs] = fields
+        own[dofs] = fields
         unit = np.hstack([unit, own])
-    terms = assemble(mechanism.bodies, range(mechanism.n_dofs)).mass
     poses = kinematics.poses(fine.theta)
     rates = kinematics.rates(poses)
     local = np.concatenate([mechanism.space.velocity_field(*pair) for pair in zip(poses, rates)])
-    values = [np.einsum("akn,ab,bjn->nkj", local, unit.T @ (terms[w] @ unit), local, optimize=True) for w in weights]
+    terms = [unit.T @ (mass[weight] @ unit) for weight in mechanism.mass_weights]
+    values = [np.einsum("akn,ab,bjn->nkj", local, term, local, optimize=True) for term in terms]
     rows, columns = np.tril_indices(kinematics.n_coordinates)
     return np.ascontiguousarray(np.stack(values, axis=1)[..., rows, columns])

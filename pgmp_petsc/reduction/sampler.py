@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.effects import Load
 from pgmp_petsc.mechanism.body_frames import to_body
@@ -18,6 +20,7 @@ from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe
 
 # a test's way to spoil signs and order after the solver
 Scramble = Callable[[ModeSet], ModeSet]
+DENSE = 0.1  # share of entries from which on a matrix is multiplied as a dense one
 TABLES = ("eigenvalues", "mass", "inertia", "stiffness", "load", "canonical", "influence")
 
 
@@ -98,9 +101,10 @@ class Sampler:
     ) -> None:
         self.problem = problem
         mechanism = problem.mechanism
-        self._mass = [problem.matrices.mass[w] for w in mechanism.mass_weights]
-        self._stiffness = [problem.matrices.stiffness[w] for w in mechanism.stiffness_weights]
-        self._loads = loads
+        self._mass = _stacked([problem.matrices.mass[w] for w in mechanism.mass_weights])
+        self._stiffness = _stacked([problem.matrices.stiffness[w] for w in mechanism.stiffness_weights])
+        self._loads = TurnedLoads(problem, loads)
+        self._waves = self._incommensurate(problem.n_modes)
         self._static_loads = static_loads
         self._snapshots = snapshots
         self._probe = probe
@@ -115,7 +119,7 @@ class Sampler:
         """
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
-        loads = turned_loads(problem, self._loads, theta)
+        loads = self._loads.at(theta)
         static = static_modes(problem, modes, self._static_loads.at(problem, modes))
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
@@ -124,11 +128,14 @@ class Sampler:
             )
             shape = np.hstack([kept, missed])
         basis = np.hstack([modes.rigid, shape])
+        n_theta = modes.rigid.shape[1]
+        inertia = self._times(self._mass, basis)
+        accelerations = modes.rigid_curvature.reshape(len(basis), n_theta**2)
         return Sample(
             eigenvalues=modes.eigenvalues,
-            mass=self._project(self._mass, basis),
-            inertia=self._project_inertia(modes.rigid_curvature, shape),
-            stiffness=self._project(self._stiffness, shape),
+            mass=_symmetric(problem.inner(basis, inertia)),
+            inertia=problem.inner(accelerations, inertia[..., n_theta:]).reshape(len(inertia), n_theta, n_theta, -1),
+            stiffness=_symmetric(problem.inner(shape, self._times(self._stiffness, shape))),
             load=problem.inner(loads, basis),
             canonical=self._canonical(modes, kept.shape[1]),
             shape=shape,
@@ -139,13 +146,12 @@ class Sampler:
     def _canonical(self, modes: ModeSet, n_kept: int) -> np.ndarray:
         """Return the rotation that fixes the modes' signs whatever the solver made of them."""
         n_modes = modes.flexible.shape[1]
-        waves = self._waves(n_modes)
         rotation = np.eye(n_kept)
-        probe = self.problem.inner(modes.flexible, waves)
+        probe = self.problem.inner(modes.flexible, self._waves[:, :n_modes])
         rotation[:n_modes, :n_modes] = canonical_rotation(modes.eigenvalues, probe)
         return rotation
 
-    def _waves(self, n_waves: int) -> np.ndarray:
+    def _incommensurate(self, n_waves: int) -> np.ndarray:
         """Return incommensurate waves, local rows: no mode shape of any mesh is orthogonal to its own one but by
         accident.
 
@@ -162,34 +168,51 @@ class Sampler:
                 waves[body.dofs] = probes[:, np.arange(n_waves) % probes.shape[1]]
         return waves[rows.start : rows.stop]
 
-    def _project(self, terms: Sequence, basis: np.ndarray) -> np.ndarray:
-        everywhere = self.problem.all_rows(basis)
-        products = [self.problem.inner(basis, term @ everywhere) for term in terms]
-        return np.array([0.5 * (product + product.T) for product in products])
-
-    def _project_inertia(self, curvature: np.ndarray, shape: np.ndarray) -> np.ndarray:
-        n_theta = curvature.shape[1]
-        everywhere = self.problem.all_rows(shape)
-        columns = curvature.reshape(len(curvature), n_theta**2)
-        products = [self.problem.inner(columns, term @ everywhere) for term in self._mass]
-        return np.array(products).reshape(len(self._mass), n_theta, n_theta, -1)
+    def _times(self, terms: sp.csr_matrix | np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Return stacked terms times local columns (n_local, k), shape (n_terms, n_local, k)."""
+        return (terms @ self.problem.all_rows(columns)).reshape(-1, *columns.shape)
 
 
-def turned_loads(problem: ModalProblem, loads: Sequence[Load], theta: np.ndarray) -> np.ndarray:
-    """Return load vectors in body frames at a configuration (n_theta,), local rows, shape (n_local, n_loads)."""
-    if not loads:
-        return np.zeros((len(problem.rows), 0))
-    poses = problem.kinematics.motion(theta).poses
-    own = slice(problem.rows.start, problem.rows.stop)
-    vectors = problem.all_rows(np.array([load.vector for load in loads]).T)
-    turned = to_body(problem.mechanism, poses, vectors)[own]
-    for column, load in enumerate(loads):
-        if load.in_bodies:
-            turned[:, column] = load.vector
-        elif load.body_force is not None:
-            weight, field = load.body_force
-            turned[:, column] = problem.matrices.mass[weight] @ to_body(problem.mechanism, poses, field)
-    return turned
+class TurnedLoads:
+    """Load vectors in body frames at any configuration.
+
+    Parameters
+    ----------
+    problem
+        Eigenproblem; it has the rows and the ranks.
+    loads
+        Load terms, local rows, inertial frame but for those that are constant in the frames of the bodies.
+    """
+
+    def __init__(self, problem: ModalProblem, loads: Sequence[Load]) -> None:
+        self._problem, self._loads = problem, loads
+        self._vectors = np.array([load.vector for load in loads]).reshape(len(loads), len(problem.rows)).T
+        self._turning = [k for k, load in enumerate(loads) if not load.in_bodies and load.body_force is None]
+        self._everywhere = problem.all_rows(self._vectors[:, self._turning])
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Return the vectors at a configuration (n_theta,), local rows, shape (n_local, n_loads)."""
+        problem, turned = self._problem, self._vectors.copy()
+        poses = problem.kinematics.motion(theta).poses
+        if self._turning:
+            own = slice(problem.rows.start, problem.rows.stop)
+            turned[:, self._turning] = to_body(problem.mechanism, poses, self._everywhere)[own]
+        for column, load in enumerate(self._loads):
+            if load.body_force is not None and not load.in_bodies:
+                weight, field = load.body_force
+                turned[:, column] = problem.matrices.mass[weight] @ to_body(problem.mechanism, poses, field)
+        return turned
+
+
+def _stacked(terms: Sequence[sp.csr_matrix]) -> sp.csr_matrix | np.ndarray:
+    """Return terms below each other, their products with vectors are one; dense where that is not much more."""
+    stacked = sp.vstack(terms, format="csr")
+    return stacked.toarray() if stacked.nnz > DENSE * math.prod(stacked.shape) else stacked
+
+
+def _symmetric(matrices: np.ndarray) -> np.ndarray:
+    """Return the symmetric parts of matrices (n, k, k)."""
+    return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
 
 
 def _ascending(modes: ModeSet) -> ModeSet:

@@ -27,7 +27,7 @@ class ParameterSnapshots:
 
     def __init__(self, problem: ModalProblem, loads: StaticLoads, points: Sequence[Mapping[str, float]]) -> None:
         self._problem, self._loads = problem, loads
-        self.problems = [ModalProblem(problem.kinematics, values, problem.n_modes, problem.comm) for values in points]
+        self.problems = [problem.at_values(values) for values in points]
 
     def __enter__(self) -> ParameterSnapshots:
         return self
@@ -75,7 +75,9 @@ class ParameterSnapshots:
         kept
             Free rigid and flexible vectors that the basis has, shape (n_local, n_kept).
         """
-        rest = np.hstack([np.empty((len(kept), 0)), *snapshots])
+        if not snapshots:
+            return np.empty((len(kept), 0))
+        rest = np.hstack(snapshots)
         for _ in range(2):
             rest = rest - self._problem.onto(kept, rest)
         return rest

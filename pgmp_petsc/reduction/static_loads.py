@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.effects import Action, Patterns
-from pgmp_petsc.effects.patterns import unit_force
+from pgmp_petsc.effects import Patterns
+from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.modes.static_modes import dependent_loads
@@ -26,15 +26,16 @@ class StaticLoads:
     patterns
         Independent load patterns of the effects that are the same in any configuration, local rows, shape (n_local,
         n_patterns).
-    actions
-        Forces that turn with the configuration, a further load each; of several that are parallel everywhere the first.
+    turning
+        Forces of actions that turn with the configuration, a further load each; of several that are parallel
+        everywhere the first.
     accelerations
         Numbers of the independent ones among the accelerations of `_accelerations`, whose inertia forces are further
         loads, shape (n_inertia,).
     """
 
     patterns: np.ndarray
-    actions: tuple[Action, ...]
+    turning: UnitForces
     accelerations: np.ndarray
 
     @classmethod
@@ -54,9 +55,10 @@ class StaticLoads:
         """
         wanted = patterns.wanted(reduction)
         accelerations = _independent(problem) if reduction.inertia_modes else np.zeros(0, dtype=int)
-        turning = tuple(wanted.turning[k] for k in _independent_forces(problem, wanted.turning))
+        turning = UnitForces(wanted.turning, problem.mechanism)
+        turning = turning.chosen(_independent_forces(problem, turning))
         loads = cls(problem.independent(wanted.fixed), turning, accelerations)._answered(problem)
-        n_static = loads.patterns.shape[1] + len(loads.actions) + accelerations.size
+        n_static = loads.patterns.shape[1] + len(loads.turning.actions) + accelerations.size
         problem.check_basis(n_static, reduction.parameter_modes)
         return loads
 
@@ -66,7 +68,7 @@ class StaticLoads:
         A guide takes up a part of the weight of a rigid body, for one: its answers along two axes are then the same
         one.
         """
-        n_fixed, n_turning = self.patterns.shape[1], len(self.actions)
+        n_fixed, n_turning = self.patterns.shape[1], len(self.turning.actions)
         if not n_fixed + n_turning + self.accelerations.size:
             return self
         found = []
@@ -75,14 +77,11 @@ class StaticLoads:
             found.append(dependent_loads(problem, modes, self.at(problem, modes)))
         kept = ~np.all(found, axis=0)
         fixed, turning, inertia = np.split(kept, [n_fixed, n_fixed + n_turning])
-        actions = tuple(action for action, keep in zip(self.actions, turning) if keep)
-        return StaticLoads(self.patterns[:, fixed], actions, self.accelerations[inertia])
+        return StaticLoads(self.patterns[:, fixed], self.turning.chosen(turning), self.accelerations[inertia])
 
     def at(self, problem: ModalProblem, modes: ModeSet) -> np.ndarray:
         """Return the loads at a configuration and the parameter values of a problem, shape (n_local, n_loads)."""
-        parts = [self.patterns]
-        if self.actions:
-            parts.append(_forces(problem, self.actions, modes.theta))
+        parts = [self.patterns, _forces(problem, self.turning, modes.theta)]
         if self.accelerations.size:
             moving = _accelerations(problem, modes.rigid, modes.rigid_curvature)
             parts.append(problem.times_mass(moving[:, self.accelerations]))
@@ -96,23 +95,22 @@ def _accelerations(problem: ModalProblem, rigid: np.ndarray, curvature: np.ndarr
     theta`` of the prescribed coordinates. (That of a free coordinate balances the applied loads and is in their
     answers.) Shape (n_local, n_accelerations).
     """
-    once = np.tril_indices(curvature.shape[1])
-    driven = np.setdiff1d(np.arange(rigid.shape[1]), problem.free)
-    return np.hstack([curvature[:, once[0], once[1]], rigid[:, driven]])
+    n_theta = rigid.shape[1]
+    pairs = [(k, j) for k in range(n_theta) for j in range(k + 1)]
+    driven = [k for k in range(n_theta) if k not in problem.free]
+    return np.stack([*(curvature[:, k, j] for k, j in pairs), *(rigid[:, k] for k in driven)], axis=1)
 
 
-def _forces(problem: ModalProblem, actions: tuple[Action, ...], theta: np.ndarray) -> np.ndarray:
-    """Return the unit forces of actions at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
-    poses = problem.kinematics.motion(theta).poses
-    own = slice(problem.rows.start, problem.rows.stop)
-    return np.array([unit_force(action, problem.mechanism, poses)[own] for action in actions]).T
+def _forces(problem: ModalProblem, turning: UnitForces, theta: np.ndarray) -> np.ndarray:
+    """Return unit forces at a configuration, in body frames, local rows, shape (n_local, n_actions)."""
+    return turning.at(problem.kinematics.motion(theta).poses)[problem.rows.start : problem.rows.stop]
 
 
-def _independent_forces(problem: ModalProblem, actions: tuple[Action, ...]) -> np.ndarray:
+def _independent_forces(problem: ModalProblem, turning: UnitForces) -> np.ndarray:
     """Return the numbers of the actions whose force is no combination, the same everywhere, of those before them."""
-    if not actions:
+    if not turning.actions:
         return np.zeros(0, dtype=int)
-    forces = [_forces(problem, actions, theta) for theta in _places(problem)]
+    forces = [_forces(problem, turning, theta) for theta in _places(problem)]
     return _independent_columns(sum(problem.inner(force, force) for force in forces))
 
 

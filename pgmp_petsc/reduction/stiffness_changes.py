@@ -25,10 +25,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import Action
-from pgmp_petsc.effects.patterns import unit_force
+from pgmp_petsc.effects.patterns import UnitForces
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 if TYPE_CHECKING:
@@ -73,7 +74,10 @@ class InfluenceProbe:
     def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
         self._problem = problem
         self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
-        self._actions = actions
+        self._forces = UnitForces(actions, problem.mechanism)
+        self._pairs = np.tril_indices(problem.kinematics.n_coordinates)
+        masses = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
+        self._mass = sp.vstack(masses, format="csr")
 
     def at(self, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
         """Return the influences at the configuration that the problem is at, shape (n_modes, n_columns).
@@ -87,17 +91,10 @@ class InfluenceProbe:
         """
         problem = self._problem
         each = np.arange(modes.flexible.shape[1])
-        third = self._third.times(problem.all_rows(modes.flexible), (each, each))
-        forces = sum(float(weight.evaluate(problem.values)) * part for weight, part in third.items())
+        forces = self._third.weighted(problem.all_rows(modes.flexible), (each, each), problem.values)
         answers = problem.static_answers(modes.rigid[:, modes.free], forces, "influence of loads on the stiffness")
-        columns = [problem.inner(answers, loads)]
-        if self._actions:
-            poses = problem.kinematics.motion(modes.theta).poses
-            rows = slice(problem.rows.start, problem.rows.stop)
-            turned = [unit_force(action, problem.mechanism, poses)[rows] for action in self._actions]
-            columns.append(problem.inner(answers, np.array(turned).T))
-        k, j = np.tril_indices(modes.rigid.shape[1])
-        moving = problem.all_rows(np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]]))
-        for weight in problem.mechanism.mass_weights:
-            columns.append(-problem.inner(answers, problem.matrices.mass[weight] @ moving))
-        return np.hstack(columns)
+        turned = self._forces.at(problem.kinematics.motion(modes.theta).poses)[problem.rows.start : problem.rows.stop]
+        k, j = self._pairs
+        moving = np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]])
+        inertia = (self._mass @ problem.all_rows(moving)).reshape(-1, *moving.shape)
+        return problem.inner(answers, np.hstack([loads, turned, *-inertia]))

@@ -26,12 +26,12 @@ from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.mechanism.body_frames import rigid_curvatures, rigid_velocities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
@@ -48,8 +48,13 @@ CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
-def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSizes:
+def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
+
+    Parameters
+    ----------
+    branch
+        Assembly branch of the mechanism where it is known; see `RigidKinematics`.
 
     Raises
     ------
@@ -57,7 +62,7 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
         If the mechanism is not sound, or its rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes))
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes), branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged
@@ -68,8 +73,13 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> EffectSize
     return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
 
 
-def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Remark, ...]:
-    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank."""
+def remarks_on_sizes(
+    scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None
+) -> tuple[Remark, ...]:
+    """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
+
+    Parameters are those of `estimate_effects`.
+    """
     continuum = [name for name, body in scene.bodies.items() if body.continuum]
     if continuum:
         return (
@@ -81,7 +91,7 @@ def remarks_on_sizes(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Rema
     if scene.dimension == 3:
         return (note("sizes of effects were not estimated: the estimate is for beams in the plane"),)
     try:
-        sizes = estimate_effects(scene, meshes)
+        sizes = estimate_effects(scene, meshes, branch)
     except PgmpError as error:
         return (note(f"sizes of effects were not estimated: {error}"),)
     missing = [size for size in sizes.sizes if _is_missing(scene, size)]
@@ -164,29 +174,27 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     instants = _instants(run, kinematics)
     third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
-    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF) as problem:
+    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF, matrices) as problem:
+        turned = TurnedLoads(problem, loads)
+        kinematics.follow(run.theta[instants])
         for k in instants:
             theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
-            poses = kinematics.poses(theta)
-            rates = kinematics.rates(poses)
-            curvatures = kinematics.curvatures(poses, rates)
-            rigid = rigid_velocities(mechanism, poses[..., 0], rates[..., 0])
-            bent = rigid_curvatures(mechanism, poses[..., 0], rates[..., 0], curvatures[..., 0])
-            centripetal = np.einsum("ikl,k,l->i", bent, speed, speed)
+            modes = problem.solve(theta)
+            rigid = modes.rigid
+            centripetal = np.einsum("ikl,k,l->i", modes.rigid_curvature, speed, speed)
             m_rigid = problem.times_mass(rigid)
             by_speed.append(m_rigid.T @ centripetal)
             by_acceleration.append(m_rigid.T @ rigid @ acceleration)
-            modes = problem.solve(theta)
             amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
-            forces = turned_loads(problem, loads, theta) @ (weights * amplitudes)
+            forces = turned.at(theta) @ (weights * amplitudes)
             forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
             shape = modes.flexible[:, :1]
             bending = problem.static_answers(rigid, forces[:, None], "static deformation")
-            pulled = third.times(np.hstack([bending, shape]), (np.array([0]), np.array([1])))
-            change = sum(float(w.evaluate(scene.values)) * part[:, 0] for w, part in pulled.items()) @ shape[:, 0]
+            pulled = third.weighted(np.hstack([bending, shape]), (np.array([0]), np.array([1])), scene.values)
+            change = pulled[:, 0] @ shape[:, 0]
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
             flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
-            spin = np.max(np.abs(rates[flexible, 2, :, 0] @ speed), initial=0.0)
+            spin = np.max(np.abs(kinematics.motion(theta).rates[flexible, 2] @ speed), initial=0.0)
             spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)

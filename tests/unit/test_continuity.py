@@ -47,6 +47,16 @@ def test_procrustes_finds_the_rotation_within_a_space(n: int, reflected: bool) -
     assert cosine == pytest.approx(1.0, abs=1e-14)
 
 
+def test_procrustes_of_many_pairs_is_that_of_each() -> None:
+    for m in (1, 3):
+        overlaps = np.random.default_rng(m).normal(size=(2, 5, m, m))
+        rotations, cosines = procrustes(overlaps)
+        for place in np.ndindex(2, 5):
+            rotation, cosine = procrustes(overlaps[place])
+            np.testing.assert_allclose(rotations[place], rotation, rtol=0, atol=1e-14)
+            assert cosines[place] == pytest.approx(cosine, rel=1e-14)
+
+
 def test_procrustes_is_the_closest_of_all_rotations() -> None:
     old, new = basis(20, 4, 0), basis(20, 4, 1)
     rotation, cosine = procrustes(new.T @ old)
@@ -109,16 +119,17 @@ def test_closing_takes_the_holonomy_back(name: str) -> None:
     if closure.flipped >= 0:
         signs[closure.flipped] = -1.0
     # H R(1) = R(0) D: what follows the last sample is the first one again, but for one sign
-    np.testing.assert_allclose(holonomy @ closure.rotation(1.0), closure.rotation(0.0) * signs, rtol=0, atol=1e-13)
+    first, last = closure.rotations(np.array([0.0, 1.0]))
+    np.testing.assert_allclose(holonomy @ last, first * signs, rtol=0, atol=1e-13)
     if closure.flipped < 0:
-        np.testing.assert_allclose(closure.rotation(0.0), np.eye(n), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(first, np.eye(n), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", holonomies())
 def test_closing_turns_evenly_and_no_further_than_half_a_turn(name: str) -> None:
     closure = Closure.of(holonomies()[name])
     steps = np.linspace(0.0, 1.0, 11)
-    rotations = [closure.rotation(fraction) for fraction in steps]
+    rotations = closure.rotations(steps)
     for rotation in rotations:
         np.testing.assert_allclose(rotation.T @ rotation, np.eye(len(rotation)), rtol=0, atol=1e-13)
     changes = [before.T @ after for before, after in zip(rotations, rotations[1:])]

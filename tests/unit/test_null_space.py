@@ -8,8 +8,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from scenes import four_bar, kinematics_of, slider_crank, trammel
 
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.null_space import NullSpace, null_space
+from pgmp_petsc.mechanism.constraints import ConstraintJacobian, constraint_jacobian
+from pgmp_petsc.mechanism.null_space import NullSpace, NullSpaces, null_space
 
 
 def check(constraints: np.ndarray) -> NullSpace:
@@ -91,3 +91,23 @@ def test_the_null_space_of_a_mechanism(scene: object, n_redundant: int) -> None:
         basis = np.linalg.qr(result.matrix.toarray())[0]
         np.testing.assert_allclose(dense @ (dense.T @ basis), basis, rtol=0, atol=1e-12)
         assert result.matrix.nnz <= kinematics.mechanism.n_dofs + 12
+
+
+@pytest.mark.parametrize("scene", [slider_crank(), trammel()])
+def test_one_pattern_serves_all_configurations(scene: object) -> None:
+    """Unknowns that a joint happens not to feel, as where a body lies along an axis, are not eliminated."""
+    kinematics = kinematics_of(scene)
+    mechanism = kinematics.mechanism
+    jacobian = ConstraintJacobian(mechanism, mechanism.coordinates)
+    spaces = NullSpaces(jacobian.pattern)
+    for theta in [0.0, 0.7, np.pi / 2, np.pi]:
+        poses = kinematics.poses(np.array([theta]))[..., 0]
+        constraints = jacobian.at(poses).toarray()
+        found = spaces.of(jacobian.values(poses))
+        alone = check(np.where(np.abs(constraints) > 1e-14, constraints, 0.0))
+        assert found.n_redundant == alone.n_redundant
+        matrix, other = found.matrix.toarray(), alone.matrix.toarray()
+        np.testing.assert_array_equal(found.weights, matrix[found.dependent])
+        np.testing.assert_allclose(constraints @ matrix, 0.0, rtol=0, atol=1e-13 * np.abs(matrix).max())
+        basis = np.linalg.qr(other)[0]
+        np.testing.assert_allclose(basis @ (basis.T @ matrix), matrix, rtol=0, atol=1e-12 * np.abs(matrix).max())

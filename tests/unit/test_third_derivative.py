@@ -42,6 +42,15 @@ def test_it_is_the_slope_of_the_tangent_at_rest(scene: Scene) -> None:
 
 
 @every_scene
+def test_at_parameter_values_it_is_the_weighted_sum(scene: Scene) -> None:
+    mechanism = kinematics_of(scene).mechanism
+    third, vectors = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)), vectors_of(mechanism.n_dofs)
+    expected = sum(weight.evaluate(VALUES) * term for weight, term in third.times(vectors, PAIRS).items())
+    found = third.weighted(vectors, PAIRS, VALUES)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+@every_scene
 @pytest.mark.parametrize("size", [2, 3, 17])
 def test_rows_of_all_ranks_make_the_whole(scene: Scene, size: int) -> None:
     mechanism = kinematics_of(scene).mechanism

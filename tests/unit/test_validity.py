@@ -16,7 +16,7 @@ from pgmp_petsc.indicator.coverage import absence_of_estimates, why_not_covered
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
 from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.reduction.sampler import turned_loads
+from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
@@ -193,7 +193,7 @@ def test_changes_of_stiffness_are_those_of_the_static_deformation(scene: Scene) 
     with ModalProblem(kinematics, scene.nominal, 3, MPI.COMM_SELF) as problem:
         for number in (1, 5):
             modes = problem.solve(rom.tables.samples.theta[number])
-            forces = turned_loads(problem, loads, modes.theta) @ (of_loads[0] * amplitudes)
+            forces = TurnedLoads(problem, loads).at(modes.theta) @ (of_loads[0] * amplitudes)
             moving = modes.rigid[:, 0] * a[0, 0] + modes.rigid_curvature[:, 0, 0] * v[0, 0] ** 2
             forces = forces - problem.times_mass(moving[:, None])[:, 0]
             bent = problem.static_answers(modes.rigid, forces[:, None], "static deformation")

@@ -22,7 +22,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.sampler import Sampler, turned_loads
+from pgmp_petsc.reduction.sampler import Sampler, TurnedLoads
 from pgmp_petsc.reduction.static_loads import StaticLoads
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.groups import RankGroup
@@ -85,7 +85,7 @@ def tables_of(small: bool, theta: float) -> dict[str, np.ndarray]:
         static_loads = StaticLoads.of(problem, patterns_of(effects, problem.matrices), scene.reduction)
         sample = Sampler(problem, loads, static_loads).sample(at, lambda modes: modes)
         modes = problem.solve(at)
-        answers = problem.static_answers(modes.eigenvectors[:, :1], turned_loads(problem, loads, at))
+        answers = problem.static_answers(modes.eigenvectors[:, :1], TurnedLoads(problem, loads).at(at))
         assert [load.effect for load in loads] == ["motor", "weight"]
         (mass,), (stiffness,) = sample.mass, sample.stiffness
         signs = np.sign(np.concatenate([[1.0], sample.load[0, 1:]]))

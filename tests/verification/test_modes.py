@@ -353,8 +353,8 @@ def test_a_factor_of_a_singular_matrix_is_noticed(pencil: tuple) -> None:
 
 def test_a_rigid_motion_that_is_none_is_noticed(solved_by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with modal_problem(kinematics_of(slider_crank()), 3) as problem:
-        true = problem_module.rigid_velocities
-        monkeypatch.setattr(problem_module, "rigid_velocities", lambda *a: true(*a) + 0.01)
+        true = problem_module.linear_motion
+        monkeypatch.setattr(problem_module, "linear_motion", lambda *a: true(*a) + 0.01)
         with pytest.raises(RunError, match="the modes of frequency zero are not the mechanism's rigid motion"):
             problem.solve(1.0)
 
@@ -414,10 +414,21 @@ def test_a_dense_pencil_with_eigenvalues_below_the_shift_is_refused() -> None:
         pencil.solve(0, 2, "here")
 
 
+@pytest.mark.parametrize(("n", "k"), [(12, 1), (60, 7), (130, 17)])
+def test_the_largest_eigenpairs_of_a_symmetric_matrix(n: int, k: int) -> None:
+    turn = np.linalg.qr(np.random.default_rng(n).normal(size=(n, n)))[0]
+    expected = np.logspace(-9, 0, n)
+    matrix = turn * expected @ turn.T
+    values, vectors = dense_module._largest(np.tril(matrix), k)
+    np.testing.assert_allclose(values, expected[n - k :], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(k), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(matrix @ vectors, vectors * values, rtol=0, atol=1e-14)
+
+
 def test_a_dense_pencil_checks_its_residuals(monkeypatch: pytest.MonkeyPatch) -> None:
     pencil = DensePencil(sp.csr_matrix(np.eye(3)), sp.csr_matrix(np.diag([1.0, 2.0, 3.0])))
     pencil.move_to(null_space(sp.csr_matrix((0, 3))))
     pencil.shift_to(-0.5, "")
-    monkeypatch.setattr(dense_module, "cho_solve", lambda _, b, **__: b + [[0.0, 0.1], [0.0, 0.0], [0.1, 0.0]])
+    monkeypatch.setattr(dense_module, "_solved", lambda _, b: b + [[0.0, 0.1], [0.0, 0.0], [0.1, 0.0]])
     with pytest.raises(RunError, match=r"at here: eigenvalue .* has the relative residual .*, above 1e-06; the mesh"):
         pencil.solve(0, 2, "here")

@@ -28,7 +28,7 @@ from pgmp_petsc.bodies.beam3d import at_rest, natural_mass
 from pgmp_petsc.bodies.matrices import assemble, weighted_sum
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.indicator.validity import BodyStrains, half_height
-from pgmp_petsc.mechanism.body_frames import linear_fields
+from pgmp_petsc.mechanism.mechanism import linear_fields
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models import FullModel, ReducedModel
