@@ -202,7 +202,7 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene = model.scene
     if not isinstance(model, ReducedModel):
-        return why_not_of_full_order(scene)
+        return why_not_of_full_order(model)
     remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
