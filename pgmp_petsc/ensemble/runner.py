@@ -75,7 +75,7 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
     dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
     taken_up = plan.n_samples - sum(last - first for first, last in todo)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
+    with timings.phase("integration"), progress(plan.n_samples, f"{model.title} samples", comm, taken_up) as bar:
 
         def work(number: int, pulse: Pulse) -> Batch:
             piece = dealt[number]
