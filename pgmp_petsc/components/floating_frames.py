@@ -68,11 +68,6 @@ def floating_shapes(
 
 def _floating(scene: Scene, body: Body) -> FloatingBody:
     points = points_used(scene, body.name)
-    if not points:
-        raise InputError(
-            f"bodies.{body.name}: nothing holds it: no joint, effect or output names a point of it, so that component "
-            "modes have no frame to answer; name one, or leave the body out"
-        )
     if body.meshed is None:
         return _of_beams(scene, body, points)
     if body.meshed.drawn is not None:
