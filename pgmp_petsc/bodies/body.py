@@ -23,6 +23,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh
 
 if TYPE_CHECKING:
     from pgmp_petsc.bodies.component import Component
+    from pgmp_petsc.bodies.floating import FloatingBody
     from pgmp_petsc.bodies.framed_solid import FramedSolid
 
 DOFS_PER_NODE = 3  # x, y, phi
@@ -70,6 +71,8 @@ class Body:
         A continuum body, condensed.
     meshed
         A continuum body that is not condensed.
+    floating
+        A flexible body in a floating frame: its last node, behind those of the frames that hold it.
     first_internal
         Number of the body's first internal coordinate among all unknowns of the mechanism.
     """
@@ -84,6 +87,7 @@ class Body:
     meshed: FramedSolid | None = None
     first_internal: int = 0
     axes: np.ndarray | None = None
+    floating: FloatingBody | None = None
 
     @classmethod
     def beam(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
@@ -129,6 +133,14 @@ class Body:
         centres = np.array([frame.centre for frame in meshed.frames.values()])
         mesh = _frame_mesh(centres, {point: number for number, point in enumerate(meshed.frames)})
         return cls(name, mesh, None, mesh, meshed=meshed)
+
+    @classmethod
+    def in_floating_frame(cls, name: str, floating: FloatingBody) -> Body:
+        """Return a flexible body in a floating frame, whose origin is that of the body's own."""
+        frames = _frame_mesh(floating.centres, floating.frames)
+        origin = np.zeros((1, floating.centres.shape[1]))
+        mesh = LineMesh(np.concatenate([floating.centres, origin]), frames.cells, dict(floating.frames))
+        return cls(name, mesh, None, mesh, floating=floating)
 
     @classmethod
     def particle(cls, name: str, place: np.ndarray, lumps: dict[Monomial, LumpedMass]) -> Body:
@@ -193,13 +205,15 @@ class Body:
     @property
     def is_continuum(self) -> bool:
         """Whether the body is meshed with continuum elements, condensed or not."""
-        return self.component is not None or self.meshed is not None
+        return self.component is not None or self.meshed is not None or self.floating is not None
 
     @property
     def extent(self) -> float:
         """A length that is typical of the body: its largest extent along an axis of its frame, or nearly so, m."""
         if self.component is not None:
             return self.component.extent
+        if self.floating is not None:
+            return self.floating.extent
         nodes = self.shape.nodes if self.meshed is None else self.meshed.solid.mesh.nodes
         extent = float(np.max(np.ptp(nodes, axis=0)))
         if self.flexible or extent:
@@ -243,6 +257,8 @@ class Body:
             return set(getattr(self.component, kind))
         if self.meshed is not None:
             return self.meshed.solid.weights(kind)
+        if self.floating is not None:
+            return set(self.floating.moments if kind == "mass" else self.floating.stiffness)
         return set(getattr(self.section, f"{kind}_terms")())
 
     @property
@@ -262,9 +278,12 @@ class Body:
 
     @property
     def n_internal(self) -> int:
-        """Number of internal coordinates; those of a body on a mesh are the positions of the mesh's nodes."""
+        """Number of internal coordinates; those of a body on a mesh are the positions of the mesh's nodes, those in a
+        floating frame the amplitudes of its fields."""
         if self.meshed is not None:
             return self.meshed.solid.n_dofs
+        if self.floating is not None:
+            return self.floating.n
         return 0 if self.component is None else self.component.n_internal
 
     @property

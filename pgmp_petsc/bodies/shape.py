@@ -1,9 +1,10 @@
-"""What a body is made from: a mesh, or a continuum body that is condensed already."""
+"""What a body is made from: a mesh, or what was made of one already, condensed or in a floating frame."""
 
 from __future__ import annotations
 
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 
-BodyShape = LineMesh | SolidMesh | Component
+BodyShape = LineMesh | SolidMesh | Component | FloatingBody

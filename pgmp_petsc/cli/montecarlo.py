@@ -9,13 +9,14 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli import estimates
+from pgmp_petsc.cli.models import components_of, full_of, one_model
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
@@ -44,6 +45,9 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     help="With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
+@click.option(
+    "--components", is_flag=True, help="Take the component model of a SCENE: flexible bodies in floating frames."
+)
 @scene_options
 @click.pass_context
 def montecarlo(
@@ -53,27 +57,29 @@ def montecarlo(
     n_samples: int,
     seed: int,
     full: bool,
+    components: bool,
     ranks_per_sample: int,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
-    """Integrate N samples of ROM.h5 (or with --full of a SCENE) and describe their distributions.
+    """Integrate N samples of ROM.h5 (or with --full or --components of a SCENE) and describe their distributions.
 
     Exit status 1 if some samples failed; they are recorded with their reason and the others go on.
     """
     comm = context.obj.comm
+    one_model(full, components)
     if ranks_per_sample > 1 and not full:
-        raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of a reduced model are small; leave it out")
+        what = "component modes" if components else "a reduced model"
+        raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
-    if full:
+    if full or components:
         loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
         _refuse_drawn(loaded, settings)
         say_remarks(context, loaded)
-        with agreed(comm, "preparing the full-order model"):
-            model = FullModel(loaded, meshes)
+        model = (components_of if components else full_of)(loaded, meshes, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
         _refuse_drawn(loaded, settings)

@@ -11,13 +11,14 @@ from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.cli.models import components_of, full_of, one_model
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 
@@ -25,6 +26,9 @@ from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
 @click.option("--full", is_flag=True, help="Run the full-order model of a SCENE instead of a ROM.h5.")
+@click.option(
+    "--components", is_flag=True, help="Take the component model of a SCENE: flexible bodies in floating frames."
+)
 @scene_options
 @click.pass_context
 def simulate(
@@ -32,28 +36,32 @@ def simulate(
     source: Path,
     output: Path,
     full: bool,
+    components: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
-    """Run the reduced model ROM.h5, or with --full the full-order model of a SCENE.
+    """Run the reduced model ROM.h5, with --full the full-order or with --components the component model of a SCENE.
 
     Exit status 1 if the run stops before its end; FILE then holds what was computed.
     """
     comm = context.obj.comm
+    one_model(full, components)
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
-    if full:
+    if full or components:
         loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
+        say_remarks(context, loaded)
+        model = (components_of if components else full_of)(loaded, meshes, comm)
     else:
         loaded, rom = read_rom(source, overrides, settings, comm)
-    say_remarks(context, loaded)
-    with agreed(comm, f"preparing the {'full-order' if full else 'reduced'} model"):
-        model = FullModel(loaded, meshes) if full else ReducedModel(loaded, rom)
+        say_remarks(context, loaded)
+        with agreed(comm, "preparing the reduced model"):
+            model = ReducedModel(loaded, rom)
     remark = ""
     if loaded.simulation.tolerance is not None:
         from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
 
         model, remark = settle_step(model, comm)
-    trajectory = (simulate_full if full else simulate_reduced)(model, comm)
+    trajectory = (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, comm)
     save(context, trajectory, output)
     if trajectory is not None:
         say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))

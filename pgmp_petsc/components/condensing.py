@@ -73,7 +73,7 @@ def condensed(
         for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
-                points, n_modes = _points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
+                points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
             else:
                 found[name] = rigid_component(meshed)
@@ -99,7 +99,7 @@ def angle_group(shapes: Mapping[str, BodyShape], group: RankGroup) -> Iterator[R
         yield group
 
 
-def _points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
+def serving_points(scene: Scene, meshed: FramedSolid) -> list[dict[str, float]]:
     """Return the parameter values to serve: where one factor is all that changes, those of any point serve
     everywhere."""
     solid = meshed.solid

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
 from pgmp_petsc.dynamics.energies import Energies
 from pgmp_petsc.dynamics.full_beams import add_energies_of_beams, add_energies_of_masses
+from pgmp_petsc.dynamics.full_floating import add_energies_of_floating
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import of_element
 from pgmp_petsc.dynamics.full_modal import add_modal_damping
@@ -111,6 +112,11 @@ def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, tur
             )
         if problem.masses.body.size:
             add_energies_of_masses(problem.masses, problem.rayleigh, block, v[k], result[KINETIC], powers)
+        if problem.floating.body.size:
+            add_energies_of_floating(
+                problem.floating, problem.width, problem.dimension, problem.rayleigh, block, strengths.loads[k], q[k],
+                v[k], result, powers, result[loads:actions],
+            )  # fmt: skip
         if n_modal:
             add_modal_damping(problem.modal, problem.dimension, q[k], v[k], unwanted, nowhere, result[modal:loads])
             for body in range(n_modal):

@@ -18,11 +18,13 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.dynamics.body_damping import BodyDampings
+from pgmp_petsc.dynamics.full_floating import FloatingBodies, body_tables
 from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
 from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.dynamics.full_solids import Solids
 from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
+from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.mechanism.unknowns import N_POSE, Unknowns
 from pgmp_petsc.mesh.reference_element import reference_element
 
@@ -220,6 +222,38 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
     return part, (np.where(absent, flat[:, :1], rows), np.where(absent, flat[:, :1], columns))
 
 
+def floating_bodies(
+    share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Gravity]]
+) -> tuple[FloatingBodies, Pattern]:
+    """Return the flexible bodies in floating frames; `gravity` are effects with the numbers of their loads."""
+    d, n_samples = unknowns.dimension, share.blocks.n_samples
+    firsts, numbers, dofs, tables = [np.zeros(3, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
+    rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
+    for number, body in enumerate(share.bodies):
+        own = np.zeros((1, 0), dtype=int)
+        if body.floating is not None:
+            frame = unknowns.frame(body.first_node + body.n_nodes - 1)
+            own = np.concatenate([frame, body.first_internal + np.arange(body.floating.n)])[None]
+        if not share.touches(own)[0]:
+            continue
+        moments, stiffness = share.evaluate(body.floating.moments), share.evaluate(body.floating.stiffness)
+        low = np.tril_indices(own.size)
+        numbers.append(number)
+        dofs.append(own[0])
+        tables.append(body_tables(moments, stiffness, d))
+        rows.append(own[0, low[0]])
+        columns.append(own[0, low[1]])
+        counted.append(share.owns(own)[0, 0])
+        firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size])
+    falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
+    part = FloatingBodies(
+        np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int), share.blocks.pack(np.concatenate(tables)),
+        share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
+        np.array([load for load, _ in gravity], dtype=int), np.zeros(0, dtype=int), np.array(counted, dtype=bool),
+    )  # fmt: skip
+    return part, (np.concatenate(rows), np.concatenate(columns))
+
+
 def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
     """Return the sum of the mass matrix's diagonal that is counted on this rank, shape (n_blocks, n_lanes)."""
     elements, lumps, cells = problem.elements, problem.lumps, problem.solids
@@ -232,7 +266,21 @@ def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
     total += np.einsum("kel,e->kl", cells.moduli[:, cells.region[cells.counted], 1], volumes)
     line = beams.section[:, beams.body[beams.counted], N_SECTION:]
     total += np.einsum("kebl,e->kl", line, 2.0 * beams.length[beams.counted])
-    return total + 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
+    total += 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
+    for k in np.flatnonzero(problem.floating.counted):
+        total += _mass_of_floating(problem, k)
+    return total
+
+
+def _mass_of_floating(problem: FullProblem, k: int) -> np.ndarray:
+    """Return the sum of the diagonal of the mass matrix of a body in a floating frame, shape (n_blocks, n_lanes)."""
+    d, (first, last) = problem.dimension, problem.floating.firsts[k : k + 2]
+    table = problem.floating.table[:, first[1] : last[1]]
+    n_pose = 3 if d == 2 else 12
+    n = last[0] - first[0] - n_pose
+    own = 1 + d + d * d + d * n + d * d * n
+    turning = table[:, 1 + d : 1 + d + d * d][:, :: d + 1].sum(axis=1)
+    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turning + table[:, own : own + n * n][:, :: n + 1].sum(axis=1)
 
 
 def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:

@@ -20,6 +20,7 @@ from pgmp_petsc.dynamics.full_modal import ModalFactors
 from pgmp_petsc.dynamics.full_parts import (
     Share,
     contiguous,
+    floating_bodies,
     placed,
     planar_beams,
     planar_masses,
@@ -32,7 +33,8 @@ from pgmp_petsc.dynamics.lane_items import width_of
 from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.effects import Action, Effect, Motion, actions_of, loads_of
+from pgmp_petsc.effects import Action, Effect, Load, Motion, actions_of, loads_of
+from pgmp_petsc.effects.gravity import Gravity
 from pgmp_petsc.effects.action import amplitudes_over, compile_actions
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -128,9 +130,13 @@ class FullEquations:
         self.owners = _first_unknowns(self.constraints)
         self.chosen = _touching(self.constraints, share)
         self.owned_constraints = share.owns(self.owners[self.chosen])
+        loads = self._loads_of(effects)
+        falling = [e for e in effects if isinstance(e, Gravity) and any(body.floating for body in unknowns.bodies)]
+        gravity = list(enumerate(falling, len(loads)))
+        self.loads = [*({e.name: e for e in effects}[load.effect] for load in loads), *falling]
         parts = (
             planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
-            spatial_masses(share, unknowns),
+            spatial_masses(share, unknowns), floating_bodies(share, unknowns, gravity),
         )  # fmt: skip
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
         acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, share)]
@@ -143,7 +149,7 @@ class FullEquations:
         needed = [np.arange(rows.start, rows.stop), angles.dofs[angles.dofs >= 0], *(one.dofs for one in modal)]
         pattern = tuple(np.concatenate([*(part[k].ravel() for part in patterns), *needed]) for k in range(2))
         self.layout = self._whole(pattern, n_all) if owned is None else RankLayout(self.n_dofs, n_all, pattern)
-        elements, lumps, cells, beams, masses = (placed(part, pattern, self.layout) for part, pattern in parts)
+        placed_parts = [placed(part, pattern, self.layout) for part, pattern in parts]
         filled = {name: blocks.fill(value) for name, value in values.items()}
         compiled = compile_actions(acting, filled, blocks.n_places, d)
         n_parameters = compiled.parameters.shape[-1]
@@ -152,13 +158,12 @@ class FullEquations:
             compiled.statements, compiled.laws, np.ascontiguousarray(np.moveaxis(parameters, 1, 0)),
             self.layout.unknowns(dofs), entries, self.layout.positions(*of_actions), share.owns(_first_of(dofs)),
         )  # fmt: skip
-        loads, self.loads = self._loads(effects, values, blocks)
         counting = angles.compiled._replace(dofs=self.layout.unknowns(angles.dofs))
         units = np.full(self.n_dofs, 1.0 / kinematics.size)
         unknowns.frames(units)[:, d:] = 1.0
         here = self.layout.needed[: self.layout.n_unknowns]
         self.problem = contiguous(FullProblem(
-            width_of(blocks.n_lanes), d, elements, lumps, cells, beams, masses, loads, actions,
+            width_of(blocks.n_lanes), d, *placed_parts, self._entries_of(loads, len(falling), values, blocks), actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self._pattern(), sections(share),
             np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
@@ -209,8 +214,10 @@ class FullEquations:
         levels = np.full(n, MESH)
         frames = self.unknowns.frames(levels)
         for body in self.unknowns.bodies:
-            if body.meshed is not None:
+            if body.meshed is not None or body.floating is not None:
                 frames[body.nodes] = FRAMES
+                if body.floating is not None:
+                    frames[body.nodes.stop - 1] = MESH
         levels[self.n_dofs :] = np.where(self.constraints.of_ties, TIES, JOINTS)
         return WholeLayout(analyse(half + half.T, levels), self.n_dofs)
 
@@ -221,20 +228,23 @@ class FullEquations:
         nothing = np.zeros((3, 0), dtype=np.int64)
         return Pattern(self.layout.place, *nothing[:2], (nothing[2], *np.zeros((3, 0), dtype=np.uint32)))
 
-    def _loads(
-        self, effects: Sequence[Effect], values: Mapping[str, np.ndarray], blocks: SampleBlocks
-    ) -> tuple[Loads, list[Effect]]:
-        """Return the loads, and the effect of each; a couple that is constant in body frames is none in space."""
+    def _loads_of(self, effects: Sequence[Effect]) -> list[Load]:
+        """Return the load terms; a couple that is constant in body frames is none in space."""
+        matrices = assemble_mass(self._kinematics.mechanism.bodies, self.unknowns.in_mechanism(self.rows))
+        return [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
+
+    def _entries_of(
+        self, loads: Sequence[Load], n_falling: int, values: Mapping[str, np.ndarray], blocks: SampleBlocks
+    ) -> Loads:
+        """Return the loads by their entries, and behind them as many without any as bodies in floating frames need to
+        know the strength of their weight."""
         own = self.unknowns.in_mechanism(self.rows)
-        matrices = assemble_mass(self._kinematics.mechanism.bodies, own)
-        loads = [one for one in loads_of(effects, matrices) if self.unknowns.dimension == 2 or not one.in_bodies]
-        by_name = {effect.name: effect for effect in effects}
         weights = evaluate_weights((load.weight for load in loads), values)
         weights = np.broadcast_to(weights if weights.ndim == 2 else weights[:, None], (len(loads), blocks.n_samples))
         vectors = sp.coo_matrix(np.array([load.vector for load in loads]).reshape(len(loads), len(own)))
         dofs = self.layout.unknowns(self.unknowns.of_mechanism(own.start + vectors.col.astype(int)))
-        entries = Loads(vectors.row.astype(int), dofs, vectors.data, blocks.pack(weights))
-        return entries, [by_name[load.effect] for load in loads]
+        weights = np.concatenate([weights, np.ones((n_falling, blocks.n_samples))])
+        return Loads(vectors.row.astype(int), dofs, vectors.data, blocks.pack(weights))
 
 
 def _first_unknowns(constraints: ConstraintSet) -> np.ndarray:

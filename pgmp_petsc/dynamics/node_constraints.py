@@ -2,9 +2,9 @@
 
     c = s(y_a, y_b) - wanted - driven(t) = 0
 
-with a statement s in the unknowns y of two nodes (`mechanism.statement_rows`), or the tie of a frame to faces
-(`mechanism.frame_ties`). Statements that are linear in the unknowns, all at nodes in the plane but the lines that turn,
-are a row of numbers; the others are evaluated for every sample.
+with a statement s in the unknowns y of two nodes (`mechanism.statement_rows`), or the tie of a frame to faces or to a
+floating frame (`mechanism.frame_ties`). Statements that are linear in the unknowns, all at nodes in the plane but the
+lines that turn, are a row of numbers; the others are evaluated for every sample.
 
 Directors that no mass belongs to make the matrix singular before their constraints are in it, and nothing is pivoted.
 For the constraints g that make directors a rotation it therefore holds ``w G^T G`` too, and the residual ``w G^T g``:
@@ -22,30 +22,31 @@ from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.dynamics.lane_items import items
 from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.frame_ties import Products, director
+from pgmp_petsc.mechanism.frame_ties import PHI, Arms, Products, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
 from pgmp_petsc.mechanism.statement_rows import Rows
 from pgmp_petsc.runtime.compiled import njit
 
 
 class Ties(NamedTuple):
-    """Ties of frames to faces.
+    """Ties of frames to faces and floating frames.
 
     Attributes
     ----------
-    linear, products
+    linear, products, arms
         As in `FrameTies`, rows being places among the constraints here, and unknowns those here.
     turning
         The unknown of its frame that each product depends on, shape (n_products,).
     positions
         Where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
-        second ones, and in the plane the second ones in the angle, as in `FrameTies`.
+        second ones, in the plane the second ones in the angle, and the first and second derivatives of arms.
     """
 
     linear: tuple[np.ndarray, np.ndarray, np.ndarray]
     products: Products
+    arms: Arms
     turning: np.ndarray
-    positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class NodeConstraints(NamedTuple):
@@ -133,17 +134,20 @@ class ConstraintParts:
     def _entries_of_ties(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the rows and columns of all entries of the ties that are here, in the order of `Ties.positions`."""
         row, unknown, _ = self._ties.linear
-        products, turning = self._ties.products, self._ties.turning
-        here, there = self._tie_places[row] >= 0, self._tie_places[products.rows] >= 0
-        self._linear_here, self._products_here = here, there
+        products, turning, arms = self._ties.products, self._ties.turning, self._ties.arms
+        here, there, near = (self._tie_places[part] >= 0 for part in (row, products.rows, arms.rows))
+        self._linear_here, self._products_here, self._arms_here = here, there, near
         multipliers = self._n_dofs + np.append(self._chosen, 0)[self._tie_places]  # of a tie elsewhere, not looked at
         of_products, turning, positions = multipliers[products.rows[there]], turning[there], products.positions[there]
+        of_arms = arms.frames[near] + PHI
         return [
             (multipliers[row[here]], unknown[here]),
             (of_products, positions),
             (of_products, turning),
             (turning, positions),
             (turning, turning),
+            (multipliers[arms.rows[near]], of_arms),
+            (of_arms, of_arms),
         ]
 
     def placed(self, layout: Layout, owned: np.ndarray) -> NodeConstraints:
@@ -162,9 +166,12 @@ class ConstraintParts:
             frames=layout.unknowns(products.frames),
             positions=layout.unknowns(products.positions),
         )
+        arms = Arms(*(part[self._arms_here] for part in self._ties.arms))
+        arms = arms._replace(rows=self._tie_places[arms.rows], frames=layout.unknowns(arms.frames))
         ties = Ties(
             (self._tie_places[row], layout.unknowns(unknown), factors),
             placed,
+            arms,
             layout.unknowns(self._ties.turning[self._products_here]),
             tuple(layout.positions(*entries) for entries in self._tie_entries),
         )
@@ -222,7 +229,7 @@ def add_constraints(
         of_x[place[n_dofs + number]] += scales * still[number]
     if n_linear < constraints.places.size:
         _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
-    if constraints.ties.products.rows.size:
+    if constraints.ties.linear[0].size:
         _add_ties(constraints.ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)
 
 
@@ -279,11 +286,11 @@ def _add(position, lane, value, diagonal, lower):
 
 @njit(cache=True, error_model="numpy")
 def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower):
-    """Add what ties of frames to faces give; see `add_constraints` and `FrameTies`."""
+    """Add what ties of frames give; see `add_constraints` and `FrameTies`."""
     n_dofs, n_lanes = q.shape
     rows, unknowns, factors = ties.linear
-    products = loaded(ties.products)
-    of_linear, of_position, of_turn, mixed, twice = ties.positions
+    products, arms = loaded(ties.products), loaded(ties.arms)
+    of_linear, of_position, of_turn, mixed, twice, of_arm, bent = ties.positions
     scales, of_x, of_q, forces = items(scale, width)[()], items(x, width), items(q, width), items(multipliers, width)
     of_diagonal, entries = items(diagonal, width), items(lower, width)
     for e in range(rows.size):
@@ -316,3 +323,15 @@ def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, p
                 _add(mixed[e], lane, gain_k * factor * slope * force, diagonal, lower)
                 if d == 2:  # d2 d_k / d phi2 = -d_k
                     _add(twice[e], lane, -gain_k * factor * along * far * force, diagonal, lower)
+    for e in range(arms.rows.size):
+        number, turning, factor = arms.rows[e], arms.frames[e] + PHI, arms.factors[e]
+        row, at_turn = place[n_dofs + number], place[turning]
+        for lane in range(n_lanes):
+            along, slope = director(d, arms, e, q, lane)
+            force = multipliers[number, lane]
+            x[at_turn, lane] += factor * slope * force
+            if itself:
+                x[row, lane] += scale[lane] * factor * along
+            if fresh:
+                _add(of_arm[e], lane, scale[lane] * factor * slope, diagonal, lower)
+                _add(bent[e], lane, -gain_k * factor * along * force, diagonal, lower)

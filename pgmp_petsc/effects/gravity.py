@@ -15,28 +15,36 @@ from pgmp_petsc.scene import effects as schema
 
 
 class Gravity(Effect):
-    """Gravity effect; see the module."""
+    """Gravity effect; see the module.
+
+    Attributes
+    ----------
+    direction
+        Of the acceleration, a unit vector of shape (d,).
+    acceleration
+        Its size, m/s2.
+    """
 
     conservative = True
 
     def __init__(self, name: str, entry: schema.Gravity, mechanism: Mechanism) -> None:
         super().__init__(name)
-        direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
-        self._acceleration = Quantity.of(entry.acceleration)
+        direction = self.direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
+        self.acceleration = Quantity.of(entry.acceleration)
         self._translational = {weight for body in mechanism.bodies for weight in body.translational_weights}
         self._bodies = mechanism.bodies
         self._mechanism = mechanism
         self._field = np.zeros(mechanism.n_dofs)
-        mechanism.by_node(self._field)[:, : direction.size] = direction * self._acceleration.coefficient
+        mechanism.by_node(self._field)[:, : direction.size] = direction * self.acceleration.coefficient
         for body in mechanism.bodies:
             if body.meshed is not None:
-                on_mesh(body, self._field)[:] = direction * self._acceleration.coefficient
+                on_mesh(body, self._field)[:] = direction * self.acceleration.coefficient
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return ``M_i a``; the translational mass is isotropic, so body frames and the inertial one agree."""
         # a purely rotary mass term takes no part in a uniform field, on any rank, whatever its rows
         return [
-            Load(self.name, weight * self._acceleration.monomial, mass @ self._field, (weight, self._field))
+            Load(self.name, weight * self.acceleration.monomial, mass @ self._field, (weight, self._field))
             for weight, mass in matrices.mass.items()
             if weight in self._translational
         ]

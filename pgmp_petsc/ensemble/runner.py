@@ -75,7 +75,7 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
     dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
     taken_up = plan.n_samples - sum(last - first for first, last in todo)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.name} samples", comm, taken_up) as bar:
+    with timings.phase("integration"), progress(plan.n_samples, f"{model.title} samples", comm, taken_up) as bar:
 
         def work(number: int, pulse: Pulse) -> Batch:
             piece = dealt[number]
@@ -202,7 +202,7 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene = model.scene
     if not isinstance(model, ReducedModel):
-        return why_not_of_full_order(scene)
+        return why_not_of_full_order(model)
     remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)

@@ -85,7 +85,7 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
     of_runs, notes = _of_runs(runs, exaggeration)
     pictures = {**_of_modes(tables), **of_runs}
     if ensembles:
-        in_order = sorted(ensembles, key=lambda found: found[1].model != "full")
+        in_order = sorted(ensembles, key=lambda found: tuple(MODELS).index(found[1].model))
         files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
         pictures["densities"] = partial(densities, found, densities_labels(found, files))
         notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.differences import tell_apart
 from pgmp_petsc.figures.style import (
+    COMPONENT_COLOUR,
     FULL_COLOUR,
     MODELS,
     PLAIN,
@@ -227,7 +228,7 @@ def _colours(ensembles: Sequence[Ensemble]) -> list[str]:
     models = [ensemble.model for ensemble in ensembles]
     if len(set(models)) < len(models):
         return distinct_colours(len(models))
-    return [FULL_COLOUR if model == "full" else REDUCED_COLOUR for model in models]
+    return [{"full": FULL_COLOUR, "components": COMPONENT_COLOUR}.get(model, REDUCED_COLOUR) for model in models]
 
 
 def _tint(colour: str) -> str:

@@ -27,11 +27,12 @@ Arguments = ParamSpec("Arguments")
 # Okabe and Ito's palette: told apart with any common kind of colour blindness, and printed in grey.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
 FULL_COLOUR = "#4D4D4D"
+COMPONENT_COLOUR = "#0072B2"
 REDUCED_COLOUR = "#D55E00"
 QUIET = "#6B6B6B"
 # numbers on an axis without a common factor, which would stand in the way of what is written above
 PLAIN = FuncFormatter(lambda value, _: f"{value:.6g}")
-MODELS = {"full": "full order", "reduced": "reduced"}
+MODELS = {"full": "full order", "components": "component modes", "reduced": "reduced"}
 RESOLUTION = 150
 PROGRAM = f"pgmp_petsc {__version__}"
 

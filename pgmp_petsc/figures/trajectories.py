@@ -72,14 +72,17 @@ class Comparison:
 
 
 def paired(runs: Sequence[Trajectory]) -> list[Comparison]:
-    """Pair the reduced runs with full-order ones of the same case, in the order in which they come.
+    """Pair runs with those of the best model at hand of the same case, in the order in which they come.
 
-    Several reduced runs share a full-order one where there are not as many.
+    That is the full-order model, and the component model where no run is full-order. Several runs share one of it where
+    there are not as many.
     """
-    full = [run for run in runs if run.model == "full"]
+    best = min((run.model for run in runs), key=tuple(MODELS).index, default="full")
+    best = "components" if best == "reduced" else best
+    full = [run for run in runs if run.model == best]
     left, comparisons = list(full), []
     for run in runs:
-        if run.model == "reduced":
+        if run.model != best:
             free, taken = (
                 (other for other in others if same_case(run.record, other.record)) for others in (left, full)
             )

@@ -6,6 +6,7 @@ every run without an estimate can say why.
 
 from __future__ import annotations
 
+from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import Effect
@@ -56,8 +57,21 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     return ()
 
 
-def why_not_of_full_order(scene: Scene) -> tuple[Remark, ...]:
-    """Return that the errors of full-order runs are not estimated, and what measures them."""
+def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
+    """Return that the errors of full-order and component runs are not estimated, and what measures them."""
+    scene = model.scene
+    if isinstance(model, ComponentModel):
+        counts = ", ".join(f"{n} of {name}" for name, n in model.n_amplitudes.items())
+        return (
+            note(
+                f"errors of the component modes ({counts}) and of the time step were not estimated; take more "
+                "reduction.modes and a smaller simulation.step, or compare with pgmp simulate SCENE --full"
+            ),
+            note(
+                "left out: what is of second order in the deformation of a body in its floating frame (stiffening by "
+                "loads, foreshortening); a full-order run has it"
+            ),
+        )
     cure = "pgmp tradeoff measures those of the reduced one and of the step"
     if any(body.element != "beam2d" for body in scene.bodies.values()):
         cure = "compare with a finer mesh and a smaller simulation.step"

@@ -11,6 +11,7 @@ from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.rigid_component import rigid_component, rigid_line
 from pgmp_petsc.bodies.section import BeamSection, SpatialSection
@@ -43,6 +44,9 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
     """
     bodies: dict[str, Body] = {}
     for name, entry in scene.bodies.items():
+        if isinstance(meshes[name], FloatingBody):
+            bodies[name] = Body.in_floating_frame(name, meshes[name])
+            continue
         if entry.continuum:
             bodies[name] = _continuum(scene, name, meshes[name])
             continue

@@ -1,4 +1,6 @@
-"""What ties the frames of groups of faces to the mesh: mean position and mean rotation, see `bodies.face_frame`.
+"""What ties the frames that hold a body to it: to faces of its mesh, or to a floating frame and its deformation.
+
+The frame of a group of faces has their mean position and mean rotation, see `bodies.face_frame`.
 
 With a frame (p, d_1 .. d_d), the nodes' positions x_i, their weights w_i and arms a_i,
 
@@ -7,6 +9,14 @@ With a frame (p, d_1 .. d_d), the nodes' positions x_i, their weights w_i and ar
 the second of which is the frame's rotation less the faces' mean rotation to first order, and holds for any rotation.
 Every row is a sum of products f d_kc x_ie; in the plane ``(x, y, phi)`` give the directors, with ``d d_k / d phi = J
 d_k``, J a right angle's rotation.
+
+With a floating frame (p, d_1 .. d_d) and the displacement A xi and the small rotation Theta xi of a frame (P, D_1 ..
+D_d) at X in it (`bodies.floating`),
+
+    P - p - sum_k d_k (X + A xi)_k = 0,    1/2 (D_k.d_l - D_l.d_k) - (Theta xi)_m = 0,
+
+with k, l, m in cyclic order, in the plane ``Phi - phi - Theta xi = 0``: products of directors with amplitudes and with
+each other, and in the plane arms, ``f d_k``.
 """
 
 from __future__ import annotations
@@ -50,21 +60,33 @@ class Products(NamedTuple):
     factors: np.ndarray
 
 
+class Arms(NamedTuple):
+    """What is a constant times a component of a director in the plane, ``f d``; fields as those of `Products`."""
+
+    rows: np.ndarray
+    frames: np.ndarray
+    directors: np.ndarray
+    factors: np.ndarray
+
+
 class FrameTies:
-    """The ties of all frames of bodies on meshes; the interface is that of `StatementRows`."""
+    """The ties of all frames that hold bodies on meshes and in floating frames; the interface is that of
+    `StatementRows`."""
 
     def __init__(self, unknowns: Unknowns) -> None:
-        self._d = unknowns.dimension
-        found = list(_ties_of(unknowns))
-        n_each = self._d + len(PLANES[self._d])
-        self.n = n_each * len(found)
-        linear, products = [], []
-        for number, (frame, positions, faces) in enumerate(found):
-            linear.append(_means(n_each * number, frame, positions, faces))
-            products.append(_rotations(n_each * number + self._d, frame[0], positions, faces))
+        self._d, self.n = unknowns.dimension, 0
         empty = np.zeros(0, dtype=np.int64)
-        self._linear = _joined([(empty, empty, np.zeros(0)), *linear])
-        self._products = Products(*_joined([(empty,) * 4 + (np.zeros(0),), *products]))
+        linear, products = [(empty, empty, np.zeros(0))], [(empty,) * 4 + (np.zeros(0),)]
+        arms = [(empty,) * 3 + (np.zeros(0),)]
+        for frame, positions, faces in _faces_of(unknowns):
+            linear.append(_means(self.n, frame, positions, faces))
+            products.append(_rotations(self.n + self._d, frame[0], positions, faces))
+            self.n += self._d + len(PLANES[self._d])
+        for held in _held_by_floating(unknowns):
+            for parts, found in zip((linear, products, arms), held.ties(self.n)):
+                parts.append(found)
+            self.n += held.shape.shape[0]
+        self._linear, self._products, self._arms = _joined(linear), Products(*_joined(products)), Arms(*_joined(arms))
         self._find_patterns(unknowns.n_dofs)
 
     @property
@@ -81,6 +103,11 @@ class FrameTies:
     def products(self) -> Products:
         """The products."""
         return self._products
+
+    @property
+    def arms(self) -> Arms:
+        """The arms; there are some in the plane alone."""
+        return self._arms
 
     def values(self, q: np.ndarray) -> np.ndarray:
         """Return what is to be zero, shape (n, ...), m and rad, for unknowns (n_dofs, ...)."""
@@ -103,26 +130,25 @@ class FrameTies:
         n = math.prod(trailing)
         flat = [np.ascontiguousarray(array.reshape(len(array), n)) for array in arrays]
         result = np.zeros((size, n))
-        fill(self._d, self._linear, self._products, self._places, *flat, result)
+        fill(self._d, self._linear, self._products, self._arms, self._places, *flat, result)
         return result.reshape(size, *trailing)
 
     def _find_patterns(self, n_dofs: int) -> None:
-        (row, column, _), p = self._linear, self._products
-        turning = self.turning
-        keys = np.concatenate([row * n_dofs + column, p.rows * n_dofs + p.positions, p.rows * n_dofs + turning])
-        unique, at = np.unique(keys, return_inverse=True)
+        (row, column, _), p, arms = self._linear, self._products, self._arms
+        turning, of_arms = self.turning, arms.frames + PHI
+        entries = (row, column), (p.rows, p.positions), (p.rows, turning), (arms.rows, of_arms)
+        unique, at = np.unique(np.concatenate([i * n_dofs + j for i, j in entries]), return_inverse=True)
         self.jacobian_pattern = unique // n_dofs, unique % n_dofs
-        of_linear, of_position, of_director = np.split(at, [row.size, row.size + p.rows.size])
-        keys = [np.maximum(turning, p.positions) * n_dofs + np.minimum(turning, p.positions)]
-        if self._d == 2:
-            keys.append(turning * n_dofs + turning)
-        unique, at = np.unique(np.concatenate(keys), return_inverse=True)
+        of_linear, of_position, of_director, of_arm = np.split(at, np.cumsum([i.size for i, _ in entries])[:-1])
+        pairs = [(np.maximum(turning, p.positions), np.minimum(turning, p.positions))]
+        pairs += [(turning, turning), (of_arms, of_arms)] if self._d == 2 else []
+        unique, at = np.unique(np.concatenate([i * n_dofs + j for i, j in pairs]), return_inverse=True)
         self.curvature_pattern = unique // n_dofs, unique % n_dofs
-        mixed, twice = at[: p.rows.size], at[p.rows.size :] if self._d == 2 else at[:0]
-        self._places = of_linear, of_position, of_director, mixed, twice
+        mixed, twice, bent = at[: p.rows.size], at[p.rows.size : 2 * p.rows.size], at[2 * p.rows.size :]
+        self._places = of_linear, of_position, of_director, of_arm, mixed, twice, bent
 
 
-def _ties_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, FaceFrame]]:
+def _faces_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, FaceFrame]]:
     """Yield, frame by frame, its unknowns (m,), those of the positions of its faces' nodes (n, d), and the faces."""
     d = unknowns.dimension
     for body in unknowns.bodies:
@@ -130,6 +156,68 @@ def _ties_of(unknowns: Unknowns) -> Iterator[tuple[np.ndarray, np.ndarray, FaceF
             for number, faces in enumerate(body.meshed.frames.values()):
                 positions = body.first_internal + d * faces.nodes[:, None] + np.arange(d)
                 yield unknowns.frame(body.first_node + number), positions, faces
+
+
+class _Held(NamedTuple):
+    """A frame that holds a body in a floating frame.
+
+    Attributes
+    ----------
+    frame, floating
+        Unknowns of both, shape (m,).
+    amplitudes
+        Unknowns xi, shape (n,).
+    centre
+        X, shape (d,), m.
+    shape
+        A and Theta, shape (3, n), in space (6, n).
+    """
+
+    frame: np.ndarray
+    floating: np.ndarray
+    amplitudes: np.ndarray
+    centre: np.ndarray
+    shape: np.ndarray
+
+    def ties(self, first_row: int) -> tuple[tuple[np.ndarray, ...], ...]:
+        """Return what is linear, the products and the arms, rows from a first one on."""
+        d, n = self.centre.size, self.amplitudes.size
+        rotation, axes = self.shape[d:], np.arange(d)
+        component, k = (part.ravel() for part in np.meshgrid(axes, axes, indexing="ij"))
+        rows, directors = first_row + component, d * k + component  # sum_k d_k (...)_k
+        same = np.full(rows.size, self.floating[0])
+        moved = [
+            np.repeat(rows, n), np.repeat(same, n), np.repeat(directors, n), np.tile(self.amplitudes, rows.size),
+            -self.shape[k].ravel(),
+        ]  # fmt: skip
+        turned = first_row + d + np.arange(len(rotation))
+        linear = [
+            np.concatenate([first_row + np.tile(axes, 2), np.repeat(turned, n)]),
+            np.concatenate([self.frame[:d], self.floating[:d], np.tile(self.amplitudes, len(rotation))]),
+            np.concatenate([np.repeat([1.0, -1.0], d), -rotation.ravel()]),
+        ]
+        arms = rows, same, directors, -self.centre[k]
+        if d == 2:
+            angles = np.repeat(turned, 2), np.array([self.frame[2], self.floating[2]]), np.array([1.0, -1.0])
+            return _joined([tuple(linear), angles]), tuple(moved), arms
+        linear = _joined([tuple(linear), (rows, self.floating[d + directors], arms[-1])])
+        products = [tuple(moved)]
+        for m, row in enumerate(turned):
+            for factor, one, other in ((0.5, m - 2, m - 1), (-0.5, m - 1, m - 2)):
+                one, other = one % d, other % d
+                mine, its = d * one + axes, self.floating[d + d * other + axes]
+                products.append((np.full(d, row), np.full(d, self.frame[0]), mine, its, np.full(d, factor)))
+        none = np.zeros(0, dtype=np.int64)
+        return linear, _joined(products), (none, none, none, np.zeros(0))
+
+
+def _held_by_floating(unknowns: Unknowns) -> Iterator[_Held]:
+    for body in unknowns.bodies:
+        if body.floating is not None:
+            last = body.first_node + body.n_nodes - 1
+            amplitudes = body.first_internal + np.arange(body.floating.n)
+            for number, (centre, shape) in enumerate(zip(body.floating.centres, body.floating.shapes)):
+                yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, centre, shape)
 
 
 def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: FaceFrame) -> tuple[np.ndarray, ...]:
@@ -178,7 +266,7 @@ def director(d, products, e, q, sample):
 
 
 @njit(cache=True, error_model="numpy")
-def _values(d, linear, products, places, q, result):
+def _values(d, linear, products, arms, places, q, result):
     rows, columns, factors = linear
     for sample in range(q.shape[1]):
         for e in range(rows.size):
@@ -186,11 +274,13 @@ def _values(d, linear, products, places, q, result):
         for e in range(products.rows.size):
             component, _ = director(d, products, e, q, sample)
             result[products.rows[e], sample] += products.factors[e] * component * q[products.positions[e], sample]
+        for e in range(arms.rows.size):
+            result[arms.rows[e], sample] += arms.factors[e] * director(d, arms, e, q, sample)[0]
 
 
 @njit(cache=True, error_model="numpy")
-def _jacobian(d, linear, products, places, q, result):
-    of_linear, of_position, of_director, _, _ = places
+def _jacobian(d, linear, products, arms, places, q, result):
+    of_linear, of_position, of_director, of_arm, _, _, _ = places
     for sample in range(q.shape[1]):
         for e in range(of_linear.size):
             result[of_linear[e], sample] += linear[2][e]
@@ -199,11 +289,13 @@ def _jacobian(d, linear, products, places, q, result):
             along = products.factors[e] * q[products.positions[e], sample]
             result[of_position[e], sample] += products.factors[e] * component
             result[of_director[e], sample] += along * (slope if d == 2 else 1.0)
+        for e in range(arms.rows.size):
+            result[of_arm[e], sample] += arms.factors[e] * director(d, arms, e, q, sample)[1]
 
 
 @njit(cache=True, error_model="numpy")
-def _curvature(d, linear, products, places, q, multipliers, result):
-    _, _, _, mixed, twice = places
+def _curvature(d, linear, products, arms, places, q, multipliers, result):
+    _, _, _, _, mixed, twice, bent = places
     for sample in range(q.shape[1]):
         for e in range(products.rows.size):
             component, slope = director(d, products, e, q, sample)
@@ -211,10 +303,13 @@ def _curvature(d, linear, products, places, q, multipliers, result):
             result[mixed[e], sample] += factor * (slope if d == 2 else 1.0)
             if d == 2:  # d2 d_k / d phi2 = -d_k
                 result[twice[e], sample] -= factor * component * q[products.positions[e], sample]
+        for e in range(arms.rows.size):
+            component, _ = director(d, arms, e, q, sample)
+            result[bent[e], sample] -= arms.factors[e] * multipliers[arms.rows[e], sample] * component
 
 
 @njit(cache=True, error_model="numpy")
-def _drift(d, linear, products, places, q, v, result):
+def _drift(d, linear, products, arms, places, q, v, result):
     for sample in range(q.shape[1]):
         for e in range(products.rows.size):
             component, slope = director(d, products, e, q, sample)
@@ -225,3 +320,7 @@ def _drift(d, linear, products, places, q, v, result):
             else:
                 change = 2.0 * v[frame + 3 + products.directors[e], sample] * v[position, sample]
             result[products.rows[e], sample] += products.factors[e] * change
+        for e in range(arms.rows.size):
+            component, _ = director(d, arms, e, q, sample)
+            spin = v[arms.frames[e] + PHI, sample]
+            result[arms.rows[e], sample] -= arms.factors[e] * component * spin * spin

@@ -79,4 +79,6 @@ class Unknowns:
         of_frames = self._space.n_pose * self.mechanism.n_nodes
         if number <= of_frames:
             return number // self._space.n_pose * self._space.n_pose
+        if number == self.n_dofs:
+            return number
         return of_frames + (number - of_frames) // self.dimension * self.dimension

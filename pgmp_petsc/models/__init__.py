@@ -1,7 +1,9 @@
-"""The full-order and the reduced model of a scene behind one interface; simulations and ensembles use no other."""
+"""The full-order, the component and the reduced model of a scene behind one interface; simulations and ensembles use
+no other."""
 
+from pgmp_petsc.models.components import ComponentModel
 from pgmp_petsc.models.full import FullModel
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel
 
-__all__ = ["FullModel", "Model", "ReducedModel"]
+__all__ = ["ComponentModel", "FullModel", "Model", "ReducedModel"]

@@ -45,6 +45,7 @@ class FullModel:
     """
 
     name = "full"
+    title = "full-order"
 
     def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene

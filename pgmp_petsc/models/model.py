@@ -22,8 +22,8 @@ class Model(Protocol):
 
     Attributes
     ----------
-    name
-        ``full`` or ``reduced``.
+    name, title
+        ``full``, ``components`` or ``reduced``; what messages call it.
     scene, kinematics, outputs
         The scene, its rigid kinematics and its outputs.
     largest_batch
@@ -33,6 +33,7 @@ class Model(Protocol):
     """
 
     name: str
+    title: str
     scene: Scene
     kinematics: RigidKinematics
     outputs: OutputSet

@@ -53,6 +53,7 @@ class ReducedModel:
     """
 
     name = "reduced"
+    title = "reduced"
 
     def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
         self.scene = scene

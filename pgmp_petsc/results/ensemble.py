@@ -99,7 +99,7 @@ class Ensemble:
 
     Parameters
     ----------
-    model : {"full", "reduced"}
+    model : {"full", "components", "reduced"}
     record : RunRecord
     parameters, outputs : dict of str to ndarray, shape (N,)
     units : dict of str to str

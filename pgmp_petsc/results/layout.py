@@ -12,7 +12,7 @@ from pgmp_petsc.runtime.files import put, take
 if TYPE_CHECKING:
     import h5py
 
-MODELS = ("full", "reduced")
+MODELS = ("full", "components", "reduced")
 
 
 def check_shape(name: str, data: np.ndarray, shape: tuple[int | None, ...]) -> None:

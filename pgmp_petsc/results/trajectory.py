@@ -97,7 +97,7 @@ class Trajectory:
 
     Parameters
     ----------
-    model : {"full", "reduced"}
+    model : {"full", "components", "reduced"}
     record : RunRecord
     time : ndarray, shape (n_t,)
         s.

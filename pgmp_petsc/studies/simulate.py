@@ -59,14 +59,15 @@ def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
 
 
 def simulate_full(model: FullModel, comm: MPI.Comm) -> Trajectory | None:
-    """Run the full-order model, distributed over ranks. Collective on `comm`; see `simulate_reduced`.
+    """Run the full-order or the component model, distributed over ranks. Collective on `comm`; see
+    `simulate_reduced`.
 
     A model with fewer than `UNKNOWNS_PER_RANK` unknowns a rank runs on fewer ranks: factorising a small matrix on
     several takes longer than on one. The others wait.
     """
     n_workers = min(comm.size, max(1, model.kinematics.mechanism.n_dofs // UNKNOWNS_PER_RANK))
     trajectory = None
-    with first_ranks(comm, n_workers) as workers, agreed(comm, "full-order simulation"):
+    with first_ranks(comm, n_workers) as workers, agreed(comm, f"{model.title} simulation"):
         if comm.rank < n_workers:
             trajectory = _full_on_all_ranks(model, workers, comm.size)
     return trajectory
@@ -168,7 +169,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
         with timings.phase("assembly"):
             system = model.single(model.scene.values, comm)
             require_settled(system)
-        with system, timings.phase("integration"), _progress("full-order", attempt, comm) as bar:
+        with system, timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
             started[:] = start_remarks(system)
             record = FullRecord(model, system, frame_steps(simulation))
 
@@ -196,7 +197,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             frames,
             n_ranks,
             timings,
-            (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model.scene), *started),
+            (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model), *started),
         ),
     )
 

@@ -1,0 +1,76 @@
+"""A flexible body in a floating frame: small deformation in a frame that makes large motions, inertia exact.
+
+A point X of the body is at
+
+    r = p + sum_k d_k w_k,    w_k = X_k + Psi_k(X) xi,
+
+with the frame's position p and directors d_k, and xi the amplitudes of displacement fields Psi. All that inertia does
+follows from the moments of the scalar fields ``f = (1, X_1 .. X_d, Psi_1 .. Psi_d)``,
+
+    int rho f_a f_b dV,
+
+which are constant, and exact for the mesh as its mass matrix is: no integral over the body is left for a run (nodal
+formulation of Zwoelfer and Gerstmayr, Multibody Syst. Dyn. 2020). Psi are free modes of the body, orthogonal to its
+rigid motions in the mass at nominal parameters: p and d_k are its mean axes (Tisserand's frame), there is nothing that
+the frame and the fields could both do, and no point of the body is preferred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+
+
+@dataclass(frozen=True, eq=False)
+class FloatingBody:
+    """A flexible body in its floating frame.
+
+    Attributes
+    ----------
+    frames
+        Name and number (from 0) of every frame that joints, effects and outputs hold.
+    centres
+        Of the frames in the body's frame, shape (n_frames, d), m.
+    shapes
+        Displacement and small rotation of every frame for a unit of each amplitude, shape (n_frames, 3, n), in space
+        (n_frames, 6, n).
+    moments
+        ``int rho f_a f_b dV`` by weight, shape (1 + d + d n, 1 + d + d n): of 1, of the coordinates, of Psi_1, of Psi_2
+        ...
+    stiffness
+        Of the amplitudes, by weight, shape (n, n).
+    """
+
+    frames: dict[str, int]
+    centres: np.ndarray
+    shapes: np.ndarray
+    moments: dict[Monomial, np.ndarray]
+    stiffness: dict[Monomial, np.ndarray]
+
+    @property
+    def n(self) -> int:
+        """Number of amplitudes."""
+        return self.shapes.shape[2]
+
+    @property
+    def extent(self) -> float:
+        """Largest extent of the frames along an axis of the body's frame, m."""
+        return float(np.max(np.ptp(self.centres, axis=0)))
+
+
+def first_moments(moments: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return mass and ``int rho X`` (1 + d, ...), and ``int rho Psi`` (d, n, ...), of moments (r, r, ...)."""
+    n = (len(moments) - 1 - d) // d
+    return moments[0, : 1 + d], moments[0, 1 + d :].reshape(d, n, *moments.shape[2:])
+
+
+def second_moments(moments: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return ``int rho X_k X_l`` (d, d, ...), ``int rho X_k Psi_l`` (d, d, n, ...) and ``int rho Psi_k Psi_l``
+    (d, d, n, n, ...) of moments (r, r, ...)."""
+    n, trailing = (len(moments) - 1 - d) // d, moments.shape[2:]
+    of_places, mixed, of_fields = moments[1 : 1 + d, 1 : 1 + d], moments[1 : 1 + d, 1 + d :], moments[1 + d :, 1 + d :]
+    both = of_fields.reshape(d, n, d, n, *trailing)
+    return of_places, mixed.reshape(d, d, n, *trailing), np.moveaxis(both, 2, 1)

@@ -1,0 +1,175 @@
+"""Flexible bodies in floating frames: what is left of a mesh is moments, a stiffness and the shapes at its frames.
+
+A continuum body's fields are those that it is condensed to (`component_modes`): they answer its frames whatever these
+are joined to. A body of beams has its lowest free modes and what its frames' forces do beyond them
+statically. In both cases the fields are turned to free modes, which are orthogonal to the rigid motions in the mass at
+nominal parameters, and these are left out: the frame makes them (`bodies.floating`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from scipy.linalg import eigh
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.floating import FloatingBody
+from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
+from pgmp_petsc.components.condensing import serving_points
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.points import points_used
+
+DEPENDENT = 1e-9  # of the largest eigenvalue of vectors' products in the mass
+
+
+def floating_shapes(
+    scene: Scene, shapes: Mapping[str, BodyShape], bodies: Sequence[Body], comm: MPI.Comm
+) -> dict[str, BodyShape]:
+    """Return the shapes of a scene's bodies, the flexible ones in floating frames. Collective on `comm`.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    shapes
+        By the name of the body.
+    bodies
+        That were made of them.
+
+    Raises
+    ------
+    InputError
+        If a body cannot be put into a floating frame.
+    RunError
+        If an eigenproblem fails; on all ranks, whichever rank met it.
+    """
+    flexible = [body for body in bodies if body.flexible]
+    own, found = flexible[comm.rank :: comm.size], {}
+    with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
+        for body in own:
+            found[body.name] = _floating(scene, replace(body.alone(), lumps={}))
+            bar.update()
+    done = dict(shapes)
+    for part in comm.allgather(found):
+        done.update(part)
+    return done
+
+
+def _floating(scene: Scene, body: Body) -> FloatingBody:
+    points = points_used(scene, body.name)
+    if body.meshed is None:
+        return _of_beams(scene, body, points)
+    if body.meshed.drawn is not None:
+        raise InputError(
+            f"bodies.{body.name}.section_scale: bodies with a scaled cross-section have no component model; take pgmp "
+            "build and a reduced model, or pgmp simulate --full"
+        )
+    return _of_solid(scene, body.meshed)
+
+
+def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
+    """Condense a body on its mesh, and put it into a floating frame."""
+    solid, d = meshed.solid, meshed.solid.mesh.dimension
+    n_modes = scene.reduction.modes + scene.n_overconstrained
+    component, recovery = condense(solid, meshed.frames, serving_points(scene, meshed), n_modes, MPI.COMM_SELF)
+    nominal = scene.nominal
+    mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
+    modes = _free_modes(mass, total, d, recovery)
+    fields = [np.ones((solid.mesh.n_nodes, 1)), solid.mesh.nodes, *(recovery[k::d] @ modes for k in range(d))]
+    scalars = np.hstack(fields)
+    moments = {
+        weight: scalars.T @ (matrix.tocsr()[::d, ::d] @ scalars)
+        for weight, matrix in solid.mass(range(solid.mesh.n_nodes)).items()
+    }
+    stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
+    shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
+    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness)
+
+
+def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
+    """Put a body of beams into a floating frame."""
+    matrices, per_node = assemble([body], range(body.dofs.size)), body.node_dofs
+    mass, stiffness = (
+        {weight: matrix.toarray() for weight, matrix in terms.items()} for terms in (matrices.mass, matrices.stiffness)
+    )
+    held = np.array([body.mesh.point(point, blame) for point, blame in points.items()])
+    loads = np.zeros((body.dofs.size, per_node * held.size))
+    loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
+    total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
+    basis = _answering(total_mass, total, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
+    d = body.mesh.nodes.shape[1]
+    # torsion moves no node: of rotations what they move at the body's extent
+    moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
+    modes = basis @ _free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d, moved)
+    shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
+    frames = {point: number for number, point in enumerate(points)}
+    reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
+    return FloatingBody(frames, body.mesh.nodes[held], shapes, _moments_of_beams(body, modes), reduced)
+
+
+def _answering(mass: np.ndarray, stiffness: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int) -> np.ndarray:
+    """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
+    balanced by inertia forces."""
+    values, vectors = eigh(stiffness, mass)
+    kept = min(n_rigid + n_modes, values.size)
+    missed = vectors[:, kept:] @ ((vectors[:, kept:].T @ loads) / values[kept:, None])
+    squares, directions = eigh(missed.T @ mass @ missed)
+    chosen = squares > DEPENDENT * np.max(squares, initial=0.0)
+    return np.hstack([vectors[:, :kept], missed @ (directions[:, chosen] / np.sqrt(squares[chosen]))])
+
+
+def _free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int, moved: np.ndarray) -> np.ndarray:
+    """Return the elastic free modes in given coordinates, shape (n, n - n_rigid), of a largest displacement of 1 m.
+
+    `moved` gives displacements on the mesh in these coordinates, shape (n_displacements, n).
+    """
+    _, vectors = eigh(stiffness, mass)
+    elastic = vectors[:, d * (d + 1) // 2 :]
+    return elastic / np.max(np.abs(moved @ elastic), axis=0)
+
+
+def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n).
+
+    A point at the place ``sum_s eta_s t_s`` of a section moves with ``u + sum_s eta_s phi x t_s``: scalar fields are
+    ``a + sum_s eta_s b_s`` with a linear between the nodes, and b from the rotations there; the section's moments are
+    those of 1 and of eta_s.
+    """
+    mesh, n, d = body.mesh, modes.shape[1], body.mesh.nodes.shape[1]
+    by_node = modes.reshape(mesh.n_nodes, body.node_dofs, n)
+    axes = body.axes if d == 3 else _planar_axes(mesh)
+    spins = by_node[:, d:] if d == 3 else np.insert(by_node[:, d:], 0, np.zeros((2, 1, n)), axis=1)
+    shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])
+    consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+    # rho I_2 is the moment of what lies along t_3, and rho I_3 of what lies along t_2; in the plane rho I of t_2
+    across = (2, 1) if d == 3 else (1,)
+    found: dict[Monomial, np.ndarray] = {}
+    for nodes, length, own in zip(mesh.cells, mesh.lengths, axes):
+        fields = [shared[nodes]]
+        for s in across:
+            turned = np.cross(spins[nodes], np.resize(own[:, s], 3) * (np.arange(3) < d), axisa=1, axisb=0)
+            at_rest = np.hstack([np.zeros((2, 1)), np.tile(own[:, s], (2, 1))])
+            fields.append(np.hstack([at_rest, *(turned[..., k] for k in range(d))]))
+        for weight, coefficients in body.section.mass_terms().items():
+            for coefficient, field in zip(coefficients, fields):
+                if coefficient:
+                    part = coefficient * length * (field.T @ consistent @ field)
+                    found[weight] = found.get(weight, 0.0) + part
+    return found
+
+
+def _planar_axes(mesh: LineMesh) -> np.ndarray:
+    """Return the directions along and across the elements of a mesh in the plane, one a column, (n_elements, 2, 2)."""
+    along = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0] / mesh.lengths[:, None]
+    return np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=2)
