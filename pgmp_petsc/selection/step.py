@@ -7,8 +7,9 @@ runs may lack a vibration that the loads set off, or have it in a wrong phase, a
 Nothing damps vibrations in a scene, so that their phase errors add up over the run, and only steps far below a
 hundredth of their period bring them down with its square.
 
-What is chosen may be coarser than any run that is halved: where a load sets off nothing, or no step follows what it
-sets off, the rigid motion alone wants steps, and errors against a run that sees the vibrations tell so.
+What is chosen may be coarser than any run that is halved: where a load sets off little, the rigid motion alone wants
+steps, and errors against a run that sees the vibrations tell so. Longer steps are tried after the first ones were good
+enough, never instead: at few instants a vibration is seen smaller than it is.
 
 Where runs of `RESOLVED` times the first number of steps are at hand and the differences of halvings fall by `FALLS` at
 least, the error of the finest run follows from the last two as the rest of a geometric series (for an error of order
@@ -64,7 +65,7 @@ class StepSearch:
     def advance(self, most: int) -> None:
         """Halve the step until it is found or the next run would have more than `most` steps."""
         if self.finest == 0:
-            self.finest, self._next = self.first, self.coarsest
+            self.finest = self._next = self.first
         while self.chosen is None and 2 * self.finest <= most:
             self.finest *= 2
             self._moved.append(self.compare(self.finest // 2, self.finest))
@@ -89,7 +90,17 @@ class StepSearch:
         error = float(self.compare(self._next, self.finest).max())
         if error <= self.allowed:
             self.chosen, self.error = self._next, error
+            if self._next == self.first:
+                self._lengthen()
         self._next *= 2
+
+    def _lengthen(self) -> None:
+        """Take longer steps than the first ones, as long as they are good enough."""
+        while self.chosen > self.coarsest:
+            error = float(self.compare(self.chosen // 2, self.finest).max())
+            if not error <= self.allowed:
+                break
+            self.chosen, self.error = self.chosen // 2, error
 
     def _extrapolate(self) -> None:
         first, before, last = self._moved[-3:]

@@ -120,7 +120,9 @@ class StepChoice:
         most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
         if not self.settled:
             return most
-        return min(FINER_THAN_CHOSEN * self._search.chosen, max(most, self._search.chosen))
+        # whatever longer step is chosen: with it both models damp the vibrations that tell bases apart
+        resolving = max(self._search.chosen, self._first)
+        return min(FINER_THAN_CHOSEN * resolving, max(most, self._search.chosen))
 
     @property
     def n_full(self) -> int:
@@ -195,18 +197,25 @@ class StepChoice:
         """
         if self.kept or self.n_steps > trial.n_steps:
             return
-        n_steps = self._coarsest
-        while n_steps < trial.n_steps:
-            errors = self._bench.moved_reduced(trial, n_steps, fine_enough(n_steps, self._first), self.loads)
-            self._note(n_steps, errors, "reduced")
+        n_steps = self._first
+        while n_steps < trial.n_steps and not self._good_for_reduced(trial, n_steps):
+            n_steps = min(2 * n_steps, trial.n_steps)
+        if n_steps == self._first:  # longer ones only where these are good enough, as in the search
+            while n_steps > self._coarsest and self._good_for_reduced(trial, n_steps // 2):
+                n_steps //= 2
+        self._n_reduced = n_steps
+
+    def _good_for_reduced(self, trial: Trial, n_steps: int) -> bool:
+        """Return whether so many steps of the reduced model keep the tolerance, and note it."""
+        errors = self._bench.moved_reduced(trial, n_steps, fine_enough(n_steps, self._first), self.loads)
+        self._note(n_steps, errors, "reduced")
+        good = errors.largest <= STEP * self.tolerance
+        if good or n_steps >= self._first:
             self._ledger.reasons["simulation.step"] = (
                 f"{n_steps} steps leave {errors.largest:.2g}, allowed {STEP * self.tolerance:.2g}, of the reduced "
                 f"model itself; the full-order one needs {self._search.chosen}"
             )
-            if errors.largest <= STEP * self.tolerance:
-                break
-            n_steps = min(2 * n_steps, trial.n_steps)
-        self._n_reduced = n_steps
+        return good
 
     @property
     def _most(self) -> int:

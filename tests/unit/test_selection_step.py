@@ -81,6 +81,14 @@ def test_a_vibration_is_seen_by_the_longest_steps_too() -> None:
     assert search.chosen < 128, "none of these steps resolves it"
 
 
+def test_a_long_step_is_not_good_by_chance() -> None:
+    """At few instants a vibration is seen smaller than it is: 16 steps see less of it than 32 do."""
+    seen = {16: 1e-4, 32: 3e-3, 64: 2e-3}
+    search = StepSearch(lambda n, m: np.array([seen.get(n, 1e-5)]), 32, 1e-3, 8)
+    search.advance(65536)
+    assert search.chosen == 128
+
+
 @pytest.mark.parametrize("duration", [0.05, 0.7, 1.0, 3.0, 40.0])
 def test_the_search_begins_with_four_steps_a_period_and_may_take_one(duration: float) -> None:
     coarsest, first = first_steps(duration, 1.0 / 64.0)

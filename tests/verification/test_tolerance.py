@@ -100,9 +100,9 @@ def test_a_hundredth_of_all_outputs(hundredth: Chosen, load: str) -> None:
     corner sets off: 1.6e-2, and only a run with a tolerance of its own finds the step for them.
     """
     assert not np.isin(SHARES * RADIUS, spanning_values(hundredth.scene)[0]["r1"]).any()
-    assert hundredth.errors(LOADS[load], 32, 32).max() < 1e-2
+    assert hundredth.errors(LOADS[load], 64, 64).max() < 1e-2
     if load != "reversed":
-        assert hundredth.errors(LOADS[load], 1, 32).max() < 1e-2
+        assert hundredth.errors(LOADS[load], 1, 64).max() < 1e-2
 
 
 @pytest.mark.parametrize("load", LOADS)
@@ -131,7 +131,7 @@ def test_a_quicker_load_needs_a_smaller_step_but_no_other_basis(hundredth: Chose
     settled, remark = settle_step(model, MPI.COMM_SELF, ensemble=True)
     assert "was chosen" in remark
     assert settled.scene.simulation.step < 0.1 * scene.simulation.step
-    assert hundredth.errors(QUICK, 32, 32).max() < 1e-2
+    assert hundredth.errors(QUICK, 64, 64).max() < 1e-2
 
 
 def test_what_was_chosen_is_in_the_record(hundredth: Chosen, ten_thousandth: Chosen) -> None:
