@@ -17,11 +17,12 @@ from pgmp_petsc.selection.ledger import STEP, Ledger
 from pgmp_petsc.selection.refusal import ZERO, refuse
 from pgmp_petsc.selection.step import (
     AHEAD,
-    FEWEST,
     FIRST_PER_PERIOD,
     MOST_ANYWAY,
     MOST_PER_PERIOD,
     StepSearch,
+    fine_enough,
+    first_steps,
     step_of,
 )
 from pgmp_petsc.selection.training import Training
@@ -89,7 +90,8 @@ class StepChoice:
         self.kept = "step" in simulation.model_fields_set or self.tolerance is None
         self.n_given = count_steps(simulation.duration, simulation.step)
         self._duration = simulation.duration
-        self._periods = max(simulation.duration / period, FEWEST / FIRST_PER_PERIOD)
+        self._coarsest, self._first = first_steps(simulation.duration, period)
+        self._periods = self._first / FIRST_PER_PERIOD
         self.loads = tuple(load.name for load in bench.training.loads if load.for_step)
         self._search: StepSearch | None = None
         self._last: Errors | None = None
@@ -118,7 +120,9 @@ class StepChoice:
         most = UNKNOWN_PER_PERIOD // FIRST_PER_PERIOD * self._first
         if not self.settled:
             return most
-        return min(FINER_THAN_CHOSEN * self._search.chosen, max(most, self._search.chosen))
+        # whatever longer step is chosen: with it both models damp the vibrations that tell bases apart
+        resolving = max(self._search.chosen, self._first)
+        return min(FINER_THAN_CHOSEN * resolving, max(most, self._search.chosen))
 
     @property
     def n_full(self) -> int:
@@ -142,7 +146,7 @@ class StepChoice:
         if self.kept:
             self._check_given()
             return
-        self._search = StepSearch(self._compare, self._first, STEP * self.tolerance)
+        self._search = StepSearch(self._compare, self._first, STEP * self.tolerance, self._coarsest)
         self._search.advance(round(EARLY_PER_PERIOD * self._periods))
 
     def finish(self, others: Mapping[str, float]) -> None:
@@ -194,26 +198,29 @@ class StepChoice:
         if self.kept or self.n_steps > trial.n_steps:
             return
         n_steps = self._first
-        while n_steps < trial.n_steps:
-            errors = self._bench.moved_reduced(trial, n_steps, AHEAD * n_steps, self.loads)
-            self._note(n_steps, errors, "reduced")
+        while n_steps < trial.n_steps and not self._good_for_reduced(trial, n_steps):
+            n_steps = min(2 * n_steps, trial.n_steps)
+        if n_steps == self._first:  # longer ones only where these are good enough, as in the search
+            while n_steps > self._coarsest and self._good_for_reduced(trial, n_steps // 2):
+                n_steps //= 2
+        self._n_reduced = n_steps
+
+    def _good_for_reduced(self, trial: Trial, n_steps: int) -> bool:
+        """Return whether so many steps of the reduced model keep the tolerance, and note it."""
+        errors = self._bench.moved_reduced(trial, n_steps, fine_enough(n_steps, self._first), self.loads)
+        self._note(n_steps, errors, "reduced")
+        good = errors.largest <= STEP * self.tolerance
+        if good or n_steps >= self._first:
             self._ledger.reasons["simulation.step"] = (
                 f"{n_steps} steps leave {errors.largest:.2g}, allowed {STEP * self.tolerance:.2g}, of the reduced "
                 f"model itself; the full-order one needs {self._search.chosen}"
             )
-            if errors.largest <= STEP * self.tolerance:
-                break
-            n_steps = min(2 * n_steps, trial.n_steps)
-        self._n_reduced = n_steps
+        return good
 
     @property
     def _most(self) -> int:
         most = max(MOST_ANYWAY, MOST_PER_PERIOD * self._periods)
         return self._first * 2 ** round(np.log2(most / self._first))
-
-    @property
-    def _first(self) -> int:
-        return int(np.ceil(FIRST_PER_PERIOD * self._periods))
 
     def _compare(self, coarse: int, fine: int) -> np.ndarray:
         errors = self._bench.moved(coarse, fine, self.loads)

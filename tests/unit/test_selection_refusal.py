@@ -13,6 +13,7 @@ from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.selection.ladder import Limits
 from pgmp_petsc.selection.ledger import Ledger
 from pgmp_petsc.selection.reduction_choice import ReductionChoice
+from pgmp_petsc.selection.step import fine_enough
 from pgmp_petsc.selection.step_choice import StepChoice
 from pgmp_petsc.selection.training import Load, Training
 from pgmp_petsc.selection.trial import Errors, Trial
@@ -178,7 +179,7 @@ def test_the_limit_of_the_step(round_off: float, part: str, words: str) -> None:
         'model = "reduced"',
         "basis: not looked at any more",
         words,
-        "the last halving, to 51200 steps, still moves x by 0.002",
+        "the last halving, to 65536 steps, still moves x by 0.002",
     ):
         assert expected in message, message
 
@@ -193,3 +194,30 @@ def test_a_second_look_takes_the_place_of_the_first() -> None:
     assert [attempt.largest for attempt in ledger.attempts] == [9e-5, 2e-3]
     assert ledger.best("basis").largest == 2e-3
     assert ledger.best("step") is None
+
+
+class Reduced(Steps):
+    """Runs of a full-order model that moves by nothing, and of a reduced one with an error of second order."""
+
+    def __init__(self, per_step: float) -> None:
+        super().__init__(0.0, 0.0)
+        self.per_step, self.compared = per_step, []
+
+    def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
+        self.compared.append((coarse, fine))
+        return errors_of((self.per_step / coarse**2,), 0.0)
+
+
+@pytest.mark.parametrize(("per_step", "n_steps"), [(1.0, 64), (5.0, 128), (20.0, 256), (1e2, 512), (1e4, 1024)])
+def test_the_reduced_model_takes_the_longest_step_of_its_own(per_step: float, n_steps: int) -> None:
+    """It is compared with runs that see the vibrations, whatever its own step; the trial's is the shortest."""
+    bench = Reduced(per_step)
+    step = StepChoice(bench, Ledger(), 1.0 / 50.0)
+    step.begin()
+    step.finish({})
+    assert step.n_full == 64, "an error of nothing allows the coarsest run"
+    assert step.n_basis == 4 * 256, "a basis is judged with steps that see the vibrations"
+    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, None, {}))
+    assert step.n_steps == n_steps
+    assert all(fine == fine_enough(coarse, 256) for coarse, fine in bench.compared)
+    assert bench.compared[0][0] == 256, "those that see the vibrations come first"

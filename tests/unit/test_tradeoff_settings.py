@@ -43,7 +43,7 @@ def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
     return values
 
 
-@pytest.mark.parametrize(("sweep", "least", "most"), [(FULL, 40, 62), (QUICK, 18, 30)])
+@pytest.mark.parametrize(("sweep", "least", "most"), [(FULL, 40, 62), (QUICK, 18, 32)])
 def test_the_number_of_settings(sweep: Sweep, least: int, most: int) -> None:
     scene = radius_scene()
     first = first_settings(scene, sweep, LIMITS)
@@ -79,14 +79,14 @@ def test_lines_through_the_best_setting() -> None:
         settings_around([best], radius_scene(), FULL, LIMITS), best.with_reduction(inertia_modes=True)
     )
     assert with_inertia["parameter_modes"] == {1, 2}
-    assert lines["n_steps"] == {250, 500, 2000, 4000}
+    assert lines["n_steps"] == {125, 250, 500, 2000, 4000}
     assert lines["refinement"] == {2, 4}
 
 
 def test_other_families() -> None:
     settings = first_settings(radius_scene(), FULL, LIMITS)
     full = {(setting.n_steps, setting.refinement) for setting in settings if setting.family == "full"}
-    assert full == {(250, 1), (500, 1), (1000, 1), (2000, 1), (4000, 1), (1000, 2), (1000, 4)}
+    assert full == {(125, 1), (250, 1), (500, 1), (1000, 1), (2000, 1), (4000, 1), (1000, 2), (1000, 4)}
     assert [setting.nodes for setting in settings if setting.family == "surface"] == [3, 5, 9, 17]
 
 

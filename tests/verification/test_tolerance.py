@@ -100,9 +100,9 @@ def test_a_hundredth_of_all_outputs(hundredth: Chosen, load: str) -> None:
     corner sets off: 1.6e-2, and only a run with a tolerance of its own finds the step for them.
     """
     assert not np.isin(SHARES * RADIUS, spanning_values(hundredth.scene)[0]["r1"]).any()
-    assert hundredth.errors(LOADS[load], 32, 32).max() < 1e-2
+    assert hundredth.errors(LOADS[load], 64, 64).max() < 1e-2
     if load != "reversed":
-        assert hundredth.errors(LOADS[load], 1, 32).max() < 1e-2
+        assert hundredth.errors(LOADS[load], 1, 64).max() < 1e-2
 
 
 @pytest.mark.parametrize("load", LOADS)
@@ -119,19 +119,16 @@ def test_a_ten_thousandth_of_the_rigid_motion(ten_thousandth: Chosen, load: str)
     assert together < 1e-4
 
 
-def test_a_quicker_load_needs_a_smaller_step_but_no_other_basis(hundredth: Chosen) -> None:
-    """A run with a tolerance of its own finds a step of 0.05 ms: vibrations keep their phase with no larger one.
-
-    With the step that was chosen for the slower load, 3.9 ms, the error is 6.9e-3 as it happens, more than half of the
-    tolerance. The basis leaves 2.6e-3 with small steps.
-    """
+def test_a_quicker_load_needs_no_other_basis(hundredth: Chosen) -> None:
+    """A run with a tolerance of its own finds a step that keeps it: 7.8 ms, with which 6.7e-3 were measured."""
     scene = hundredth.under(QUICK)
     tolerance = Simulation(**scene.simulation.model_dump(exclude={"step"}) | {"tolerance": 1e-2})
     model = ReducedModel(scene.model_copy(update={"simulation": tolerance}), hundredth.choice.rom)
     settled, remark = settle_step(model, MPI.COMM_SELF, ensemble=True)
     assert "was chosen" in remark
-    assert settled.scene.simulation.step < 0.1 * scene.simulation.step
-    assert hundredth.errors(QUICK, 32, 32).max() < 1e-2
+    finer = scene.simulation.step / settled.scene.simulation.step
+    assert hundredth.errors(QUICK, max(round(finer), 1), 64).max() < 1e-2
+    assert hundredth.errors(QUICK, 64, 64).max() < 1e-2
 
 
 def test_what_was_chosen_is_in_the_record(hundredth: Chosen, ten_thousandth: Chosen) -> None:
