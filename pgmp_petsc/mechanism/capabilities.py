@@ -38,6 +38,8 @@ class Purpose(Enum):
 #: What prepares or uses a reduced model; ``check`` foretells it.
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
 EVERYWHERE = frozenset(Purpose)
+#: What goes over all configurations of the coordinates.
+OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL}
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     InputError
         Naming the entry, the bodies or coordinates that it does not take, and the cure.
     """
-    if len(scene.coordinates) > MOST_COORDINATES and meshes is not None:
+    if len(scene.coordinates) > MOST_COORDINATES and purpose in OVER_CONFIGURATIONS and meshes is not None:
         _refuse_count(scene, meshes)
     flexible = any(body.flexible for body in scene.bodies.values())
     if not flexible and purpose in (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED, Purpose.TRADEOFF):
@@ -193,6 +195,6 @@ def _refuse_count(scene: Scene, meshes: Mapping[str, BodyShape]) -> None:
     raise InputError(
         f"coordinates: {names}: {n} independent coordinates were given; at most {MOST_COORDINATES} are taken. "
         f"reduction.angles = {angles} along each would make {angles}^{n} = {count:.3g} configurations: about "
-        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes. Join bodies "
-        "until two coordinates are left"
+        f"{hours:.3g} hours of eigenproblems on one rank, and {n_bytes / 1e9:.3g} GB of tables and modes. Take pgmp "
+        "simulate SCENE --components or --full, or join bodies until two coordinates are left"
     )

@@ -17,6 +17,7 @@ from pgmp_petsc.mechanism.closure import LoopClosure, described, size_of
 from pgmp_petsc.mechanism.continuation import SINGULAR_TOLERANCE, Continuation
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
+from pgmp_petsc.mechanism.walk import Walk
 from pgmp_petsc.runtime.errors import InputError
 
 FINE_STEP = 0.02  # rad; Newton's method converges from a linear prediction over far larger steps
@@ -52,15 +53,17 @@ class RigidMotion:
 
 
 class RigidKinematics:
-    """Rigid motion of a mechanism with one or two independent coordinates over their range.
+    """Rigid motion of a mechanism over the range of its independent coordinates.
 
-    Configurations theta have the shape (n, n_theta); (n,) will do for one coordinate.
+    Configurations theta have the shape (n, n_theta); (n,) will do for one coordinate. The branch of one or two
+    coordinates is followed over their whole range; with more, configurations are reached from the first one (`Walk`).
 
     Parameters
     ----------
     mechanism
         The mechanism; it is assembled near ``mechanism.first_guess``: at the lower end of one coordinate, of two at the
-        configuration nearest to the first guess, or else at their lower ends or the middle of their range.
+        configuration nearest to the first guess, or else at their lower ends or the middle of their range; of more
+        where the bodies meet next to the first guess.
     branch
         Its assembly branch where it is known, as a reduced model keeps it; followed anew otherwise.
 
@@ -74,6 +77,8 @@ class RigidKinematics:
         A length that is typical of the mechanism, m.
     n_redundant
         Number of constraints that follow from the others.
+    branch
+        The assembly branch; None with more than two coordinates.
 
     Raises
     ------
@@ -86,15 +91,14 @@ class RigidKinematics:
         self.mechanism = mechanism
         self.coordinates = mechanism.coordinates
         self.coordinate = mechanism.coordinates[0]
-        if self.n_coordinates > MOST_COORDINATES:
-            names = ", ".join(coordinate.name for coordinate in self.coordinates)
-            raise InputError(
-                f"coordinates: {names}: {self.n_coordinates} independent coordinates were given; at most "
-                f"{MOST_COORDINATES} are taken, as the configurations to be followed are a grid over all of them"
-            )
         self.size = size_of(mechanism)
-        self.branch = branch or self._continued()
-        self.n_redundant = self.branch.n_redundant
+        self.branch, self._walk = branch, None
+        if branch is None and self.n_coordinates <= MOST_COORDINATES:
+            self.branch = self._continued()
+        if self.branch is None:
+            self._walk, self.n_redundant = self._started()
+        else:
+            self.n_redundant = self.branch.n_redundant
         self._followed: dict[bytes, RigidMotion] = {}
 
     @property
@@ -129,6 +133,14 @@ class RigidKinematics:
         start, assembled = self._assemble(axes)
         n_redundant = self._check_count(assembled)
         return PoseBranch.of(self._closure, Continuation(self._closure, axes, start, assembled), axes, n_redundant)
+
+    def _started(self) -> tuple[Walk, int]:
+        """Assemble near the first guess; return where, and the number of constraints that follow from the others."""
+        guess = self.mechanism.first_guess[:, :, None]
+        near = self._closure.closed_freely(guess)
+        theta = self._closure.measured(near).T
+        assembled = self._closure.close(near, theta)
+        return Walk(self._closure, theta[0], assembled), self._check_count(assembled)
 
     def follow(self, theta: np.ndarray) -> None:
         """Compute the motion at configurations (n, n_theta) together, for `motion` to be asked one by one."""
@@ -172,6 +184,8 @@ class RigidKinematics:
             ``(X, Y, Phi)`` of every body: m, m, rad.
         """
         theta = self.configurations(theta)
+        if self._walk is not None:
+            return self._walk.poses(theta)
         turns = np.zeros_like(theta)
         for k, coordinate in enumerate(self.coordinates):
             if coordinate.periodic:

@@ -10,7 +10,7 @@ from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
 from pgmp_petsc.mesh.line_mesh import LineMesh
@@ -54,7 +54,8 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     null = null_space(constraint_jacobian(mechanism, pose, clamped))
     n_flexible = null.independent.size - (len(coordinates) - len(clamped))
     left_open = scene.reduction.tolerance is not None and "modes" not in scene.reduction.model_fields_set
-    reducible = any(body.flexible for body in mechanism.bodies)
+    flexible_bodies, few = any(body.flexible for body in mechanism.bodies), len(coordinates) <= MOST_COORDINATES
+    reducible = flexible_bodies and few
     if reducible and scene.reduction.modes > n_flexible and not left_open:
         raise InputError(
             f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
@@ -72,8 +73,10 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     reduced = f"{len(coordinates)} rigid + {sum(flexible.values())} flexible reduced"
     if left_open:
         reduced = f"reduced as reduction.tolerance = {scene.reduction.tolerance:g} needs them (pgmp build)"
-    if not reducible:
+    if not flexible_bodies:
         reduced = "nothing to reduce: all bodies are rigid (pgmp simulate --full)"
+    elif not few:
+        reduced = f"not to be reduced over {len(coordinates)} coordinates (pgmp simulate --components or --full)"
     lines.append(f"  unknowns      {mechanism.n_dofs} nodal, {null.independent.size} without constraints, {reduced}")
     if len(flexible) > 1 and not left_open and reducible:
         lines.append(f"  basis         {', '.join(f'{count} {kind}' for kind, count in flexible.items())}")

@@ -100,7 +100,7 @@ def test_modes_over_two_coordinates(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"model": "small"}, "model is 'small'; allowed: full, reduced"),
+        ({"model": "small"}, "model is 'small'; allowed: full, components, reduced"),
         ({"time": np.zeros((3, 2))}, r"time has shape \(3, 2\); needed: \(any\)"),
         ({"outputs": {"a": np.zeros(5)}}, r"output 'a' has shape \(5,\); needed: \(1001\)"),
         ({"coordinates": np.zeros(1001)}, r"coordinates has shape"),

@@ -232,14 +232,16 @@ def test_the_wrong_number_of_coordinates() -> None:
 
 
 def test_a_third_coordinate() -> None:
+    """An open chain in the plane: every angle adds to those before it."""
     third = (
         'bodies.hand={mesh="0.0:0.1:2",element="beam2d",material="steel",section={shape="circle",radius=4e-3}}',
         'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"]}',
         'coordinates.theta3={joint="wrist",range=[0.0,1.0]}',
     )
-    assert refusal(double_pendulum(*third)).startswith(
-        "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken"
-    )
+    kinematics = kinematics_of(double_pendulum(*third))
+    theta = np.array([[0.4, -0.7, 0.2], [-2.0, 9.0, 1.0]])
+    np.testing.assert_allclose(kinematics.poses(theta)[:, 2].T, np.cumsum(theta, axis=1), rtol=0.0, atol=1e-12)
+    assert kinematics.n_redundant == 0 and kinematics.branch is None
 
 
 def test_a_turn_that_does_not_come_back() -> None:

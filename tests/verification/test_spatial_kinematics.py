@@ -496,14 +496,21 @@ def test_too_many_coordinates_are_refused() -> None:
     )
 
 
-def test_a_chain_of_three_coordinates_is_refused() -> None:
+def test_a_chain_of_three_coordinates_is_where_its_angles_put_it() -> None:
+    """Turns about three axes one after the other, from any configuration to any other."""
     third = (
         'bodies.hand={mesh="0.0:0.1:1",element="solid3d",material="steel"}',
         'joints.wrist={type="revolute",connect=["lower:tip","hand:hinge"],axis=[0.0,1.0,0.0]}',
         f'coordinates.theta3={{joint="wrist",{TURN.replace(chr(10), ",")}}}',
     )
-    message = refusal(arm(*third))
-    assert message.startswith("coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2")
+    kinematics = kinematics_in_space(arm(*third))
+    theta = np.array([[0.3, -1.2, 2.0], [4.0, 0.5, -7.0], [0.3, -1.2, 2.1]])
+    poses = kinematics.poses(theta)
+    assert np.abs(kinematics.residual(poses, theta)).max() < 1e-11
+    alone = kinematics.poses(theta[1:2])
+    np.testing.assert_array_equal(poses[..., 1:2], alone)
+    change = kinematics.poses(theta[:1] + [[0.0, 0.0, 1e-6]]) - kinematics.poses(theta[:1] - [[0.0, 0.0, 1e-6]])
+    np.testing.assert_allclose(kinematics.rates(poses)[:, :, 2, 0], change[..., 0] / 2e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("upper", [2.0, 3.0, np.pi])

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import ORIGIN
@@ -67,6 +68,8 @@ def _tables(scene: Scene) -> Iterator[Finding]:
     if reduction.tolerance is not None and not {"modes", "angles"} <= reduction.model_fields_set:
         return
     n_vectors, n = reduction.modes + reduction.parameter_modes, len(scene.coordinates)
+    if n > MOST_COORDINATES:
+        return  # a build is refused, and nothing else has tables
     count = float(reduction.angles) ** n
     n_bytes = BYTES * count * n_vectors**2 * (n_vectors if scene.second_order else 1)
     words = (

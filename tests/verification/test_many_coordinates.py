@@ -1,0 +1,181 @@
+"""Mechanisms with more than two coordinates: full-order and component runs, and what a reduction of them would cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import full_model, history, rom_of, samples
+from scenes import HEADER
+from scipy.integrate import solve_ivp
+from spatial_beams import lines_of
+
+from pgmp_petsc.cli.models import components_of
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+TURN = "range = [0.0, 6.283185307179586]\nperiodic = true"
+LENGTHS = (0.4, 0.3, 0.2)
+G = 9.81
+
+
+def chain(flexible: bool, *overrides: str) -> Scene:
+    """Return a triple pendulum of beams in the plane, stretched out along x at first."""
+    text = HEADER
+    for k, length in enumerate(LENGTHS):
+        held = "ground:origin" if k == 0 else f"link{k - 1}:tip"
+        text += f"""
+[bodies.link{k}]
+mesh = "0.0:{length}:4"
+element = "beam2d"
+material = "steel"
+flexible = {str(flexible).lower()}
+section = {{ shape = "circle", radius = 5e-3 }}
+[joints.joint{k}]
+type = "revolute"
+connect = ["{held}", "link{k}:hinge"]
+[coordinates.theta{k}]
+joint = "joint{k}"
+{TURN}
+[outputs.theta{k}]
+type = "angle"
+joint = "joint{k}"
+"""
+    text += """
+[effects.weight]
+type = "gravity"
+[outputs.bending]
+type = "deformation"
+point = "link2:tip"
+axis = "y"
+[reduction]
+modes = 3
+[simulation]
+duration = 0.4
+step = 1e-3
+"""
+    return scene_from_toml(text, ".", overrides)
+
+
+def rigid_chain(theta: np.ndarray, rates: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the relative angles (3, n_t) of the chain of slender rods by their own equations in absolute angles.
+
+    With ``c_ij`` the inertia coupling of rods i and j, ``sum_j c_ij (cos(a_i - a_j) a_j'' + sin(a_i - a_j) a_j'^2) =
+    -g s_i cos a_i``.
+    """
+    lengths, line = np.array(LENGTHS), 7800.0 * np.pi * 5e-3**2
+    masses = line * lengths
+    behind = np.array([masses[k + 1 :].sum() for k in range(3)])
+    first = lengths * (0.5 * masses + behind)
+    coupling = np.array([[lengths[min(i, j)] * first[max(i, j)] for j in range(3)] for i in range(3)])
+    rotary = 7800.0 * np.pi * 5e-3**4 / 4.0 * lengths
+    np.fill_diagonal(coupling, lengths**2 * (masses / 3.0 + behind) + rotary)
+
+    def slopes(_: float, state: np.ndarray) -> np.ndarray:
+        angles, spins = np.split(state, 2)
+        between = angles[:, None] - angles
+        right = -G * first * np.cos(angles) - (coupling * np.sin(between)) @ spins**2
+        return np.concatenate([spins, np.linalg.solve(coupling * np.cos(between), right)])
+
+    start = np.concatenate([np.cumsum(theta), np.cumsum(rates)])
+    found = solve_ivp(slopes, (0.0, times[-1]), start, t_eval=times, rtol=1e-11, atol=1e-12).y[:3]
+    return np.diff(found, axis=0, prepend=0.0)
+
+
+def test_a_rigid_chain_obeys_its_own_equations() -> None:
+    """Three coordinates, started with positions and velocities of all of them; of order two in the step."""
+    position, velocity = np.array([0.2, -0.6, 0.4]), np.array([1.0, 0.0, -3.0])
+    initial = ", ".join(f"theta{k}={{position={position[k]}, velocity={velocity[k]}}}" for k in range(3))
+    errors = []
+    for step in (5e-4, 2.5e-4):
+        scene = chain(False, f"simulation.initial={{{initial}}}", f"simulation.step={step}")
+        times, found = history(full_model(scene), samples(scene, 1), 1)
+        exact = rigid_chain(position, velocity, times)
+        errors.append(max(np.abs(found[f"theta{k}"][:, 0] - exact[k]).max() for k in range(3)))
+    assert errors[1] < 1e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_flexible_chain_moves_as_its_mesh() -> None:
+    """Released at once; later the vibrations are out of phase, as what is of second order in them changes theirs."""
+    scene = chain(True, "simulation.duration=0.2", "simulation.initial={theta1={position=-0.5}}")
+    full = full_model(scene)
+    (_, exact), (_, found) = (
+        history(model, samples(scene, 1), 1) for model in (full, components_of(scene, full.meshes, MPI.COMM_SELF))
+    )
+    for name in ("theta0", "theta1", "theta2"):
+        assert np.abs(found[name] - exact[name]).max() < 1e-4 * np.abs(exact[name]).max()
+    assert np.abs(found["bending"] - exact["bending"]).max() < 1e-2 * np.abs(exact["bending"]).max()
+
+
+LINKS = {"base": 0.3, "upper": 0.5, "fore": 0.45, "roll": 0.08, "pitch": 0.08, "hand": 0.1}
+AXES = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+MOVED = (0.5, 0.4, -0.6, 1.0, 0.5)  # rad in 0.4 s, of the first five joints
+
+
+def six_joint_arm(*overrides: str) -> Scene:
+    """Return an arm with two flexible links, five joints on given motions and a torque on the last."""
+    text, place, before = HEADER, np.zeros(2), "ground:origin"
+    for k, ((name, length), axis) in enumerate(zip(LINKS.items(), AXES)):
+        flexible, upright = name in ("upper", "fore"), name == "base"
+        text += f"""
+[bodies.{name}]
+mesh = "0.0:{length}:{6 if flexible else 1}"
+element = "beam3d"
+material = "steel"
+flexible = {str(flexible).lower()}
+section = {{ shape = "circle", radius = {0.012 if flexible else 0.02} }}
+placement = {{ origin = [{place[0]}, 0.0, {place[1]}], rotation = [0.0, {-np.pi / 2 if upright else 0.0}, 0.0] }}
+[joints.joint{k}]
+type = "revolute"
+connect = ["{before}", "{name}:hinge"]
+axis = {list(axis)}
+[coordinates.theta{k}]
+joint = "joint{k}"
+{TURN}
+"""
+        place += [0.0, length] if upright else [length, 0.0]
+        before = f"{name}:tip"
+    for k, angle in enumerate(MOVED):
+        table = [[0.0, 0.0], [0.2, 0.5 * angle], [0.4, angle], [1.0, angle]]
+        text += f'[effects.motion{k}]\ntype = "prescribed_motion"\ncoordinate = "theta{k}"\ntable = {table}\n'
+    text += """
+[effects.weight]
+type = "gravity"
+direction = [0.0, 0.0, -1.0]
+[effects.motor]
+type = "torque"
+joint = "joint5"
+table = [[0.0, 0.0], [0.4, 0.05]]
+[outputs.tip]
+type = "position"
+point = "hand:tip"
+axis = "z"
+[outputs.deflection]
+type = "deformation"
+point = "hand:tip"
+axis = "z"
+[reduction]
+modes = 6
+[simulation]
+duration = 0.2
+step = 1e-3
+"""
+    return scene_from_toml(text, ".", overrides)
+
+
+def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
+    scene = six_joint_arm()
+    meshes = lines_of(scene)
+    (_, exact), (_, found) = (
+        history(model, samples(scene, 1), 1)
+        for model in (FullModel(scene, meshes), components_of(scene, meshes, MPI.COMM_SELF))
+    )
+    assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
+    assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()
+
+
+def test_what_a_reduction_would_cost_is_said() -> None:
+    with pytest.raises(InputError, match="at most 2 are taken.*Take pgmp simulate SCENE --components or --full"):
+        rom_of(chain(True))
