@@ -72,6 +72,27 @@ def body_tables(moments: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarra
     return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
 
 
+class Places(NamedTuple):
+    """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words."""
+
+    squares: int
+    fields: int
+    mixed: int
+    mass: int
+    stiffness: int
+    both: int
+
+
+@njit(inline="always")
+def places_of(d, n):
+    """Return where the parts of the table of a body with n amplitudes begin, as `body_tables` lays them out."""
+    squares = 1 + d
+    fields = squares + d * d
+    mixed = fields + d * n
+    mass = mixed + d * d * n
+    return Places(squares, fields, mixed, mass, mass + n * n, mass + 2 * n * n)
+
+
 class Moving(NamedTuple):
     """A body in motion, items of shape (d,), (d, d) and (n,): directors are rows of `d`, with the components of their
     velocities in the body's frame, ``spin[l, k] = d_l.d_k'``."""
@@ -165,9 +186,7 @@ def _read(dofs, d, alpha, q, v, a, one):
 def _shape(table, d, one, shaped):
     """Fill the moments of the deformed body from its table (n_words,)."""
     n, zero = one.x.size, one.p[0] * 0.0
-    squares, fields = 1 + d, 1 + d + d * d
-    mixed = fields + d * n
-    both = mixed + d * d * n + 2 * n * n
+    squares, fields, mixed, _, _, both = places_of(d, n)
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
         for i in range(n):
@@ -205,9 +224,7 @@ def _shape(table, d, one, shaped):
 def _push(table, d, beta, one, shaped, force, pull):
     """Fill the forces on p, d_l and xi, one after the other."""
     n = one.x.size
-    fields = 1 + d + d * d
-    own = fields + d * n + d * d * n
-    stiffness = own + n * n
+    _, fields, _, own, stiffness, _ = places_of(d, n)
     for c in range(d):
         total = table[0] * one.p[c]  # m p''
         for k in range(d):
@@ -247,9 +264,7 @@ def _add_matrix(table, positions, d, gain_m, gain_k, one, shaped, diagonal, lowe
     """Add the tangents of a body: unknowns of the frame first, the packed lower triangle row by row."""
     n = one.x.size
     n_pose = 3 if d == 2 else 12
-    fields = 1 + d + d * d
-    own = fields + d * n + d * d * n
-    stiffness = own + n * n
+    _, fields, _, own, stiffness, _ = places_of(d, n)
     zero = table[0] * 0.0
     at = 0
     for i in range(n_pose):
@@ -362,8 +377,7 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
         shaped = _shaped(work[n_moving : n_moving + n_shaped], d, n)
         _read(dofs, d, 0.0, q, v, v, one)
         _shape(table, d, one, shaped)
-        own = 1 + d + d * d + d * n + d * d * n
-        stiffness = own + n * n
+        _, _, _, own, stiffness, _ = places_of(d, n)
         moving, strain, viscous = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
         for c in range(d):
             moving += table[0] * one.p[c] * one.p[c]  # p is p' here

@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.dynamics.body_damping import BodyDampings
-from pgmp_petsc.dynamics.full_floating import FloatingBodies, body_tables
+from pgmp_petsc.dynamics.full_floating import FloatingBodies, body_tables, places_of
 from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
 from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.dynamics.full_solids import Solids
@@ -278,9 +278,10 @@ def _mass_of_floating(problem: FullProblem, k: int) -> np.ndarray:
     table = problem.floating.table[:, first[1] : last[1]]
     n_pose = 3 if d == 2 else 12
     n = last[0] - first[0] - n_pose
-    own = 1 + d + d * d + d * n + d * d * n
-    turning = table[:, 1 + d : 1 + d + d * d][:, :: d + 1].sum(axis=1)
-    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turning + table[:, own : own + n * n][:, :: n + 1].sum(axis=1)
+    at = places_of.py_func(d, n)
+    turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
+    own = table[:, at.mass : at.stiffness : n + 1].sum(axis=1)
+    return d * table[:, 0] + (1.0 if d == 2 else 3.0) * turning + own
 
 
 def _filled(part: np.ndarray, shape: tuple[int, ...], value: float) -> np.ndarray:
