@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -28,18 +28,24 @@ def of_trajectory(errors: EstimatedErrors, units: dict[str, str]) -> list[str]:
 def of_ensemble(ensemble: Ensemble) -> list[str]:
     """Return the same for the samples that were checked: median and largest; and the validity of all."""
     lines = []
-    found = {name: values[np.isfinite(values)] for name, values in ensemble.errors.items()}
-    if any(known.size for known in found.values()):
+    found = dict(_known(ensemble.errors))
+    if found:
         n_checked = max(known.size for known in found.values())
         lines.append(
             f"  estimated errors over the run, of the reduction and the time step; {n_checked} samples: median, largest"
         )
         for name, known in found.items():
-            if known.size:
-                lines.append(f"  {name:24s}{np.median(known):14.2g}{np.max(known):14.2g} {ensemble.units[name]}")
-    worst = {name: values[np.isfinite(values)] for name, values in ensemble.validity.items()}
-    worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in worst.items() if known.size}
+            lines.append(f"  {name:24s}{np.median(known):14.2g}{np.max(known):14.2g} {ensemble.units[name]}")
+    worst = {name: float(known[np.argmax(np.abs(known))]) for name, known in _known(ensemble.validity)}
     return [*lines, of_validity(worst)] if worst else lines
+
+
+def _known(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield what is known of each column, where anything is; one column at a time."""
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            yield name, known
 
 
 def of_balance(ensemble: Ensemble) -> list[str]:

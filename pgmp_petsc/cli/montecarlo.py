@@ -96,9 +96,9 @@ def montecarlo(
     save(context, ensemble, output)
     failed = 0
     if ensemble is not None:
-        remove_checkpoint(plan)
         failed = int(np.sum(ensemble.status != 0))
         say(context, report(ensemble, output, loaded.remarks))
+        remove_checkpoint(plan)
     if comm.bcast(failed):
         context.exit(1)
 

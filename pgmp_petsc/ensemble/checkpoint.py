@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
 from pgmp_petsc.runtime.errors import RunError
@@ -18,7 +20,9 @@ from pgmp_petsc.runtime.seal import BrokenSeal
 
 FORMAT = 5
 # of a batch: arrays by name
-NAMED = ("parameters", "outputs", "numerics", "errors", "errors_at_end", "validity", "balance")
+IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
+IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance")
+NAMED = (*IN_ALL, *IN_CHECKED)
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
 
@@ -102,39 +106,56 @@ class Checkpoint:
 
     def add(self, piece: Piece, batch: Batch) -> None:
         """Store what came of a piece."""
-        arrays = {f"{kind}.{name}": values for kind in NAMED for name, values in getattr(batch, kind).items()}
         name = f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}"
-        self._folder.put(name, {"status": batch.status, "failure_time": batch.failure_time, **arrays})
+        self._folder.put(name, {**_ends(batch), **_named(batch, NAMED)})
 
-    def estimates(self) -> list[Batch]:
-        """Return the pieces of samples whose errors were estimated."""
+    def columns(self) -> Columns:
+        """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``.
+
+        They are in a file of the folder and last as long as it does.
+
+        Raises
+        ------
+        RunError
+            As `batches`, or if the system fails to write.
+        """
+        columns = Columns(self.folder / f".columns.{os.getpid()}.partial", self._plan.n_samples)
+        for batch in self.batches():
+            columns.put(batch.first, {**_ends(batch), **_named(batch, IN_ALL)})
+        for batch in self.estimates():
+            columns.put(batch.first, _named(batch, IN_CHECKED))
+        return columns
+
+    def estimates(self) -> Iterator[Batch]:
+        """Yield the pieces of samples whose errors were estimated."""
         return self._all(CHECKED)
 
-    def batches(self) -> list[Batch]:
-        """Return the pieces in the order of their samples, which are those of the plan, each once.
+    def batches(self) -> Iterator[Batch]:
+        """Yield the pieces in the order of their samples, which are those of the plan, each once.
 
         Raises
         ------
         RunError
             If samples are missing, there twice, or damaged.
         """
-        found, place = self._all(SAMPLES), 0
-        for batch in found:
+        place = 0
+        for batch in self._all(SAMPLES):
             if batch.first != place:
                 missing = f"samples {place} to {batch.first - 1} are missing"
                 what = missing if batch.first > place else "samples are there twice"
                 raise RunError(f"in '{self.folder}' {what}; {CURE}")
             place += len(batch.status)
+            yield batch
         if place != self._plan.n_samples:
             raise RunError(f"'{self.folder}' holds {place} of {self._plan.n_samples} samples; {CURE}")
-        return found
 
-    def _all(self, kind: str) -> list[Batch]:
-        try:
-            return [self._read(path) for path in self._folder.pieces(f"{kind}*")]
-        except BrokenSeal as broken:
-            what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
-            raise RunError(f"{what}; {CURE}") from broken
+    def _all(self, kind: str) -> Iterator[Batch]:
+        for path in self._folder.pieces(f"{kind}*"):
+            try:
+                yield self._read(path)
+            except BrokenSeal as broken:
+                what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
+                raise RunError(f"{what}; {CURE}") from broken
 
     def _read(self, path: Path) -> Batch:
         """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
@@ -148,6 +169,16 @@ class Checkpoint:
 def remove_checkpoint(plan: Plan) -> None:
     """Remove what a plan's ensemble has kept; the result holds all of it."""
     CheckpointFolder(plan.output, {}).remove()
+
+
+def _ends(batch: Batch) -> dict[str, np.ndarray]:
+    """Return how the samples of a batch ended."""
+    return {"status": batch.status, "failure_time": batch.failure_time}
+
+
+def _named(batch: Batch, kinds: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return arrays of a batch by ``<kind>.<name>``."""
+    return {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
 
 
 def _batch(first: int, arrays: Mapping[str, np.ndarray]) -> Batch:

@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from pgmp_petsc.runtime.vectors import LANES
 
 SHARES = 3  # pieces that a rank would have of what is left, if all were equal
@@ -76,11 +74,3 @@ def missing(wanted: Ranges, there: Ranges) -> list[tuple[int, int]]:
                 first = end
         found.append((first, last))
     return [(first, last) for first, last in found if first < last]
-
-
-def joined(parts: Sequence[tuple[int, np.ndarray]], n: int) -> np.ndarray:
-    """Return an array (n,) of parts that begin at given places, NaN elsewhere."""
-    whole = np.full(n, np.nan)
-    for first, part in parts:
-        whole[first : first + part.size] = part
-    return whole

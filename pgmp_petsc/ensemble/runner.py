@@ -8,7 +8,7 @@ and sample number alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.pieces import Piece, joined, missing, pieces
+from pgmp_petsc.ensemble.pieces import Piece, missing, pieces
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
@@ -198,7 +198,7 @@ class Watching:
         return self._errors if piece.is_checked else self._others
 
 
-def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: np.ndarray) -> tuple[Remark, ...]:
+def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
     scene = model.scene
     if not isinstance(model, ReducedModel):
@@ -222,33 +222,25 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
 def describe_ensemble(
     model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
 ) -> Ensemble:
-    """Put pieces together and describe parameters and outputs."""
-    scene, batches, estimated = model.scene, checkpoint.batches(), checkpoint.estimates()
-    parameters = {name: np.concatenate([b.parameters[name] for b in batches]) for name in scene.parameters}
-    outputs = {name: np.concatenate([b.outputs[name] for b in batches]) for name in model.outputs.functions}
-    status = np.concatenate([b.status for b in batches])
+    """Put pieces together and describe parameters and outputs; they are as long as the checkpoint is."""
+    scene, columns = model.scene, checkpoint.columns()
+    parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
+    estimates = {kind: columns.of(kind) for kind in ("errors", "errors_at_end", "validity", "balance")}
+    status = columns["status"].astype(np.int32)
     fine = status == Status.FINE
     bins, probabilities = scene.ensemble.bins, scene.ensemble.quantiles
     n_failed = int(np.sum(~fine))
     statistics = {name: describe(v[fine], bins, probabilities, n_failed) for name, v in outputs.items()}
-    drawn = {name: v for name, v in parameters.items() if scene.parameters[name].distribution is not None}
-    statistics |= {name: describe(v[np.isfinite(v)], bins, probabilities) for name, v in drawn.items()}
-    estimates = {
-        kind: {name: np.concatenate([getattr(b, kind)[name] for b in batches]) for name in getattr(batches[0], kind)}
-        for kind in ("numerics", "validity", "balance")
-    }
-    for kind in ("errors", "errors_at_end"):
-        names = getattr(estimated[0], kind) if estimated else {}
-        parts = {name: [(batch.first, getattr(batch, kind)[name]) for batch in estimated] for name in names}
-        estimates[kind] = {name: joined(found, status.size) for name, found in parts.items()}
-    numerics = estimates.pop("numerics")
-    divisors = numerics["steps_divided"]
+    drawn = [name for name in parameters if scene.parameters[name].distribution is not None]
+    for name in drawn:
+        statistics[name] = describe(parameters[name][np.isfinite(parameters[name])], bins, probabilities)
+    divisors = numerics["steps_divided"].astype(np.int32)
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
     remarks = (
-        *failure_remarks(status, drawn, units),
+        *failure_remarks(status, {name: parameters[name] for name in drawn} if n_failed else {}, units),
         *step_remarks(status, divisors, scene.simulation.step),
         *draw_remarks(scene),
-        *starts_remarks(scene, numerics["unstable_start"]),
+        *starts_remarks(scene, numerics["unstable_start"] == 1.0),
         *_single(int(fine.sum())),
         *_remarks(model, estimates, status),
     )
@@ -260,7 +252,7 @@ def describe_ensemble(
         units=units,
         status=status,
         meanings={int(item): item.meaning for item in Status},
-        failure_time=np.concatenate([b.failure_time for b in batches]),
+        failure_time=columns["failure_time"],
         statistics=statistics,
         steps_divided=divisors,
         **estimates,

@@ -213,10 +213,9 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     validity
         By the names of `VALIDITY`, each a number or of shape (n,).
     """
-    found = {name: np.atleast_1d(values) for name, values in validity.items()}
     remarks = []
     for name, text in _beyond(scene).items():
-        values = found[name]
+        values = np.atleast_1d(validity[name])
         too_far = beyond_limit(name, values, scene.second_order)
         if too_far.any():
             whose = "" if values.size == 1 else f"{int(too_far.sum())} of {values.size} samples: "

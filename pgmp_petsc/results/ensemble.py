@@ -37,6 +37,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import h5py
@@ -101,7 +102,7 @@ class Ensemble:
     ----------
     model : {"full", "components", "reduced"}
     record : RunRecord
-    parameters, outputs : dict of str to ndarray, shape (N,)
+    parameters, outputs : mapping of str to ndarray, shape (N,)
     units : dict of str to str
         Unit of every parameter and output.
     status : ndarray of int, shape (N,)
@@ -113,26 +114,26 @@ class Ensemble:
     steps_divided : ndarray of int, shape (N,)
         By what the scene's step was divided in the sample's last attempt.
     statistics : dict of str to Statistics
-    errors, errors_at_end, validity : dict of str to ndarray, shape (N,)
+    errors, errors_at_end, validity : mapping of str to ndarray, shape (N,)
         Estimates of the reduced model, NaN where a sample has none; empty where no sample was to have one.
-    balance : dict of str to ndarray, shape (N,)
+    balance : mapping of str to ndarray, shape (N,)
         Of energy, NaN where a sample failed; empty where it was not asked for.
     """
 
     model: str
     record: RunRecord
-    parameters: dict[str, np.ndarray]
-    outputs: dict[str, np.ndarray]
+    parameters: Mapping[str, np.ndarray]
+    outputs: Mapping[str, np.ndarray]
     units: dict[str, str]
     status: np.ndarray
     meanings: dict[int, str]
     failure_time: np.ndarray
     steps_divided: np.ndarray
     statistics: dict[str, Statistics]
-    errors: dict[str, np.ndarray] = field(default_factory=dict)
-    errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
-    validity: dict[str, np.ndarray] = field(default_factory=dict)
-    balance: dict[str, np.ndarray] = field(default_factory=dict)
+    errors: Mapping[str, np.ndarray] = field(default_factory=dict)
+    errors_at_end: Mapping[str, np.ndarray] = field(default_factory=dict)
+    validity: Mapping[str, np.ndarray] = field(default_factory=dict)
+    balance: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)

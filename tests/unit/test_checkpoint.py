@@ -76,7 +76,7 @@ def piece(checkpoint: Checkpoint, first: int) -> Path:
 
 def test_batches_come_back_in_order_and_unchanged(plan: Plan) -> None:
     checkpoint = started(plan, 8, 0, 4)
-    found = checkpoint.batches()
+    found = list(checkpoint.batches())
     assert [one.first for one in found] == [0, 4, 8]
     for one in found:
         expected = batch(one.first)
@@ -160,7 +160,7 @@ def test_a_damaged_batch_is_named_and_computed_again(plan: Plan, damage: str) ->
     assert firsts(checkpoint) == {0, 8}
     assert f"note: piece '{path}' was not taken up, and is computed again: it " in str(*checkpoint.remarks)
     with pytest.raises(RunError, match=r"samples 4 to 7 are missing; nothing was written; repeat .* --resume"):
-        checkpoint.batches()
+        list(checkpoint.batches())
     add(checkpoint, 4)
     assert [one.first for one in checkpoint.batches()] == [0, 4, 8]
     # the damaged one is kept aside until the result is written
@@ -206,21 +206,21 @@ def test_estimates_of_errors_are_pieces_of_their_own(plan: Plan) -> None:
 
 def test_samples_that_are_missing_or_damaged_at_the_end_are_no_result(plan: Plan) -> None:
     with pytest.raises(RunError, match="samples 0 to 3 are missing"):
-        started(plan, 4, 8).batches()
+        list(started(plan, 4, 8).batches())
     with pytest.raises(RunError, match="holds 8 of 12 samples"):
-        started(plan, 0, 4).batches()
+        list(started(plan, 0, 4).batches())
     checkpoint = started(plan, 0, 4, 8)
     add(checkpoint, 2)
     with pytest.raises(RunError, match="samples are there twice"):
-        checkpoint.batches()
+        list(checkpoint.batches())
     checkpoint = started(plan, 0, 4)
     add(checkpoint, 8, 5)
     with pytest.raises(RunError, match="damaged during the run: it holds samples 8 to 12, which are none of this run"):
-        checkpoint.batches()
+        list(checkpoint.batches())
     checkpoint = started(plan, 0, 4, 8)
     piece(checkpoint, 4).write_bytes(b"x")
     with pytest.raises(RunError, match="damaged during the run: it has no seal"):
-        checkpoint.batches()
+        list(checkpoint.batches())
 
 
 def test_a_piece_is_an_archive_that_others_can_read(plan: Plan) -> None:
@@ -283,4 +283,4 @@ def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
     with pytest.raises(RunError, match="could not be written: No such file or directory"):
         add(checkpoint, 4)
     with pytest.raises(RunError, match="holds 0 of 12 samples"):
-        checkpoint.batches()
+        list(checkpoint.batches())

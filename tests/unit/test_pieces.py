@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.pieces import LEAST, Piece, joined, missing, pieces
+from pgmp_petsc.ensemble.pieces import LEAST, Piece, missing, pieces
 
 
 def numbers(found: list[Piece], is_checked: bool) -> list[int]:
@@ -41,10 +40,6 @@ def test_what_is_missing() -> None:
     assert missing([(0, 10)], [(0, 10)]) == []
     assert missing([(0, 10)], [(0, 2), (4, 5)]) == [(2, 4), (5, 10)]
     assert missing([(0, 3), (10, 14)], [(2, 3), (10, 12)]) == [(0, 2), (12, 14)]
-
-
-def test_parts_of_an_array() -> None:
-    np.testing.assert_array_equal(joined([(1, np.array([5.0, 6.0]))], 4), [np.nan, 5.0, 6.0, np.nan])
 
 
 def test_the_first_of_every_ten_thousand_are_checked() -> None:
