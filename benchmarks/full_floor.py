@@ -24,7 +24,7 @@ from mpi4py import MPI
 from pgmp_petsc.bodies import beam2d
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.lane_items import aligned, fused, items, width_of
+from pgmp_petsc.runtime.lane_items import aligned, fused, items, width_of
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose

@@ -17,7 +17,7 @@ from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
 from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
 from pgmp_petsc.dynamics.full_steps import take_steps
 from pgmp_petsc.dynamics.part_reference import Reference
-from pgmp_petsc.dynamics.lane_items import aligned
+from pgmp_petsc.runtime.lane_items import aligned
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled

@@ -13,7 +13,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.beam3d import N_ELEMENT, add_force, beam_work, fill_tangent, stretch, viscous_stress
 from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.dynamics.lane_items import items
+from pgmp_petsc.runtime.lane_items import items
 from pgmp_petsc.runtime.compiled import njit
 
 N_VECTORS = 4  # of a frame: position and directors

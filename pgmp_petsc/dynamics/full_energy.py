@@ -17,7 +17,7 @@ from pgmp_petsc.dynamics.full_kernel import of_element
 from pgmp_petsc.dynamics.full_modal import add_modal_damping
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_solids import add_energies
-from pgmp_petsc.dynamics.lane_items import items, sine_cosine
+from pgmp_petsc.runtime.lane_items import items, sine_cosine
 from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.runtime.compiled import njit
 

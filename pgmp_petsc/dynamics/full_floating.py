@@ -25,7 +25,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.floating import first_moments, second_moments
 from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.dynamics.lane_items import empty_lanes, items, keep, sine_cosine
+from pgmp_petsc.runtime.lane_items import empty_lanes, items, keep, sine_cosine
 from pgmp_petsc.runtime.compiled import njit
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.dynamics.part_reference import loaded
-from pgmp_petsc.dynamics.lane_items import items, keep
+from pgmp_petsc.runtime.lane_items import items, keep
 from pgmp_petsc.dynamics.node_actions import evaluate_actions
 from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.mechanism.node_statements import NodeStatements

@@ -34,7 +34,7 @@ from pgmp_petsc.dynamics.full_floating import FloatingBodies, add_floating
 from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
 from pgmp_petsc.dynamics.full_solids import Solids, add_solids
 from pgmp_petsc.dynamics.part_reference import loaded
-from pgmp_petsc.dynamics.lane_items import (
+from pgmp_petsc.runtime.lane_items import (
     absolute,
     beyond,
     borrowed,

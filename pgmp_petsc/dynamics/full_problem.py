@@ -29,7 +29,7 @@ from pgmp_petsc.dynamics.full_parts import (
     spatial_beams,
     spatial_masses,
 )
-from pgmp_petsc.dynamics.lane_items import width_of
+from pgmp_petsc.runtime.lane_items import width_of
 from pgmp_petsc.dynamics.layout import RankLayout, WholeLayout
 from pgmp_petsc.dynamics.node_constraints import ConstraintParts
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks

@@ -12,7 +12,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.continuum import Cells, cell_work, evaluate_cells, n_work, strain_energies
 from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.dynamics.lane_items import WIDE, empty_lanes, items, keep, of_column
+from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items, keep, of_column
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, MAX_ITERATIONS, REFRESH_EVERY, judge
 from pgmp_petsc.dynamics.full_kernel import correct_block, count_turns
-from pgmp_petsc.dynamics.lane_items import borrowed, items, keep, lanes_of, select
+from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, select
 from pgmp_petsc.runtime.compiled import njit
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from pgmp_petsc.dynamics.full_forces import add_entry
 from pgmp_petsc.dynamics.part_reference import loaded
-from pgmp_petsc.dynamics.lane_items import items
+from pgmp_petsc.runtime.lane_items import items
 from pgmp_petsc.dynamics.layout import Layout
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import PHI, Arms, Products, director

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import LocalEffects, Places
+from pgmp_petsc.dynamics.action_frames import Places
+from pgmp_petsc.dynamics.action_kernel import LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.dynamics.reduced_terms import grid_of
+from pgmp_petsc.dynamics.reduced_terms import grid_of, in_radians
 from pgmp_petsc.effects.action import Action, compile_actions
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
-from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -76,20 +77,22 @@ class ReducedActions:
             if action.statement.kind == ANGLE:
                 angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
         rigid = interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline")
+        bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme)
         places = Places(
             fine=grid_of(rigid),
-            rigid=rigid.polynomials(),
-            shapes=interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme).polynomials(parts),
+            rigid=_rows(rigid, 1),
+            shapes=_rows(bent, parts),
             winding=winding,
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
+            n_nodes=len(nodes),
         )
         return cls(tuple(actions), places, space.dimension)
 
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
         """Return no actions."""
-        empty, nowhere = np.zeros((1, 4**n_theta, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta
-        return cls((), Places(nowhere, empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64)))
+        empty, nowhere = np.zeros((1, 0)), (Grid(0.0, 1.0, 1, False),) * n_theta
+        return cls((), Places(nowhere, empty, empty, np.zeros((0, n_theta)), np.zeros((0, 2), dtype=np.int64), 0))
 
     @property
     def edges(self) -> list[int]:
@@ -99,6 +102,11 @@ class ReducedActions:
     def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
         return LocalEffects(self.places, compile_actions(self.actions, values, n_samples, self.dimension))
+
+
+def _rows(part: Interpolant, parts: int) -> np.ndarray:
+    """Return the polynomials of every cell in a row, of places in rad, shape (n_cells, n_entries * 4**n_theta)."""
+    return in_radians(part.polynomials(parts)[:, :, None], grid_of(part, parts))[:, 0]
 
 
 def _counted(

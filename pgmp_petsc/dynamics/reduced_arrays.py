@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.dynamics.action_frames import KeptPlaces
 from pgmp_petsc.dynamics.action_kernel import Acting, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.runtime.vectors import LANES
@@ -207,6 +208,8 @@ class Memory(NamedTuple):
         unit of every effect's amplitude, effect after effect.
     matrix
         Iteration matrices, each array with an axis of blocks in front.
+    places
+        `KeptPlaces` of the local effects, each array with an axis of blocks in front.
     acting
         What local effects add; see `action_kernel.Acting`.
     known
@@ -219,6 +222,7 @@ class Memory(NamedTuple):
     terms: np.ndarray
     loads: np.ndarray
     matrix: Matrix
+    places: KeptPlaces
     acting: Acting
     known: np.ndarray
 
@@ -279,6 +283,13 @@ def matrix_of(memory, block):
     """Return the iteration matrix of a block."""
     whole = memory.matrix
     return Matrix(whole.factor[block], whole.corner[block], whole.column[block], whole.row[block], whole.skew[block])
+
+
+@njit(inline="always")
+def places_of(memory, block):
+    """Return the polynomials of local effects in the cells of a block."""
+    whole = memory.places
+    return KeptPlaces(whole.cells[block], whole.rigid[block], whole.shapes[block])
 
 
 @njit(inline="always")

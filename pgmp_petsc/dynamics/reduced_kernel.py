@@ -14,7 +14,7 @@ import numpy as np
 from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
-from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of
+from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
 from pgmp_petsc.runtime.vectors import (
     LANES,
@@ -218,7 +218,8 @@ def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
         take_up(state, memory.samples[block], work)
         act(
             equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
-            active[block], gain_v, with_tangent, local, acting_of(memory, block), memory.known,
+            active[block], gain_v, with_tangent, local, places_of(memory, block),
+            acting_of(memory, block), memory.known,
         )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.dynamics.action_frames import KeptPlaces
 from pgmp_petsc.dynamics.action_kernel import Acting
 from pgmp_petsc.dynamics.reduced_actions import ReducedActions
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Matrix, Memory, Weights
@@ -76,8 +77,9 @@ class ReducedLanes:
         r, m = len(layout.rigid), layout.n_eta - len(layout.rigid)
         n_powers = N_POWERS**r
         shapes = (m * (m + 1) // 2, r * r, r * m, r * m, m * (m - 1) // 2 if layout.second_order else 0)
-        cells = aligned_zeros((n_blocks, LANES))
-        cells[:] = -1.0
+        local, n_acting = self.equations.local.places, n_blocks if n_actions else 0
+        cells, local_cells = aligned_zeros((n_blocks, LANES)), aligned_zeros((n_acting, 2, LANES))
+        cells[:] = local_cells[:] = -1.0
         return Memory(
             self._blocks.samples,
             cells,
@@ -85,7 +87,11 @@ class ReducedLanes:
             aligned_zeros((n_blocks, layout.end * n_powers, LANES)),
             aligned_zeros((n_blocks, n_effects * layout.load_end * n_powers, LANES)),
             Matrix(*(aligned_zeros((n_blocks, n, LANES)) for n in shapes)),
-            self.nothing_acting() if n_actions else Acting.empty(0, layout.n_eta),
+            KeptPlaces(
+                local_cells,
+                *(aligned_zeros((n_acting, table.shape[1], LANES)) for table in (local.rigid, local.shapes)),
+            ),
+            Acting.empty(n_acting, layout.n_eta),
             np.empty((self._blocks.n_samples, 4, n_actions)),
         )
 
@@ -136,6 +142,7 @@ class ReducedLanes:
         if moved.any():
             self._blocks = blocks
             memory.samples[:], memory.cells[moved] = of_lanes, -1.0
+            np.moveaxis(memory.places.cells, 1, -1)[moved[: len(memory.places.cells)]] = -1.0
             weights.terms[:], weights.loads[:] = blocks.pack(self._term_weights), blocks.pack(self.load_weights)
 
     def matrices(self) -> np.ndarray:

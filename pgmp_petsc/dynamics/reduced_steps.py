@@ -21,7 +21,7 @@ from pgmp_petsc.dynamics.alpha_step import (
     ROUND_OFF,
     WORST_CONTRACTION,
 )
-from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, vectors_of
+from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of, vectors_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
 from pgmp_petsc.runtime.vectors import (
@@ -188,7 +188,8 @@ def _converge(equations, memory, block, strengths, gains, lanes, expected, work,
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
-                active, gain_v, fresh, local, acting_of(memory, block), memory.known,
+                active, gain_v, fresh, local, places_of(memory, block),
+            acting_of(memory, block), memory.known,
             )  # fmt: skip
         # the inertia forces see other accelerations where damping is proportional to the mass
         for i in range(n):
@@ -238,7 +239,8 @@ def _crossed(equations, memory, block, strengths, edges, lanes, work, local, pro
     """Return the lanes that crossed an edge of a law in this step."""
     act(
         equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block], lanes,
-        0.0, np.bool_(False), local, acting_of(memory, block), memory.known,
+        0.0, np.bool_(False), local, places_of(memory, block),
+            acting_of(memory, block), memory.known,
     )  # fmt: skip
     crossed = 0
     for lane in range(LANES):

@@ -143,7 +143,7 @@ class ReducedTerms:
         """All terms as the kernel takes them."""
         rigid = fitted(self.rigid, self.grid, N_POWERS_OF_RIGID)
         parts = rigid, self.terms.polynomials(self.parts), self.load.polynomials(self.parts)
-        return Tables(*(_in_radians(part, self.grid) for part in parts))
+        return Tables(*(in_radians(part, self.grid) for part in parts))
 
 
 def grid_of(part: Interpolant, parts: int = 1) -> tuple[Grid, ...]:
@@ -169,7 +169,7 @@ def fitted(part: Interpolant, grid: Sequence[Grid], n_powers: int) -> np.ndarray
     return result.reshape(math.prod(axis.n_cells for axis in grid), n_powers**r, *part.shape)
 
 
-def _in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
+def in_radians(polynomials: np.ndarray, grid: Sequence[Grid]) -> np.ndarray:
     """Return polynomials (n_cells, n_powers, n_terms, n_entries) of places from 0 to 1 as those of places in rad.
 
     Their shape becomes (n_cells, n_terms, n_entries * n_powers).

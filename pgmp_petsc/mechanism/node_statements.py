@@ -67,6 +67,7 @@ class Scratch(NamedTuple):
     z: np.ndarray
     gradient: np.ndarray
     hessian: np.ndarray
+    spare: np.ndarray
     half: np.ndarray
 
 
@@ -74,7 +75,7 @@ class Scratch(NamedTuple):
 def scratch_of(statements, m):
     """Return work arrays for nodes with m unknowns."""
     n = statements.ground.shape[1]
-    return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.zeros((n, 2 * m)))
+    return Scratch(np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.zeros((n, 2 * m)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -103,9 +104,9 @@ def state(statements, k, y, known, second, scratch, g, h):
     """
     if y.size == 2 * PLANAR and _is_linear(statements, k):
         return _linear(statements, k, y, second, g, h)
-    z, gradient, hessian, half = scratch
+    z, gradient, hessian, spare, half = scratch
     _place(statements, k, y, z)
-    s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian)
+    s = evaluate(statements.kinds[k], statements.axes[k], z, known, second, gradient, hessian, spare)
     _to_unknowns(statements.arms[k], z, second, gradient, hessian, half, g, h)
     return s
 

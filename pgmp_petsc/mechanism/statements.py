@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import angle_of, beyond, nearest_whole, select, square_root
 
 MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING = range(7)
 U, V, W = range(3)  # rows of a statement's directions
@@ -134,16 +135,16 @@ def _statement(kind: int, **directions: np.ndarray) -> Statement:
 @njit(cache=True, error_model="numpy")
 def _evaluate_all(kind, axes, z, turned, values, gradients, hessians):
     """Evaluate a statement at pairs of frames, the columns of z."""
-    gradient, hessian = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0]))
+    gradient, hessian, spare = np.empty(z.shape[0]), np.empty((z.shape[0], z.shape[0])), np.empty(z.shape[0])
     for k in range(z.shape[1]):
-        values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], True, gradient, hessian)
+        values[k] = evaluate(kind, axes, z[:, k].copy(), turned[k], True, gradient, hessian, spare)
         gradients[:, k] = gradient
         hessians[:, :, k] = hessian
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate(kind, axes, z, turned, second, gradient, hessian):
-    """Evaluate a statement.
+def evaluate(kind, axes, z, turned, second, gradient, hessian, spare):
+    """Evaluate a statement, of numbers or of vectors (`lane_items`).
 
     Parameters
     ----------
@@ -157,6 +158,8 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
         Whether second derivatives are wanted.
     gradient, hessian
         Results: g, shape (2 d (d + 1),), and ``dg_i/dz_j``; symmetric but for ``FOLLOWING``.
+    spare
+        Work array, shape (2 d (d + 1),).
 
     Returns
     -------
@@ -172,8 +175,8 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
     if kind == DISTANCE:
         return _distance(z, d, n, second, gradient, hessian)
     if kind == ANGLE:
-        return _angle(axes, z, d, n, turned, second, gradient, hessian)
-    s = 0.0
+        return _angle(axes, z, d, n, turned, second, gradient, hessian, spare)
+    s = 0.0 * z[0]
     if kind == MEET:
         for c in range(d):
             gradient[c], gradient[n + c] = -axes[U, c], axes[U, c]
@@ -211,7 +214,7 @@ def evaluate(kind, axes, z, turned, second, gradient, hessian):
 @njit(cache=True, error_model="numpy")
 def _within(axes, z, d, n, second, gradient, hessian):
     """Evaluate ``v_b . w_b = sum v_k w_j d_k . d_j``."""
-    s = 0.0
+    s = 0.0 * z[0]
     for k in range(d):
         for j in range(d):
             factor = axes[V, k] * axes[W, j]
@@ -230,52 +233,58 @@ def _within(axes, z, d, n, second, gradient, hessian):
 @njit(cache=True, error_model="numpy")
 def _distance(z, d, n, second, gradient, hessian):
     """Evaluate ``|r|``, r = p_b - p_a: the gradient e = r / |r|, and ``(1 - e e^T) / |r|``."""
-    square = 0.0
+    square = 0.0 * z[0]
     for c in range(d):
-        square += (z[n + c] - z[c]) ** 2
-    length = np.sqrt(square)
-    if length == 0.0:
-        return length
+        square += (z[n + c] - z[c]) * (z[n + c] - z[c])
+    length = square_root(square)
+    apart = beyond(length, 0.0)
     for i in range(d):
-        e = (z[n + i] - z[i]) / length
+        e = select(apart, (z[n + i] - z[i]) / length, 0.0)
         gradient[i], gradient[n + i] = -e, e
         for j in range(d if second else 0):
             across = ((1.0 if i == j else 0.0) - e * (z[n + j] - z[j]) / length) / length
+            across = select(apart, across, 0.0)
             hessian[i, j] = hessian[n + i, n + j] = across
             hessian[i, n + j] = hessian[n + i, j] = -across
     return length
 
 
 @njit(cache=True, error_model="numpy")
-def _angle(axes, z, d, n, turned, second, gradient, hessian):
+def _angle(axes, z, d, n, turned, second, gradient, hessian, stretch):
     """Evaluate the angle: with ``(cos, sin) = r (u_a . w_b, v_a . w_b)`` and its gradient g, and m that of ``log r``,
     its second derivatives are ``(cos d2 sin - sin d2 cos) / r - g m^T - m g^T``."""
-    u, v, w = np.zeros(d), np.zeros(d), np.zeros(d)  # u_a, v_a, w_b
-    for k in range(d):
-        for c in range(d):
-            u[c] += axes[U, k] * z[d + d * k + c]
-            v[c] += axes[V, k] * z[d + d * k + c]
-            w[c] += axes[W, k] * z[n + d + d * k + c]
-    cos, sin = 0.0, 0.0
+    cos, sin = 0.0 * z[0], 0.0 * z[0]
     for c in range(d):
-        cos += u[c] * w[c]
-        sin += v[c] * w[c]
-    found, r = np.arctan2(sin, cos), np.sqrt(cos * cos + sin * sin)
+        w = _component(axes, W, z, n, d, c)
+        cos += _component(axes, U, z, 0, d, c) * w
+        sin += _component(axes, V, z, 0, d, c) * w
+    found, r = angle_of(sin, cos), square_root(cos * cos + sin * sin)
     cos, sin = cos / r, sin / r
-    stretch = np.zeros(2 * n)
-    for k in range(d):
-        across, level = cos * axes[V, k] - sin * axes[U, k], cos * axes[U, k] + sin * axes[V, k]
-        for c in range(d):
+    for c in range(d):
+        u, v = _component(axes, U, z, 0, d, c), _component(axes, V, z, 0, d, c)
+        w = _component(axes, W, z, n, d, c)
+        for k in range(d):
             in_a, in_b = d + d * k + c, n + d + d * k + c
-            gradient[in_a], stretch[in_a] = across * w[c] / r, level * w[c] / r
-            gradient[in_b] = axes[W, k] * (cos * v[c] - sin * u[c]) / r
-            stretch[in_b] = axes[W, k] * (cos * u[c] + sin * v[c]) / r
+            across, level = cos * axes[V, k] - sin * axes[U, k], cos * axes[U, k] + sin * axes[V, k]
+            gradient[in_a], stretch[in_a] = across * w / r, level * w / r
+            gradient[in_b] = axes[W, k] * (cos * v - sin * u) / r
+            stretch[in_b] = axes[W, k] * (cos * u + sin * v) / r
             for j in range(d if second else 0):
                 other = n + d + d * j + c
                 hessian[in_a, other] = hessian[other, in_a] = across * axes[W, j] / r
-    for i in range(2 * n if second else 0):
-        if gradient[i] != 0.0 or stretch[i] != 0.0:
-            for j in range(2 * n):
-                hessian[i, j] -= gradient[i] * stretch[j] + stretch[i] * gradient[j]
+    for i in range(2 * d * d if second else 0):
+        one = d + i if i < d * d else n + d + i - d * d
+        for j in range(2 * d * d):
+            other = d + j if j < d * d else n + d + j - d * d
+            hessian[one, other] -= gradient[one] * stretch[other] + stretch[one] * gradient[other]
     whole = 2.0 * np.pi
-    return found + whole * np.rint((turned - found) / whole)
+    return found + whole * nearest_whole((turned - found) / whole)
+
+
+@njit(inline="always")
+def _component(axes, direction, z, first, d, c):
+    """Return component c of a direction that is fixed in the frame that begins at `first`."""
+    total = 0.0 * z[0]
+    for k in range(d):
+        total += axes[direction, k] * z[first + d + d * k + c]
+    return total

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 from pgmp_petsc.dynamics.batched_ldl import Symbolic, analyse, factorise, substitute
-from pgmp_petsc.dynamics.lane_items import items, width_of
+from pgmp_petsc.runtime.lane_items import items, width_of
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
 

@@ -84,7 +84,9 @@ def test_the_angle_about_an_axis_in_space_counts_turns() -> None:
         turn = frame_of_b @ about @ in_a @ in_b.T
         a, b = (np.concatenate([np.zeros(3), m.T.ravel()]) for m in (frame_of_b, turn))
         z, statement = np.concatenate([a, b]), statements.angle(in_a, in_b)
-        found = evaluate(ANGLE, statement.axes, z, wanted + 0.9 * np.pi, True, np.empty(24), np.empty((24, 24)))
+        found = evaluate(
+            ANGLE, statement.axes, z, wanted + 0.9 * np.pi, True, np.empty(24), np.empty((24, 24)), np.empty(24)
+        )
         assert found == pytest.approx(wanted, abs=1e-12)
         assert -np.pi <= statement.value(a, b) <= np.pi
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import polynomial as series
 
 from pgmp_petsc.dynamics.bordered import eliminate, factorise, solve, substitute
-from pgmp_petsc.dynamics.cells import Grid, locate, refill
+from pgmp_petsc.dynamics.cells import Grid, enter, locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import Matrix
 from pgmp_petsc.dynamics.reduced_terms import pack
 from pgmp_petsc.runtime.vectors import (
@@ -105,16 +105,48 @@ def test_polynomials_of_any_number_of_coordinates(r: int) -> None:
         np.testing.assert_allclose(values[:, lane], expected, rtol=1e-11, atol=1e-11)
 
 
+@njit(error_model="numpy")
+def locate(theta, grid, cells, places):
+    store(cells, 0, locate_all(theta, grid, places))
+
+
+def located(theta: np.ndarray, grid: tuple[Grid, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cells of theta (n_theta, LANES), (LANES,), and the places in them, (n_theta, LANES)."""
+    cells, places = aligned_zeros((1, LANES)), aligned_zeros((len(grid), LANES))
+    locate(theta, grid, cells, places)
+    return cells[0], places
+
+
+def test_what_is_out_of_all_measure_has_a_cell() -> None:
+    theta = vectors(np.array([[np.nan, np.inf, -np.inf, 1e10, 0.5, 2.3, 0.4, 1.0]]))
+    cells, places = located(theta, (Grid(0.5, 0.25, 7, False),))
+    np.testing.assert_array_equal(cells, [0, 0, 0, 0, 0, 6, 0, 2])
+    np.testing.assert_allclose(places[0], [0, 0, 0, 0, 0, 0.3, -0.1, 0.0], rtol=0, atol=1e-15)
+
+
+def test_lanes_enter_a_cell() -> None:
+    table, kept = RANDOM.normal(size=(3, 5)), aligned_zeros((5, LANES))
+    enter_cell(table, 2, 0b101, kept)
+    np.testing.assert_array_equal(kept[:, [0, 2]], np.stack([table[2]] * 2, axis=1))
+    assert not kept[:, [1, 3, 4, 5, 6, 7]].any()
+
+
+@njit(error_model="numpy")
+def enter_cell(table, cell, lanes, kept):
+    enter(table, cell, lanes, kept)
+
+
 @pytest.mark.parametrize("periodic", [True, False])
 def test_a_cell_gives_the_weighted_sum_of_its_terms(periodic: bool) -> None:
     """Two groups of coefficients, of which the first one of each is left alone; thetas beyond a revolution."""
     grid = Grid(0.5, 0.25, 7, periodic)
     table, weights = RANDOM.normal(size=(7, 3, 20)), vectors(RANDOM.normal(size=(3, LANES)))
     slots, kept = np.array([0, 1, 1]), aligned_zeros((2 * 20, LANES))
-    for lane in range(LANES):
-        theta = RANDOM.uniform(-2.0, 5.0) if periodic else RANDOM.uniform(0.5, 2.25)
-        cell, place = locate(theta, grid)
-        assert 0.0 <= place <= 1.0 and cell == int(np.floor((theta - 0.5) / 0.25)) % 7
+    theta = vectors(RANDOM.uniform(-2.0, 5.0, (1, LANES)) if periodic else RANDOM.uniform(0.5, 2.25, (1, LANES)))
+    cells, places = located(theta, (grid,))
+    assert np.all((places >= 0.0) & (places <= 0.25))
+    np.testing.assert_array_equal(cells, np.floor((theta[0] - 0.5) / 0.25) % 7)
+    for lane, cell in enumerate(cells.astype(int)):
         refill(table, cell, weights, slots, 1, 20, 1 << lane, kept)
         for group in range(2):
             chosen = slots == group

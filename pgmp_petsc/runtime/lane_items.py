@@ -144,6 +144,7 @@ def _operation(name: str, n_arguments: int, about: str) -> Callable:
 square_root = _operation("sqrt", 1, "Return the square root of every number.")
 floor = _operation("floor", 1, "Return the largest whole number below or at every number.")
 absolute = _operation("fabs", 1, "Return the absolute value of every number.")
+nearest_whole = _operation("rint", 1, "Return the whole number that is nearest to every number.")
 # "fmuladd" is one instruction where the machine has it, in vectors and in numbers alike
 fused = _operation("fmuladd", 3, "Return ``x y + z``, contracted where the machine can.")
 
@@ -178,6 +179,27 @@ def beyond(typing, x, y):
         return builder.zext(builder.fcmp_unordered(">", *args), ir.IntType(64))
 
     return types.int64(types.float64, types.float64), build_one
+
+
+@intrinsic
+def angle_of(typing, y, x):
+    """Return the angle of the point (x, y) in every lane, in (-pi, pi]; by the library's function, lane by lane."""
+    result = vector if vector in (x, y) else types.float64
+    number = ir.DoubleType()
+
+    def build(context, builder, sig, args):
+        of = ir.FunctionType(number, [number, number])
+        function = cgutils.get_or_insert_function(builder.module, of, "atan2")
+        if result is types.float64:
+            return builder.call(function, args)
+        found = args[0]
+        for lane in range(LANES):
+            place = ir.Constant(ir.IntType(32), lane)
+            one = builder.call(function, [builder.extract_element(part, place) for part in args])
+            found = builder.insert_element(found, one, place)
+        return found
+
+    return result(result, result), build
 
 
 @njit(inline="always")
