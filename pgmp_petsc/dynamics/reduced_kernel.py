@@ -215,6 +215,8 @@ def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
     for block in range(active.size):
+        if active[block] == 0:
+            continue
         take_up(state, memory.samples[block], work)
         act(
             equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
