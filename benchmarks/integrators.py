@@ -107,7 +107,7 @@ def under(model: ReducedModel, load: str) -> ReducedModel:
 
 def outputs_of(model: ReducedModel, eta: np.ndarray) -> Outputs:
     """Return the outputs of reduced coordinates (n_t, n, n_eta)."""
-    found = model.outputs.evaluate(model.output_frames_of(eta.reshape(-1, eta.shape[-1])))
+    found = model.outputs.evaluate(model.observed_of(eta.reshape(-1, eta.shape[-1]), model.scene.values))
     return {name: values.reshape(eta.shape[:2]) for name, values in found.items()}
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.recovery import Recovery
 
 MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
 
@@ -41,6 +42,8 @@ class Component:
         Estimated relative error of the interface's answers over the frequencies asked for.
     centre_of_mass
         Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
+    recovery
+        T and the mesh, where stresses are asked for.
     """
 
     frames: dict[str, int]
@@ -52,6 +55,7 @@ class Component:
     n_mesh_dofs: int
     error: float
     centre_of_mass: np.ndarray | None = None
+    recovery: Recovery | None = None
 
     @property
     def spreading(self) -> np.ndarray:

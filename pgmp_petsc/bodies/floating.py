@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.recovery import Recovery
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,8 @@ class FloatingBody:
         ...
     stiffness
         Of the amplitudes, by weight, shape (n, n).
+    recovery
+        The fields on the mesh, where stresses are asked for.
     """
 
     frames: dict[str, int]
@@ -49,6 +52,7 @@ class FloatingBody:
     shapes: np.ndarray
     moments: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
+    recovery: Recovery | None = None
 
     @property
     def n(self) -> int:

@@ -20,6 +20,7 @@ free body's first n + r modes say how far to go.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,7 @@ from scipy.linalg import eigh, null_space
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.displacement_fields import linear_fields
@@ -56,6 +58,7 @@ def condense(
     comm: MPI.Comm,
     timings: Timings | None = None,
     memory: float | None = None,
+    stressed: bool = False,
 ) -> tuple[Component, np.ndarray]:
     """Condense a body. Collective on `comm`.
 
@@ -76,6 +79,9 @@ def condense(
         projection.
     memory
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    stressed
+        Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
+        motion too, and the component keeps T and the mesh.
 
     Returns
     -------
@@ -115,11 +121,19 @@ def condense(
                         subspace.add(fields)
                     else:
                         subspace.turn_to(problem.mass, _stiffness_of(problem))
+                    if stressed:
+                        subspace.add(problem.answers(times(problem.mass, fields)))
                     error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
             finally:
                 problem.close()
         with timings.phase("projection"):
-            return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
+            component, recovery = _condensed(
+                solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error
+            )
+            if stressed:
+                shapes = np.concatenate(comm.allgather(recovery))
+                component = replace(component, recovery=Recovery(solid.mesh, shapes))
+            return component, recovery
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()

@@ -20,6 +20,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -66,7 +67,7 @@ def condensed(
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
-    own = waiting[group.index :: group.count]
+    own, stressed = waiting[group.index :: group.count], stressed_bodies(scene)
     free = free_share(group.world)
     memory = None if free is None else FACTOR_SHARE * free
     with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
@@ -74,7 +75,9 @@ def condensed(
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
+                found[name], _ = condense(
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed
+                )
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:

@@ -20,15 +20,18 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import serving_points
+from pgmp_petsc.components.displacement_fields import linear_fields
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 DEPENDENT = 1e-9  # of the largest eigenvalue of vectors' products in the mass
 
@@ -82,7 +85,8 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
     solid, d = meshed.solid, meshed.solid.mesh.dimension
     n_modes = scene.reduction.modes + scene.n_overconstrained
-    component, recovery = condense(solid, meshed.frames, serving_points(scene, meshed), n_modes, MPI.COMM_SELF)
+    stressed, points = solid.name in stressed_bodies(scene), serving_points(scene, meshed)
+    component, recovery = condense(solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed)
     nominal = scene.nominal
     mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
     modes = _free_modes(mass, total, d, recovery)
@@ -94,7 +98,8 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     }
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
-    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness)
+    kept = Recovery(solid.mesh, recovery @ modes) if stressed else None
+    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness, kept)
 
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
@@ -107,15 +112,27 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     loads = np.zeros((body.dofs.size, per_node * held.size))
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
+    stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
+    if stressed:  # inertia forces of rigid motion
+        fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
+        loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     basis = _answering(total_mass, total, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
-    d = body.mesh.nodes.shape[1]
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
     modes = basis @ _free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d, moved)
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
     frames = {point: number for number, point in enumerate(points)}
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
-    return FloatingBody(frames, body.mesh.nodes[held], shapes, _moments_of_beams(body, modes), reduced)
+    kept = Recovery(body, modes) if stressed else None
+    return FloatingBody(frames, body.mesh.nodes[held], shapes, _moments_of_beams(body, modes), reduced, kept)
+
+
+def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
+    """Return displacement fields (n_nodes, d, k) of beams as unknowns (n_nodes per_node, k) without rotations."""
+    n_nodes, d, k = fields.shape
+    nodal = np.zeros((n_nodes, per_node, k))
+    nodal[:, :d] = fields
+    return nodal.reshape(n_nodes * per_node, k)
 
 
 def _answering(mass: np.ndarray, stiffness: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int) -> np.ndarray:

@@ -101,6 +101,11 @@ class FullBatch:
     def close(self) -> None:
         """Nothing is to be given back."""
 
+    @property
+    def values(self) -> dict[str, np.ndarray]:
+        """Parameter values of the samples, each of shape (n_samples,)."""
+        return self._equations.values
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         theta, rates = self._equations.initial

@@ -93,6 +93,11 @@ class FullDistributed:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def values(self) -> dict[str, np.ndarray]:
+        """Parameter values of the samples, each of shape (n_samples,)."""
+        return self._equations.values
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         q, v = self._equations.start()

@@ -90,7 +90,7 @@ class FullEquations:
 
     Attributes
     ----------
-    initial
+    initial, values
         As given.
     unknowns
         The numbering.
@@ -119,7 +119,7 @@ class FullEquations:
     ) -> None:
         mechanism = kinematics.mechanism
         unknowns = self.unknowns = Unknowns(mechanism)
-        self._kinematics, self.initial = kinematics, initial
+        self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
         self.constraints = ConstraintSet(unknowns).independent(self.start()[0])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned

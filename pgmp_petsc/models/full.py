@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Self
 
@@ -24,6 +24,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
+from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.petsc import has_options
@@ -55,6 +56,7 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
+        self._stresses = FullStresses(self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
@@ -152,9 +154,32 @@ class FullModel:
         changed = {name: parameters[name].model_copy(update={"value": float(values[name])}) for name in scaling}
         return type(self)(self.scene.model_copy(update={"parameters": parameters | changed}), self.meshes)
 
-    def output_frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
-        """Return the frames of ``outputs.nodes``. Collective on the system's communicator."""
-        return self.frames(system, state)[list(self.outputs.nodes)]
+    def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
+        communicator."""
+        return self.observed_over(system, [state], self.frames(system, state))
+
+    def observed_over(
+        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray
+    ) -> np.ndarray:
+        """Return what the outputs are made of in one state, or in several ones of the only sample.
+
+        Collective on the system's communicator.
+
+        Parameters
+        ----------
+        frames
+            Of all nodes in these states, shape (n_nodes, n_frame, n).
+
+        Returns
+        -------
+        ndarray, shape (n_observed, n)
+        """
+        stresses = np.empty((0, frames.shape[2]))
+        if self._stresses is not None:
+            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
+            stresses = self._stresses.of(q, system.values)
+        return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""

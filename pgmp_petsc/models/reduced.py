@@ -19,6 +19,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
+from pgmp_petsc.models.stresses import ReducedStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -74,6 +75,9 @@ class ReducedModel:
             actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
         )
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
+        self._stresses = None
+        if self.outputs.stresses:
+            self._stresses = ReducedStresses(self.outputs, self.kinematics, rom, scheme)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -107,9 +111,17 @@ class ReducedModel:
             system.settle(settle(statics, theta, search_of(self.scene, self.kinematics.mechanism)))
         return system
 
-    def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
-        """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
-        return self._of_outputs.frames(state.q)
+    def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n_samples)."""
+        return self.observed_of(state.q, system.values)
+
+    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n), for reduced coordinates (n, n_eta).
+
+        Parameter values are numbers, or of shape (n,).
+        """
+        stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
+        return self.outputs.observed(self.output_frames_of(eta), stresses)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""

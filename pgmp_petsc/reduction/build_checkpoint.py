@@ -18,7 +18,9 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import Sample
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -30,9 +32,10 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 3
+FORMAT = 4
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
+NAMED = ("groups", "regions")  # of a mesh
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
 
@@ -94,6 +97,8 @@ class BuildCheckpoint:
         arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
         if component.rigid:
             arrays["centre_of_mass"] = component.centre_of_mass
+        if component.recovery is not None:
+            arrays |= _of_recovery(component.recovery)
         for kind in ("mass", "stiffness"):
             terms = getattr(component, kind)
             arrays |= {kind: np.array(list(terms.values())), f"{kind}_weights": np.array([str(w) for w in terms])}
@@ -185,6 +190,27 @@ def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
         n_mesh_dofs=int(arrays["n_mesh_dofs"]),
         error=float(arrays["error"]),
         centre_of_mass=arrays["centre_of_mass"] if "centre_of_mass" in arrays else None,
+        recovery=_recovery(arrays) if "mesh_kind" in arrays else None,
         **terms,
     )
     return {str(arrays["body"]): component}
+
+
+def _of_recovery(recovery: Recovery) -> dict[str, np.ndarray]:
+    """Return the arrays of the mesh of a condensed body and of its displacements there."""
+    mesh = recovery.carrier
+    arrays = {"mesh_kind": np.array(mesh.kind), "mesh_nodes": mesh.nodes, "mesh_cells": mesh.cells}
+    arrays["mesh_shapes"] = recovery.shapes
+    for name in NAMED:
+        table = getattr(mesh, name)
+        arrays[f"mesh_{name}"] = np.array(list(table), dtype=str)
+        arrays |= {f"mesh_{name}_{k}": numbers for k, numbers in enumerate(table.values())}
+    return arrays
+
+
+def _recovery(arrays: Mapping[str, np.ndarray]) -> Recovery:
+    named = {
+        name: {str(key): arrays[f"mesh_{name}_{k}"] for k, key in enumerate(arrays[f"mesh_{name}"])} for name in NAMED
+    }
+    mesh = SolidMesh(str(arrays["mesh_kind"]), arrays["mesh_nodes"], arrays["mesh_cells"], **named)
+    return Recovery(mesh, arrays["mesh_shapes"])

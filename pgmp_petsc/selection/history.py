@@ -14,7 +14,8 @@ from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene import Scene
 
 MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
-ROUND_OFF = 1e-10  # an output below this share of the mechanism's size, or of 1 rad, is taken for zero
+# an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
+ROUND_OFF = 1e-10
 MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
 
 
@@ -73,18 +74,22 @@ def run_history(
     def record(step: int, time: float, state: State) -> None:
         if step % every:
             return
-        if reduced:  # frames of reduced samples are cheap only for many at once
+        if reduced:  # what is observed of reduced samples is cheap only for many at once
             kept.append(state.q.copy())
             return
         frames = model.frames(system, state)
-        kept.append(frames[list(model.outputs.nodes)])
+        kept.append(model.observed_over(system, [state], frames))
         if not coordinate.periodic:
             a, b = (0.0 if side.on_ground else frames[side.node, 2] for side in sides)
             angles.append(b - a)
 
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
-    frames = model.output_frames_of(np.concatenate(kept)) if reduced else np.concatenate(kept, axis=-1)
-    outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(frames).values()])
+    if reduced:
+        every_time = {name: np.tile(value, len(kept)) for name, value in values.items()}
+        observed = model.observed_of(np.concatenate(kept), every_time)
+    else:
+        observed = np.concatenate(kept, axis=-1)
+    outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(observed).values()])
     outputs[..., run.status != Status.FINE] = np.nan
     return History(n_steps, every, outputs, run.status, _inside(angles, coordinate, n_samples))
 
@@ -100,8 +105,11 @@ def _inside(angles: list[np.ndarray], coordinate, n_samples: int) -> np.ndarray:
 
 def floors_of(model: FullModel | ReducedModel) -> np.ndarray:
     """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
-    units = model.outputs.units.values()
-    return np.array([ROUND_OFF * (1.0 if unit == "rad" else model.kinematics.size) for unit in units])
+    sizes = {stress.name: stress.size for stress in model.outputs.stresses}
+    units = model.outputs.units.items()
+    return np.array(
+        [ROUND_OFF * sizes.get(name, 1.0 if unit == "rad" else model.kinematics.size) for name, unit in units]
+    )
 
 
 def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:

@@ -47,7 +47,7 @@ class FullRecord:
             self._evaluate()
 
     def outputs(self) -> np.ndarray:
-        """Return the frames of the outputs' nodes at all instants, shape (n_nodes, n_frame, n_t)."""
+        """Return what the outputs are made of at all instants, shape (n_observed, n_t)."""
         self._evaluate()
         return np.concatenate(self._outputs, axis=-1)
 
@@ -69,7 +69,7 @@ class FullRecord:
         with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
             every = self._system.frames_over(states)
             self._energies.append(self._system.energies_over(self.times[first:], states))
-        self._outputs.append(every[list(self._model.outputs.nodes)])
+            self._outputs.append(self._model.observed_over(self._system, states, every))
         self._coordinates.append(self._measured(every))
         self._frames += [every[..., k] for k in range(len(states)) if first + k in self._wanted]
 

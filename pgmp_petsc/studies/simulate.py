@@ -86,7 +86,7 @@ class _Part:
     time
         Instants that were computed, shape (n_t,), s; the first one always.
     outputs
-        Frames of the outputs' nodes at these, shape (n_nodes, n_frame, n_t).
+        What the outputs are made of at these, shape (n_observed, n_t).
     recorded
         What else the model keeps of them.
     """
@@ -219,7 +219,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.history()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.output_frames_of(history.q)
+            outputs = model.observed_of(history.q, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         looked = {"watched": watched, "validity": validity, "started": start_remarks(system)}

@@ -72,8 +72,8 @@ def history_of(model: Model, values: Mapping[str, np.ndarray], simulation: Simul
 
     def record(step: int, time: float, state: State) -> None:
         if step % every == 0:
-            # frames of reduced samples are cheap only for many at once
-            kept_states.append(state.q.copy() if reduced else np.array(model.output_frames(system, state)))
+            # what is observed of reduced samples is cheap only for many at once
+            kept_states.append(state.q.copy() if reduced else model.observed(system, state))
 
     run = integrate(system, simulation, observer=record)
     failed = np.flatnonzero(run.status != Status.FINE)
@@ -85,7 +85,11 @@ def history_of(model: Model, values: Mapping[str, np.ndarray], simulation: Simul
             f"{run.failure_time[first]:.4g} s: {Status(run.status[first]).meaning}"
         )
     # time after time, the samples of each side by side
-    in_time = model.output_frames_of(np.concatenate(kept_states)) if reduced else np.concatenate(kept_states, axis=-1)
+    if reduced:
+        every_time = {name: np.tile(value, len(kept_states)) for name, value in values.items()}
+        in_time = model.observed_of(np.concatenate(kept_states), every_time)
+    else:
+        in_time = np.concatenate(kept_states, axis=-1)
     return {name: values.reshape(-1, n_samples) for name, values in model.outputs.evaluate(in_time).items()}
 
 

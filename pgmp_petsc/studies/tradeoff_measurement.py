@@ -109,7 +109,7 @@ class Simulated:
         values = {name: np.resize(column, n_samples) for name, column in self._values.items()}
         system = self._model.batch(values, n_samples)
         run = integrate(system, self._simulation)
-        self._model.outputs.evaluate(self._model.output_frames(system, run.state))
+        self._model.outputs.evaluate(self._model.observed(system, run.state))
 
 
 class Evaluated:

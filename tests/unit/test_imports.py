@@ -46,7 +46,7 @@ NEEDS = {
     "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
     "effects": {"scene", "bodies", "mechanism"},
-    "outputs": {"scene", "mechanism"},
+    "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"results"},
     "export": {"results"},
 }
