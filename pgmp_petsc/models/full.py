@@ -24,6 +24,7 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
+from pgmp_petsc.models.stress_fields import FieldPoints, Fields
 from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
@@ -56,7 +57,7 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
-        self._stresses = FullStresses(self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
+        self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
@@ -180,6 +181,15 @@ class FullModel:
             q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
             stresses = self._stresses.of(q, system.values)
         return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
+
+    @property
+    def stress_points(self) -> dict[str, FieldPoints]:
+        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
+        return {} if self._stresses is None else self._stresses.points
+
+    def stress_fields(self, system: FullBatch | FullDistributed, state: State) -> Fields:
+        """Return the stresses over whole bodies of the only sample. Collective on the system's communicator."""
+        return {} if self._stresses is None else self._stresses.fields(system.unpack(state.q), system.values)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""

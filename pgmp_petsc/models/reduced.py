@@ -19,6 +19,7 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
+from pgmp_petsc.models.stress_fields import FieldPoints, Fields
 from pgmp_petsc.models.stresses import ReducedStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
@@ -77,7 +78,7 @@ class ReducedModel:
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
         self._stresses = None
         if self.outputs.stresses:
-            self._stresses = ReducedStresses(self.outputs, self.kinematics, rom, scheme)
+            self._stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -122,6 +123,15 @@ class ReducedModel:
         """
         stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
         return self.outputs.observed(self.output_frames_of(eta), stresses)
+
+    @property
+    def stress_points(self) -> dict[str, FieldPoints]:
+        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
+        return {} if self._stresses is None else self._stresses.points
+
+    def stress_fields_of(self, eta: np.ndarray, values: Mapping[str, float]) -> list[Fields]:
+        """Return the stresses over whole bodies for every row of reduced coordinates (n, n_eta)."""
+        return [{} if self._stresses is None else self._stresses.fields(row[None], values) for row in eta]
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""

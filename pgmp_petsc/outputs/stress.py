@@ -195,6 +195,12 @@ def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | Bea
     return BeamLaw(modulus, (0.5 * Quantity.of(section.height), 0.5 * Quantity.of(section.width)), False)
 
 
+def quantities_of(scene: Scene, name: str) -> dict[str, str]:
+    """Return the quantities that a body has, with their units: no fibre of a section given by coefficients."""
+    entry = scene.bodies[name]
+    return {key: unit for key, unit in STRESSES[entry.element].items() if entry.material or key not in OF_FIBRES}
+
+
 def all_points(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
     """Return all points of a body: the nodes of a mesh of cells, the ends of all elements of beams."""
     if not isinstance(carrier, SolidMesh):

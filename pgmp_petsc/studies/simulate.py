@@ -33,6 +33,7 @@ from pgmp_petsc.studies.balance import balance_of, with_weights
 from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
+from pgmp_petsc.studies.stress_frames import stress_frames
 
 UNKNOWNS_PER_RANK = 3000
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
@@ -190,6 +191,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     return Trajectory(
         coordinates=recorded["coordinates"],
+        stresses=stress_frames(model.stress_points, recorded["stresses"][: len(part.shown)]),
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
             model,
@@ -230,6 +232,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
+        stresses = stress_frames(model.stress_points, model.stress_fields_of(eta[part.shown], model.scene.values))
     remarks, estimate = [], None
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
@@ -249,6 +252,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
+        stresses=stresses,
         balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,
