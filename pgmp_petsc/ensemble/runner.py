@@ -29,7 +29,13 @@ from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, joined, missing, pieces
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import (
+    CURE,
+    absence_of_estimates,
+    is_indicated,
+    truncated_stresses,
+    why_not_of_full_order,
+)
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
@@ -203,7 +209,8 @@ def _remarks(model: Model, estimates: dict[str, dict[str, np.ndarray]], status: 
     scene = model.scene
     if not isinstance(model, ReducedModel):
         return why_not_of_full_order(model)
-    remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
+    absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+    remarks = [*absent, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(scene.ensemble.checked_share, status.size):

@@ -57,6 +57,22 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     return ()
 
 
+def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
+    """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
+    keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
+    names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.type == "stress"]
+    if not (keys and names):
+        return ()
+    missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}
+    return (
+        note(
+            f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
+            f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
+            f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
+        ),
+    )
+
+
 def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
     """Return that the errors of full-order and component runs are not estimated, and what measures them."""
     scene = model.scene

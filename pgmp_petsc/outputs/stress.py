@@ -26,6 +26,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Circle
 from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
+from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 Values = Mapping[str, "np.ndarray | float"]
@@ -79,13 +80,13 @@ class BeamLaw:
     def values(self, quantity: str, points: BeamStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
         forces = points.forces(strains, parameters)
-        names = [name for name in STRESSES[f"beam{3 if points.n_strains == 6 else 2}d"] if name not in OF_FIBRES]
+        names = [name for name in STRESSES[f"beam{3 if points.in_space else 2}d"] if name not in OF_FIBRES]
         if quantity not in OF_FIBRES:
             return forces[:, names.index(quantity)]
         young = self.modulus.at(parameters)
         bent = forces / stiffnesses(points.body, parameters, strains.shape[2])  # strains again, moments at the points
         along_2, along_3 = (reach.at(parameters) for reach in self.reach)
-        if points.n_strains == 3:
+        if not points.in_space:
             bending = np.abs(bent[:, 2]) * along_2
         elif self.round:
             bending = np.hypot(bent[:, 4], bent[:, 5]) * along_2
@@ -204,9 +205,14 @@ def quantities_of(scene: Scene, name: str) -> dict[str, str]:
 def all_points(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
     """Return all points of a body: the nodes of a mesh of cells, the ends of all elements of beams."""
     if not isinstance(carrier, SolidMesh):
-        return BeamStrains.at_ends(carrier)
+        return BeamStrains.at_ends(carrier, _held(scene, name, carrier))
     materials = [cells for _, cells in cells_of_materials(name, scene.bodies[name], carrier)]
     return SolidStrains.at_nodes(carrier, materials, np.arange(carrier.n_nodes))
+
+
+def _held(scene: Scene, name: str, body: Body) -> set[int]:
+    """Return the nodes of beams that joints, effects or outputs hold."""
+    return {body.mesh.point(point, entry) for point, entry in points_used(scene, name).items()}
 
 
 def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> None:
@@ -229,8 +235,9 @@ def _points(name: str, entry: Stress, scene: Scene, carrier: SolidMesh | Body) -
         return _at_place(name, entry, scene, carrier)
     if not isinstance(carrier, SolidMesh):
         if entry.group is None:
-            return BeamStrains.at_ends(carrier)
-        return BeamStrains.at_ends(carrier, np.array([carrier.mesh.point(entry.group, f"{name}.group")]))
+            return all_points(scene, entry.body, carrier)
+        node = carrier.mesh.point(entry.group, f"{name}.group")
+        return BeamStrains.at_ends(carrier, _held(scene, entry.body, carrier), np.array([node]))
     if entry.group is None and entry.region is None:
         return all_points(scene, entry.body, carrier)
     materials = [cells for _, cells in cells_of_materials(entry.body, scene.bodies[entry.body], carrier)]
@@ -246,7 +253,8 @@ def _at_place(name: str, entry: Stress, scene: Scene, carrier: SolidMesh | Body)
         materials = [cells for _, cells in cells_of_materials(entry.body, scene.bodies[entry.body], carrier)]
         points, nodes = SolidStrains.at_place(carrier, materials, place), carrier.nodes
     else:
-        points, nodes = BeamStrains.at_place(carrier, place), carrier.mesh.nodes
+        held = _held(scene, entry.body, carrier)
+        points, nodes = BeamStrains.at_place(carrier, place, held), carrier.mesh.nodes
     if points is None:
         nearest = nodes[np.argmin(np.linalg.norm(nodes - place, axis=1))]
         low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in (nodes.min(axis=0), nodes.max(axis=0)))

@@ -15,7 +15,13 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import (
+    CURE,
+    absence_of_estimates,
+    is_indicated,
+    truncated_stresses,
+    why_not_of_full_order,
+)
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -247,7 +253,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *part.recorded["started"], *remarks_of(model.scene, found)),
+        (*remarks, *truncated_stresses(model.scene), *part.recorded["started"], *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],

@@ -116,7 +116,7 @@ ENTRIES = [
     (
         "outputs.a.type='speed'",
         'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
-        "displacement, deformation)",
+        "displacement, deformation, stress)",
     ),
     (
         "bodies.crank.section.shape=1",
