@@ -9,7 +9,9 @@ import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+from runs import accurate_scene, full_model, reduced_model
 from scenes import HEADER
+from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.cli.models import components_of
@@ -18,7 +20,9 @@ from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
@@ -255,3 +259,123 @@ def test_a_spinning_bar_is_pulled_by_centripetal_forces(element: str, kind: str)
     for name, found in runs(scene, {"bar": mesh}).items():
         values = found.outputs["middle"][found.time > 0.5]
         assert abs(values.mean() / expected - 1.0) < WITHIN, (name, values.mean() / expected)
+
+
+OVER_A_RUN = ("simulation.duration=0.25", "simulation.step=1e-3", "simulation.frames=3", "reduction.modes=6",
+              "reduction.inertia_modes=true", "reduction.static_modes=true", "reduction.angles=24")  # fmt: skip
+
+
+def largest(found: Trajectory, name: str) -> float:
+    return float(np.max(np.abs(found.outputs[name])))
+
+
+def test_largest_stresses_over_a_run_are_those_of_the_mesh() -> None:
+    """Slider-crank of plane-stress elements under its torque: the whole bodies, a group, over the whole run."""
+    outputs = (
+        asked("crank_mises", "von_mises", body="crank"),
+        asked("rod_mises", "von_mises", body="rod"),
+        asked("rod_pressed", "principal_min", body="rod"),
+        asked("hinge", "von_mises", 'group="left"', body="crank"),
+    )
+    scene = solid_slider_crank(*OVER_A_RUN, *outputs)
+    found = runs(scene, solid_meshes())
+    for name in ("crank_mises", "rod_mises", "rod_pressed", "hinge"):
+        exact = found["full"].outputs[name]
+        for model in ("components", "reduced"):
+            away = np.max(np.abs(found[model].outputs[name] - exact)) / largest(found["full"], name)
+            assert abs(largest(found[model], name) / largest(found["full"], name) - 1.0) < WITHIN, (model, name)
+            assert away < WITHIN, (model, name, away)
+    _fields_are_those_of_outputs(found)
+    remarks = " ".join(remark.text for remark in found["reduced"].record.remarks)
+    assert "errors were not estimated: bodies.crank is of continuum elements" in remarks
+
+
+def _fields_are_those_of_outputs(found: Mapping[str, Trajectory]) -> None:
+    """At the instants of the frames the largest value of a field is the output of the whole body, in every model."""
+    for run_of_model in found.values():
+        at = [int(np.argmin(np.abs(run_of_model.time - t))) for t in run_of_model.frames.time]
+        for body in ("crank", "rod"):
+            field = run_of_model.stresses[body]
+            mises = field.quantities["von_mises"]
+            np.testing.assert_allclose(mises.max(axis=1), run_of_model.outputs[f"{body}_mises"][at], rtol=1e-9)
+            assert field.kind == "quad8" and field.units["von_mises"] == "Pa"
+        full = found["full"].stresses["rod"].positions
+        extent = np.ptp(full[0, :, 0])
+        np.testing.assert_allclose(run_of_model.stresses["rod"].positions, full, rtol=0, atol=1e-3 * extent)
+
+
+def test_reduced_stresses_without_static_answers_say_so() -> None:
+    without = ("reduction.static_modes=false", "reduction.inertia_modes=false", "simulation.duration=0.01")
+    scene = solid_slider_crank(*OVER_A_RUN, *without, asked("high", "von_mises", body="rod"))
+    found = run(model_of("reduced", scene, solid_meshes(n_per_metre=20)))
+    said = [
+        remark.text for remark in found.record.remarks if remark.text.startswith("outputs.high: stresses of 6 modes")
+    ]
+    assert len(said) == 1 and "reduction.static_modes = true and reduction.inertia_modes = true" in said[0]
+
+
+def test_a_reduced_model_of_other_outputs_has_no_stresses_of_cells() -> None:
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8")
+    meshes = solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, meshes, group)
+    asking = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
+    with pytest.raises(InputError, match=r'outputs.high.body = "rod": the reduced model was built without the mesh'):
+        ReducedModel(asking, rom)
+
+
+def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> None:
+    outputs = (asked("tip", "von_mises", 'group="right"', body="rod"), asked("all", "principal_max", body="crank"))
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", "simulation.duration=0.02", *outputs)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, solid_meshes(n_per_metre=20), group)
+    rom.write(tmp_path / "rom.h5")
+    again = ReducedOrderModel.read(tmp_path / "rom.h5")
+    assert again.identity == rom.identity
+    first, second = (run(ReducedModel(scene, one)) for one in (rom, again))
+    for name in ("tip", "all"):
+        np.testing.assert_array_equal(first.outputs[name], second.outputs[name])
+    first.write(tmp_path / "run.h5")
+    kept = Trajectory.read(tmp_path / "run.h5").stresses
+    assert kept.keys() == {"crank", "rod"}
+    for body, field in first.stresses.items():
+        np.testing.assert_array_equal(kept[body].positions, field.positions)
+        np.testing.assert_array_equal(kept[body].cells, field.cells)
+        for quantity, values in field.quantities.items():
+            np.testing.assert_array_equal(kept[body].quantities[quantity], values)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_samples_have_the_stresses_of_their_own_modulus(name: str, tmp_path) -> None:
+    """Under a force stresses do not depend on the modulus; under a given displacement they are proportional to it."""
+    outputs = (asked("all", "von_mises"), asked("there", "principal_max", "at=[0.2, 0.05]"))
+    model = model_of(name, held("solid2d", *outputs, "ensemble.checked_share=0.0"), {"bar": bar("quad8")})
+    values = {"E1": np.array([200e9, 210e9, 220e9])}
+    system = model.batch(values, 3)
+    observed = model.outputs.evaluate(model.observed(system, system.start()))
+    for output in ("all", "there"):
+        # linear but for the second order of the deflection
+        np.testing.assert_allclose(observed[output], observed[output][1], rtol=1e-3)
+    state = system.start()
+    still = model.batch({"E1": np.full(3, 210e9)}, 3).start()
+    state.q[...] = still.q
+    bent = model.outputs.evaluate(model.observed(system, state))
+    for output in ("all", "there"):
+        np.testing.assert_allclose(bent[output] / bent[output][1], values["E1"] / 210e9, rtol=1e-9)
+
+
+def test_section_forces_of_reduced_beams_have_an_estimate_of_their_error() -> None:
+    """Slider-crank of the repository's scenes: largest estimated over largest true error, within a factor of 3."""
+    outputs = (
+        asked("bending", "bending_moment", body="rod"),
+        asked("fibre", "stress_max", body="crank"),
+        asked("middle", "bending_moment", "at=[0.65, 0.0]", body="rod"),
+    )
+    scene = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2")
+    reduced = run(reduced_model(scene))
+    fine = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2", "simulation.step=6.25e-5")
+    full = run(full_model(fine))
+    for name in ("bending", "fibre", "middle"):
+        error = np.max(np.abs(reduced.outputs[name] - full.outputs[name][::16]))
+        assert error < WITHIN * largest(full, name), name
+        assert 1 / 3 < reduced.errors.maximum(name) / error < 3, (name, reduced.errors.maximum(name) / error)
