@@ -120,6 +120,10 @@ FEATURES = {
     "distance": ('outputs.x={{type="distance",points=["ground:origin","{last}:tip"]}}',),
     "displacement": ('outputs.x={{type="displacement",point="{last}:tip",axis="y"}}',),
     "deformation": ('outputs.x={{type="deformation",point="{last}:tip",axis="y",frame="body"}}',),
+    "stress": (
+        'outputs.x={{type="stress",body="{last}",quantity="{quantity}"}}',
+        'outputs.y={{type="stress",body="{last}",quantity="{quantity}",at={inside}}}',
+    ),
     "rigid first body": ("bodies.{first}.flexible=false",),
 }
 TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", "simulation.step=1e-3",
@@ -153,6 +157,8 @@ def scene_of(kind: str, feature: str) -> Scene:
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
         "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
+        "quantity": "von_mises" if bare.bodies[bodies[-1]].continuum else "axial_force",
+        "inside": [float(bare.bodies[bodies[-1]].mesh.split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
     }  # fmt: skip
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])
     extra = []

@@ -227,7 +227,7 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
         remarks.append(
             note(
                 f"strain and change of stiffness are not computed with continuum bodies ({', '.join(continuum)}): "
-                "their condensed model holds no stresses; rotations are those of their frames only"
+                "a stress output has the stresses of a body; rotations are those of their frames only"
             )
         )
     in_space = [name for name, body in scene.bodies.items() if body.element == "beam3d" and body.flexible]

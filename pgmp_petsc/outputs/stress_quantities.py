@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.elasticity import Lame
-from pgmp_petsc.bodies.solid_strains import COMPONENTS
 
 Points = np.ndarray  # what is known at points, shape (n_points, n_components, n)
 
@@ -37,14 +36,25 @@ def von_mises(stresses: Points) -> np.ndarray:
 
 
 def principal(stresses: Points, largest: bool) -> np.ndarray:
-    """Return the largest or the smallest principal stress, tension positive, shape (n_points, n)."""
-    d = 2 if stresses.shape[1] == 3 else 3
-    tensors = np.empty((stresses.shape[0], stresses.shape[2], d, d))
-    for number, (i, j) in enumerate(COMPONENTS[d]):
-        tensors[..., i, j] = tensors[..., j, i] = stresses[:, number]
-    known = np.isfinite(tensors).all(axis=(2, 3))  # of others the solver would refuse all
-    found = np.linalg.eigvalsh(np.where(known[..., None, None], tensors, 0.0))[..., -1 if largest else 0]
-    return np.where(known, found, np.nan)
+    """Return the largest or the smallest principal stress, tension positive, shape (n_points, n).
+
+    In space the three are ``p + 2 q cos(phi + 2 pi k / 3)`` with the mean p, ``6 q^2 = |S|^2`` of the deviator S and
+    ``cos(3 phi) = det(S) / (2 q^3)`` (Smith 1961): of all points at once, to round-off of the largest stress but where
+    two are equal to its root.
+    """
+    if stresses.shape[1] == 3:
+        xx, yy, xy = np.moveaxis(stresses, 1, 0)
+        reach = np.hypot(0.5 * (xx - yy), xy)
+        return 0.5 * (xx + yy) + (reach if largest else -reach)
+    xx, yy, zz, xy, xz, yz = np.moveaxis(stresses, 1, 0)
+    mean = (xx + yy + zz) / 3.0
+    xx, yy, zz = xx - mean, yy - mean, zz - mean
+    q = np.sqrt((xx**2 + yy**2 + zz**2 + 2.0 * (xy**2 + xz**2 + yz**2)) / 6.0)
+    unit = np.where(q > 0.0, q, 1.0)  # of a pressure alone any direction is principal
+    xx, yy, zz, xy, xz, yz = (part / unit for part in (xx, yy, zz, xy, xz, yz))
+    det = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+    phi = np.arccos(np.clip(0.5 * det, -1.0, 1.0)) / 3.0
+    return mean + 2.0 * q * np.cos(phi + (0.0 if largest else 2.0 * np.pi / 3.0))
 
 
 def outermost(axial: np.ndarray, bending: np.ndarray, largest: bool) -> np.ndarray:

@@ -200,7 +200,7 @@ def test_the_edge_of_a_hole_has_three_times_the_stress_converging_with_the_mesh(
     for name, found in runs(scene, {"bar": plate(48, 8)}).items():
         assert abs(found.outputs["edge"][0] / far / 3.0 - 1.0) < WITHIN, (name, found.outputs["edge"][0] / far)
         # the largest is on the hole's side, where the place is
-        assert found.outputs["top"][0] == pytest.approx(found.outputs["edge"][0], rel=1e-6)
+        assert found.outputs["top"][0] == pytest.approx(found.outputs["edge"][0], rel=1e-4)
 
 
 @pytest.mark.parametrize("element", ["beam2d", "beam3d"])
@@ -262,7 +262,7 @@ def test_a_spinning_bar_is_pulled_by_centripetal_forces(element: str, kind: str)
 
 
 OVER_A_RUN = ("simulation.duration=0.25", "simulation.step=1e-3", "simulation.frames=3", "reduction.modes=6",
-              "reduction.inertia_modes=true", "reduction.static_modes=true", "reduction.angles=24")  # fmt: skip
+              "reduction.inertia_modes=true", "reduction.static_modes=true", "reduction.angles=48")  # fmt: skip
 
 
 def largest(found: Trajectory, name: str) -> float:
