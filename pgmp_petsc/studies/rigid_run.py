@@ -120,10 +120,12 @@ def _needed(run: RigidRun, n_steps: int) -> int:
 
 
 def _with_rigid_bodies(scene: Scene) -> Scene:
+    """Return the scene with rigid bodies, without what is of flexible ones alone, stresses for one, and any output."""
     return scene.model_copy(
         update={
             "bodies": {name: body.model_copy(update={"flexible": False}) for name, body in scene.bodies.items()},
             "effects": {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)},
+            "outputs": {},
         }
     )
 
