@@ -20,10 +20,12 @@ from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.scene import Scene, scene_from_toml
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
@@ -379,3 +381,14 @@ def test_section_forces_of_reduced_beams_have_an_estimate_of_their_error() -> No
         error = np.max(np.abs(reduced.outputs[name] - full.outputs[name][::16]))
         assert error < WITHIN * largest(full, name), name
         assert 1 / 3 < reduced.errors.maximum(name) / error < 3, (name, reduced.errors.maximum(name) / error)
+
+
+def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None:
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
+    meshes = solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        checkpoint = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, False)
+        rom = build_rom(scene, meshes, group, checkpoint=checkpoint)
+        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, True).components
+    assert kept["crank"].recovery is None
+    assert identity(kept["rod"].recovery) == identity(rom.meshes["rod"].recovery)
