@@ -61,8 +61,16 @@ class FloatingBody:
 
     @property
     def extent(self) -> float:
-        """Largest extent of the frames along an axis of the body's frame, m."""
-        return float(np.max(np.ptp(self.centres, axis=0)))
+        """Largest extent of the frames along an axis of the body's frame, m; with one frame that of the straight bar
+        with the body's largest radius of gyration."""
+        between = float(np.max(np.ptp(self.centres, axis=0)))
+        if between > 0.0:
+            return between
+        places, variances = slice(1, 1 + self.centres.shape[1]), []
+        for moments in self.moments.values():
+            mean = moments[0, places] / moments[0, 0]
+            variances.append(np.diag(moments[places, places]) / moments[0, 0] - mean**2)
+        return float(np.sqrt(12.0 * np.max(variances)))
 
 
 def first_moments(moments: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class FullStresses:
         self._stresses, self._unknowns = outputs.stresses, unknowns
         self.points = field_points(scene, unknowns.bodies, outputs)
         self._linear = {
-            stress.name: stress.points.of_displacements(unknowns.bodies[stress.body].floating.recovery.by_node)
+            stress.name: linear_map(stress, unknowns.bodies[stress.body].floating.recovery.by_node)
             for stress in outputs.stresses
             if unknowns.bodies[stress.body].floating is not None
         }
@@ -130,7 +130,7 @@ class ReducedStresses:
         self._shapes: dict[int, Interpolant] = {}
         for number in {stress.body for stress in outputs.stresses}:
             self._shapes[number] = _shapes_of(rom, self._bodies[number], scheme)
-        self._linear = {s.name: s.points.of_displacements(_by_node(self._bodies[s.body])) for s in outputs.stresses}
+        self._linear = {s.name: linear_map(s, _by_node(self._bodies[s.body])) for s in outputs.stresses}
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
@@ -173,18 +173,29 @@ class ReducedStresses:
         return points.of_places(frames)
 
 
+def linear_map(stress: StressOutput, by_node: np.ndarray) -> np.ndarray:
+    """Return S, shape (n_points, n_strains, n), of displacements of the nodes (n_nodes, n_of_a_node, n)."""
+    parts = (stress.points.of_displacements(by_node[..., part]) for part in _blocks(stress, by_node.shape[2]))
+    return np.concatenate(list(parts), axis=2)
+
+
 def in_blocks(
     stress: StressOutput, strains: Callable[[slice], np.ndarray], motion: np.ndarray, values: Values
 ) -> np.ndarray:
     """Return a stress output, shape (n,), from strains of some instants at a time; `motion` has n as its last axis."""
-    n, points = motion.shape[-1], stress.points
-    width = points.cells.size * points.gradients.shape[1] * 9 if isinstance(points, SolidStrains) else points.n_points
-    step = max(1, AT_ONCE // max(1, width))
-    found = np.empty(n)
-    for first in range(0, n, step):
-        part = slice(first, min(first + step, n))
+    found = np.empty(motion.shape[-1])
+    for part in _blocks(stress, found.size):
         found[part] = stress.value(strains(part), values_of(values, part))
     return found
+
+
+def _blocks(stress: StressOutput, n: int) -> Iterator[slice]:
+    """Yield parts of n columns that are evaluated together."""
+    points = stress.points
+    width = points.cells.size * points.gradients.shape[1] * 9 if isinstance(points, SolidStrains) else points.n_points
+    step = max(1, AT_ONCE // max(1, width))
+    for first in range(0, n, step):
+        yield slice(first, min(first + step, n))
 
 
 def values_of(values: Mapping[str, np.ndarray | float], part: slice) -> dict[str, np.ndarray | float]:
