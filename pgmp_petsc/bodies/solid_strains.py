@@ -71,15 +71,22 @@ class SolidStrains:
     def of_places(self, places: np.ndarray) -> np.ndarray:
         """Return Green and Lagrange's strains, shape (n_points, n_strains, n), for nodes at places (n_nodes, d, n)."""
         d = self.mesh.dimension
-        f = np.einsum("cgja,cain->cgijn", self.gradients, places[self.mesh.cells[self.cells]], optimize=True)
-        found = [0.5 * (np.sum(f[:, :, :, i] * f[:, :, :, j], axis=2) - (i == j)) for i, j in COMPONENTS[d]]
+        f = self._gradients(places)
+        found = [0.5 * (np.sum(f[:, :, i] * f[:, :, j], axis=2) - (i == j)) for i, j in COMPONENTS[d]]
         return self._at_points(np.stack(found, axis=2))
 
     def of_displacements(self, displacements: np.ndarray) -> np.ndarray:
         """Return linear strains, shape (n_points, n_strains, n), for displacements of the nodes (n_nodes, d, n)."""
         d = self.mesh.dimension
-        g = np.einsum("cgja,cain->cgijn", self.gradients, displacements[self.mesh.cells[self.cells]], optimize=True)
+        g = self._gradients(displacements)
         return self._at_points(np.stack([0.5 * (g[:, :, i, j] + g[:, :, j, i]) for i, j in COMPONENTS[d]], axis=2))
+
+    def _gradients(self, vectors: np.ndarray) -> np.ndarray:
+        """Return ``dv_i/dX_j`` at all sampling points, shape (n_c, n_g, j, i, n), of vectors at the nodes (n_nodes, d,
+        n)."""
+        n_c, n_g, d, n_a = self.gradients.shape
+        own = vectors[self.mesh.cells[self.cells]].reshape(n_c, n_a, -1)
+        return np.matmul(self.gradients.reshape(n_c, n_g * d, n_a), own).reshape(n_c, n_g, d, d, -1)
 
     def _at_points(self, sampled: np.ndarray) -> np.ndarray:
         """Return what points have of strains at sampling points (n_c, n_g, n_strains, n)."""
