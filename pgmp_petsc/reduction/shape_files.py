@@ -11,7 +11,8 @@ from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.runtime.files import put, take
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import BUILD_AGAIN, put, take
 
 if TYPE_CHECKING:
     import h5py
@@ -43,7 +44,7 @@ def take_shape(group: h5py.Group) -> LineMesh | Component:
         n_mesh_dofs=int(group.attrs["n_mesh_dofs"]),
         error=float(group.attrs["error"]),
         centre_of_mass=take(group, "centre_of_mass", 1) if "centre_of_mass" in group else None,
-        recovery=_take_recovery(group["recovery"]) if "recovery" in group else None,
+        recovery=_take_recovery(group["recovery"], take(group, "fields", 2)) if "recovery" in group else None,
     )
 
 
@@ -76,16 +77,29 @@ def _put_recovery(group: h5py.Group, recovery: Recovery) -> None:
         table = group.create_group(name, track_order=True)
         table.attrs["names"] = list(getattr(mesh, name))
         for number, numbers in enumerate(getattr(mesh, name).values()):
-            put(table, str(number), numbers, "1", about)
+            put(table, f"of_{number}", numbers, "1", about)
 
 
-def _take_recovery(group: h5py.Group) -> Recovery:
+def _take_recovery(group: h5py.Group, fields: np.ndarray) -> Recovery:
+    """Read back what `_put_recovery` wrote; `fields` has as many rows as there are unknowns.
+
+    Raises
+    ------
+    InputError
+        If the parts do not fit together.
+    """
     named = {
-        name: {str(key): take(group[name], str(k), n) for k, key in enumerate(group[name].attrs["names"])}
+        name: {str(key): take(group[name], f"of_{k}", n) for k, key in enumerate(group[name].attrs["names"])}
         for name, n in (("groups", 2), ("regions", 1))
     }
     mesh = SolidMesh(str(group.attrs["kind"]), take(group, "nodes", 2), take(group, "cells", 2), **named)
-    return Recovery(mesh, take(group, "shapes", 2))
+    shapes, wanted = take(group, "shapes", 2), (mesh.n_nodes * mesh.dimension, len(fields))
+    if shapes.shape != wanted or mesh.cells.size and not 0 <= mesh.cells.min() <= mesh.cells.max() < mesh.n_nodes:
+        raise InputError(
+            f"file '{group.file.filename}': {group.name} has shapes {shapes.shape}, not {wanted}, or cells beyond its "
+            f"nodes; {BUILD_AGAIN}"
+        )
+    return Recovery(mesh, shapes)
 
 
 def _take_terms(group: h5py.Group, name: str) -> dict[Monomial, np.ndarray]:

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 from runs import accurate_scene, full_model, reduced_model
 from scenes import HEADER
+from sealed import resealed
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import box_mesh, rectangle_mesh
 
@@ -345,6 +346,12 @@ def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> Non
     first, second = (run(ReducedModel(scene, one)) for one in (rom, again))
     for name in ("tip", "all"):
         np.testing.assert_array_equal(first.outputs[name], second.outputs[name])
+    with resealed(tmp_path / "rom.h5") as file:
+        shapes = file["mesh/rod/recovery/shapes"][:-1]
+        del file["mesh/rod/recovery/shapes"]
+        file["mesh/rod/recovery/shapes"] = shapes
+    with pytest.raises(InputError, match="/mesh/rod/recovery has shapes"):
+        ReducedOrderModel.read(tmp_path / "rom.h5")
     first.write(tmp_path / "run.h5")
     kept = Trajectory.read(tmp_path / "run.h5").stresses
     assert kept.keys() == {"crank", "rod"}
