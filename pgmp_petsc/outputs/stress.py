@@ -80,9 +80,8 @@ class BeamLaw:
     def values(self, quantity: str, points: BeamStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
         forces = points.forces(strains, parameters)
-        names = [name for name in STRESSES[f"beam{3 if points.in_space else 2}d"] if name not in OF_FIBRES]
         if quantity not in OF_FIBRES:
-            return forces[:, names.index(quantity)]
+            return forces[:, _number_of(quantity, points.body)]
         young = self.modulus.at(parameters)
         bent = forces / stiffnesses(points.body, parameters, strains.shape[2])  # strains again, moments at the points
         along_2, along_3 = (reach.at(parameters) for reach in self.reach)
@@ -98,11 +97,13 @@ class BeamLaw:
         """Return the quantity for a strain of 1, or a curvature of 1 over the body's length, at nominal parameters."""
         if quantity in OF_FIBRES:
             return float(self.modulus.at(nominal))
-        resists = stiffnesses(body, nominal, 1)[:, 0]
-        n = len(resists)
-        names = [name for name in STRESSES[f"beam{3 if n == 6 else 2}d"] if name not in OF_FIBRES]
-        number = names.index(quantity)
-        return float(resists[number] / (body.extent if "moment" in quantity else 1.0))
+        resists = stiffnesses(body, nominal, 1)[_number_of(quantity, body), 0]
+        return float(resists / (body.extent if "moment" in quantity else 1.0))
+
+
+def _number_of(quantity: str, body: Body) -> int:
+    """Return which of the forces and moments in a body's sections a quantity is."""
+    return list(STRESSES[f"beam{body.mesh.nodes.shape[1]}d"]).index(quantity)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from solids import mesh_of
 
+from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.bodies.beam3d import beam_work, section_axes, stretch
 from pgmp_petsc.bodies.beam_strains import BeamStrains, stiffnesses
 from pgmp_petsc.bodies.body import Body
@@ -15,6 +16,7 @@ from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
 from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.outputs.stress import BeamLaw
 from pgmp_petsc.outputs.stress_quantities import FURTHEST, LARGEST, SMALLEST, hooke, principal, von_mises
 from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
 
@@ -243,3 +245,23 @@ def test_a_place_beside_a_beam_is_on_none_of_its_elements() -> None:
     assert BeamStrains.at_place(body, np.array([0.3, 1e-3])) is None
     assert BeamStrains.at_place(body, np.array([0.32, 0.0])).n_points == 2  # a node: both elements
     assert BeamStrains.at_place(body, np.array([0.3, 0.0])).n_points == 1
+
+
+@pytest.mark.parametrize("shape", ["rectangle", "circle"])
+def test_outermost_fibres_of_beams_in_space_are_those_of_all_their_fibres(shape: str) -> None:
+    """E (gamma_1 + kappa_2 z - kappa_3 y) of every fibre (y, z) of the section: the largest and the smallest."""
+    width, height, radius, modulus = 0.02, 0.03, 0.015, 210e9
+    half = (0.5 * height, 0.5 * width) if shape == "rectangle" else (radius, radius)
+    law = BeamLaw(Quantity.of(modulus), tuple(map(Quantity.of, half)), shape == "circle")
+    points = BeamStrains.of(spatial_beam(1), np.array([0]), np.array([0.5]))  # of another section: strains are given
+    strains = RNG.normal(size=(1, 8, 5)) * 1e-3 / np.array([1, 1, 1, 0.01, 0.01, 0.01, 1, 1])[:, None]
+    if shape == "rectangle":
+        fibres = np.array([[y, z] for y in (-half[0], half[0]) for z in (-half[1], half[1])])
+    else:
+        angle = np.linspace(0.0, 2.0 * np.pi, 20001)
+        fibres = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    axial, about_2, about_3 = strains[0, 0], strains[0, 4], strains[0, 5]
+    every = modulus * (axial + np.outer(fibres[:, 1], about_2) - np.outer(fibres[:, 0], about_3))
+    for quantity, expected in (("stress_max", every.max(axis=0)), ("stress_min", every.min(axis=0))):
+        found = law.values(quantity, points, strains, {})[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-7, err_msg=quantity)
