@@ -21,7 +21,7 @@ from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mechanism.composition import bodies_of
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.outputs.stress_quantities import EXTREMES, FURTHEST, hooke, outermost, principal, von_mises
+from pgmp_petsc.outputs.stress_quantities import EXTREMES, FURTHEST, LARGEST, hooke, outermost, principal, von_mises
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Circle
@@ -139,10 +139,14 @@ class StressOutput:
     def value(self, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return the output, shape (n,), for strains of the points (n_points, n_strains, n).
 
+        Forces and moments have their sign at a place. Of many sections the magnitude is reported: the largest ones of
+        either sign may be equal, and an output that jumped from one to the other would have no error to speak of.
         Parameter values are numbers, or of shape (n,).
         """
         values = self.law.values(self.entry.quantity, self.points, strains, parameters)
-        return EXTREMES.get(self.entry.quantity, FURTHEST)(values)
+        if self.entry.quantity in EXTREMES:
+            return EXTREMES[self.entry.quantity](values)
+        return LARGEST(np.abs(values)) if self.entry.at is None else FURTHEST(values)
 
     @classmethod
     def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:

@@ -10,7 +10,7 @@ dataset                       shape                content
 ``points/<k>``                (n_nodes, 3)         positions at frame k = 00000, 00001, ..., ground frame, m
 ``<quantity>/<k>``            (n_nodes)            at the nodes; the quantities are those of stress outputs. Where
                                                    a node has several values, of materials or of beams that meet
-                                                   there, it is what an output at that node reports
+                                                   there, it is what an output with `at` reports there
 ============================= ==================== ========================================================
 """
 

@@ -213,7 +213,8 @@ def test_a_cantilever_of_beams_has_the_forces_of_statics(element: str) -> None:
     bending, shear = ("bending_moment_3", "shear_force_2") if space else ("bending_moment", "shear_force")
     middle = [0.3] + [0.0] * (2 if space else 1)
     outputs = (
-        asked("root", bending, 'group="hinge"'),
+        asked("root", bending, f"at={[0.0] * len(middle)}"),
+        asked("held", bending, 'group="hinge"'),
         asked("middle", bending, f"at={middle}"),
         asked("shear", shear),
         asked("axial", "axial_force"),
@@ -226,8 +227,9 @@ def test_a_cantilever_of_beams_has_the_forces_of_statics(element: str) -> None:
     fibre = 6.0 * abs(across) * LENGTH / (WIDTH * HEIGHT**2)
     expected = {
         "root": across * LENGTH,
+        "held": abs(across) * LENGTH,
         "middle": across * (LENGTH - 0.3),
-        "shear": across,
+        "shear": abs(across),
         "axial": axial,
         "fibre": fibre + axial / (WIDTH * HEIGHT),
         "pressed": -fibre + axial / (WIDTH * HEIGHT),
