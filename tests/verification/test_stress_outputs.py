@@ -152,6 +152,17 @@ def test_a_cantilever_of_cells_has_the_stresses_of_beam_theory(element: str, kin
             assert found.units[output] == "Pa"
 
 
+def test_a_slow_run_goes_through_states_of_equilibrium() -> None:
+    """A force that grows over 16 periods of the first bending: the root's stress is that of statics all the way."""
+    ramp = ("effects.pull.table=[[0.0, 0.0], [0.2, 100.0]]", "initial.equilibrium=false", "simulation.duration=0.2",
+            "simulation.step=2e-3", "simulation.spectral_radius=0.3")  # fmt: skip
+    scene = held("solid2d", *ramp, asked("middle", "von_mises", f"at={[0.5, 0.5 * HEIGHT]}"))
+    for name, found in runs(scene, {"bar": bar("quad8")}).items():
+        expected = found.time / 0.2 * 3.0 * FORCE * LENGTH / (WIDTH * HEIGHT**2)
+        away = np.max(np.abs(found.outputs["middle"] - expected)) / expected[-1]
+        assert away < WITHIN, (name, away)
+
+
 def plate(n_around: int, n_out: int, hole: float = 1.0, half_width: float = 20.0) -> SolidMesh:
     """Return a square plate of quad8 with a round hole, its group hole, and left and right."""
     radial = np.linspace(0.0, 1.0, n_out + 1) ** 2.5
