@@ -119,12 +119,8 @@ class ReducedStresses:
     """
 
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
-        self._stresses, self._n_theta, scheme = (
-            outputs.stresses,
-            kinematics.n_coordinates,
-            scene.reduction.interpolation,
-        )
-        self._kinematics = kinematics
+        self._stresses, self._n_theta = outputs.stresses, kinematics.n_coordinates
+        self._kinematics, scheme = kinematics, scene.reduction.interpolation
         self.points = field_points(scene, kinematics.mechanism.bodies, outputs)
         self._bodies, self._curved = kinematics.mechanism.bodies, rom.curvature is not None
         self._shapes: dict[int, Interpolant] = {}
