@@ -26,6 +26,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
 STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
@@ -87,8 +88,9 @@ class BeamStrains:
         if self.in_space:
             axes = self.body.axes
             tilted = np.cross(turned[:, 3:], axes[:, :, 0, None], axis=1)
-            gamma = np.einsum("eij,ein->ejn", axes, apart[:, :3] - tilted)
-            return self._at_points(np.concatenate([gamma, np.einsum("eij,ein->ejn", axes, apart[:, 3:])], axis=1))
+            along = axes.swapaxes(1, 2)
+            gamma, kappa = products(along, apart[:, :3] - tilted), products(along, apart[:, 3:])
+            return self._at_points(np.concatenate([gamma, kappa], axis=1))
         angle = self.body.directions[:, None]
         cos, sin = np.cos(angle), np.sin(angle)
         eps, across = cos * apart[:, 0] + sin * apart[:, 1], cos * apart[:, 1] - sin * apart[:, 0]
@@ -192,19 +194,19 @@ def _in_space(first: np.ndarray, second: np.ndarray, lengths: np.ndarray, axes: 
     """Return the strains of elements in space between frames (n_e, 12, n); see `beam3d`."""
     n_e, _, n = first.shape
     one, other = (part[:, 3:].reshape(n_e, 3, 3, n) for part in (first, second))  # directors: (element, k, component)
-    turn = np.einsum("eicn,ejcn->eijn", one, other)  # R_1^T R_2
-    trace = np.einsum("eiin->en", turn)
+    turn = np.sum(one[:, :, None] * other[:, None], axis=3)  # R_1^T R_2
+    trace = turn[:, 0, 0] + turn[:, 1, 1] + turn[:, 2, 2]
     w = 0.5 * np.stack(
         [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
     )
     c = 0.5 * np.sqrt(1.0 + trace)
-    g = np.einsum("ekcn,ecn->ekn", 0.5 * (one + other), (second - first)[:, :3] / lengths[:, None])
+    g = np.sum(0.5 * (one + other) * ((second - first)[:, :3] / lengths[:, None])[:, None], axis=2)
     along = np.sum(w * g, axis=1)
     gamma = g / c[:, None] - w * (along / (4.0 * c**3 * (1.0 + c)))[:, None]
     size = np.linalg.norm(w, axis=1)  # sin |Theta|
     small = size < 1e-4  # of |Theta| / sin |Theta| = 1 + s^2 / 6 + 3 s^4 / 40 the next term is below 1e-25
     angle = np.arctan2(size, 0.5 * (trace - 1.0))
     ratio = np.where(small, 1.0 + size**2 / 6.0 + 0.075 * size**4, angle / np.where(small, 1.0, size))
-    strained = np.einsum("eij,ein->ejn", axes, gamma)
+    strained, curved = (products(axes.swapaxes(1, 2), part) for part in (gamma, ratio[:, None] * w))
     strained[:, 0] -= 1.0
-    return np.concatenate([strained, np.einsum("eij,ein->ejn", axes, ratio[:, None] * w) / lengths[:, None]], axis=1)
+    return np.concatenate([strained, curved / lengths[:, None]], axis=1)

@@ -21,6 +21,7 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mesh.reference_element import reference_element, shape_gradients, shape_values
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 
@@ -86,7 +87,7 @@ class SolidStrains:
         n)."""
         n_c, n_g, d, n_a = self.gradients.shape
         own = vectors[self.mesh.cells[self.cells]].reshape(n_c, n_a, -1)
-        return np.matmul(self.gradients.reshape(n_c, n_g * d, n_a), own).reshape(n_c, n_g, d, d, -1)
+        return products(self.gradients.reshape(n_c, n_g * d, n_a), own).reshape(n_c, n_g, d, d, -1)
 
     def _at_points(self, sampled: np.ndarray) -> np.ndarray:
         """Return what points have of strains at sampling points (n_c, n_g, n_strains, n)."""

@@ -20,6 +20,7 @@ import numpy as np
 from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import on_mesh
 from pgmp_petsc.mechanism.space import Space
@@ -200,7 +201,7 @@ def values_of(values: Mapping[str, np.ndarray | float], part: slice) -> dict[str
 
 
 def _times(linear: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return (linear.reshape(-1, linear.shape[2]) @ y).reshape(*linear.shape[:2], y.shape[1])
+    return products(linear.reshape(1, -1, linear.shape[2]), y[None]).reshape(*linear.shape[:2], y.shape[1])
 
 
 def _of_unknowns(stress: StressOutput, body: Body, unknowns: Unknowns, q: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.solid_strains import COMPONENTS, SolidStrains, continuation, sampling_points
 from pgmp_petsc.mesh.reference_element import PLANE_KINDS, SOLID_KINDS, shape_values
 from pgmp_petsc.mesh.straight_beam import straight_beam
-from pgmp_petsc.outputs.stress import BeamLaw
+from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw
 from pgmp_petsc.outputs.stress_quantities import FURTHEST, LARGEST, SMALLEST, hooke, principal, von_mises
 from pgmp_petsc.scene.bodies import Circle, Material, Rectangle
 
@@ -265,3 +265,31 @@ def test_outermost_fibres_of_beams_in_space_are_those_of_all_their_fibres(shape:
     for quantity, expected in (("stress_max", every.max(axis=0)), ("stress_min", every.min(axis=0))):
         found = law.values(quantity, points, strains, {})[0]
         np.testing.assert_allclose(found, expected, rtol=1e-7, err_msg=quantity)
+
+
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20", "beam2d", "beam3d"])
+def test_a_column_is_the_same_to_the_last_bit_whatever_stands_beside_it(kind: str) -> None:
+    """Samples do not depend on the batch, and so on the number of ranks, that they are in."""
+    n = 21
+    if kind.startswith("beam"):
+        body = spatial_beam() if kind == "beam3d" else planar_beam()
+        points, u = BeamStrains.at_ends(body), RNG.normal(size=(body.n_nodes, body.node_dofs, n))
+        turned = np.tile(np.eye(3).ravel(), (body.n_nodes, 1))[..., None] + 0.1 * RNG.normal(size=(body.n_nodes, 9, n))
+        places = np.concatenate([u[:, :3], turned], axis=1) if kind == "beam3d" else u
+        law, quantities = BeamLaw(Quantity.of(210e9), (Quantity.of(0.01),) * 2, True), ("axial_force", "stress_max")
+    else:
+        mesh = mesh_of(kind, (2, 2, 1), (0.7, 0.4, 0.5))
+        points, u = everything(mesh), RNG.normal(size=(mesh.n_nodes, mesh.dimension, n))
+        places = mesh.nodes[..., None] + u
+        law = SolidLaw(((Quantity.of(210e9), Lame.of(0.3, mesh.dimension == 2)),))
+        quantities = ("von_mises", "principal_max", "principal_min")
+    for strains, motion in ((points.of_displacements, u), (points.of_places, places)):
+        whole = strains(motion)
+        for size in (1, 2, 3, 7, 16):
+            parts = [strains(motion[..., k : k + size]) for k in range(0, n, size)]
+            np.testing.assert_array_equal(np.concatenate(parts, axis=-1), whole)
+            for quantity in quantities:
+                values = [law.values(quantity, points, part, {}) for part in parts]
+                np.testing.assert_array_equal(
+                    np.concatenate(values, axis=-1), law.values(quantity, points, whole, {}), err_msg=quantity
+                )
