@@ -20,6 +20,7 @@ free body's first n + r modes say how far to go.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.large_deformation import large_deformation
 from pgmp_petsc.components.petsc_terms import Terms, petsc_terms
 from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
 from pgmp_petsc.components.subspace import Operator, Subspace
@@ -56,6 +58,7 @@ def condense(
     comm: MPI.Comm,
     timings: Timings | None = None,
     memory: float | None = None,
+    large: bool = False,
 ) -> tuple[Component, np.ndarray]:
     """Condense a body. Collective on `comm`.
 
@@ -73,9 +76,12 @@ def condense(
         Ranks that share the body.
     timings
         Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
-        projection.
+        projection, second order.
     memory
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    large
+        Whether what is of second order in the deformation is wanted, but for a scaled cross-section, of which it is not
+        known.
 
     Returns
     -------
@@ -119,10 +125,15 @@ def condense(
             finally:
                 problem.close()
         with timings.phase("projection"):
-            return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
+            found = _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()
+    if not large or solid.section_scale is not None:
+        return found
+    with timings.phase("second order"):
+        component, recovery = found
+        return replace(component, large=large_deformation(solid, nodes, recovery, comm)), recovery
 
 
 def _stiffness_of(problem: BodyProblem) -> Operator:
