@@ -58,6 +58,13 @@ class Component:
     centre_of_mass: np.ndarray | None = None
     large: LargeDeformation | None = None
 
+    def terms(self, kind: str) -> dict[Monomial, np.ndarray]:
+        """Return the matrices (n, n) of ``"mass"``, ``"stiffness"`` or ``"stretching"`` by weight; none of the last
+        where `large` is None."""
+        if kind == "stretching":
+            return {} if self.large is None else self.large.stretching
+        return {"mass": self.mass, "stiffness": self.stiffness}[kind]
+
     @property
     def spreading(self) -> np.ndarray:
         """What of y makes the displacement ``u = x`` of every place x, shape (n,): the direction of centripetal

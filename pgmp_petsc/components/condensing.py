@@ -8,11 +8,13 @@ from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.runtime.progress import progress
@@ -41,6 +43,7 @@ def condensed(
     group: RankGroup,
     finished: Finished | None = None,
     timings: Timings | None = None,
+    large: bool | None = None,
 ) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on
     ``group.world``.
@@ -57,6 +60,8 @@ def condensed(
         Bodies that are condensed already, and where to keep others.
     timings
         Gets this rank's wall time of the phases of `condense`.
+    large
+        Whether what is of second order in the deformation is wanted; None where the scene says so.
 
     Raises
     ------
@@ -73,8 +78,12 @@ def condensed(
         for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
+                _check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
+                wanted = scene.second_order if large is None else large
+                found[name], _ = condense(
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, wanted
+                )
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:
@@ -83,6 +92,19 @@ def condensed(
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
     return done
+
+
+def _check_slender(scene: Scene, meshed: FramedSolid) -> None:
+    """Refuse static stretching of a body that has no long axis to be stretched along."""
+    if not scene.static_stretching:
+        return
+    slenderness = LongAxis(meshed.solid).slenderness
+    if slenderness < SLENDER:
+        entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
+        raise InputError(
+            f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as long '
+            f'as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+        )
 
 
 @contextmanager

@@ -56,6 +56,8 @@ class Feature:
         What it is used for; for others it is without effect, and allowed.
     beams_only
         Whether continuum bodies and beams in space are refused.
+    unscaled
+        Whether bodies with a scaled cross-section are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
     flexible_body
@@ -68,6 +70,7 @@ class Feature:
     entries: Callable[[Scene], Iterator[str]]
     purposes: frozenset[Purpose]
     beams_only: bool = False
+    unscaled: bool = False
     one_coordinate: bool = False
     flexible_body: bool = False
     cure: str = "leave it out"
@@ -96,38 +99,44 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 
 FEATURES = (
-    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, beams_only=True),
+    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, unscaled=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
-    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION, True, True),
+    Feature(
+        "choice of the reduction by a tolerance",
+        _reduction("tolerance"),
+        OF_THE_REDUCTION,
+        beams_only=True,
+        one_coordinate=True,
+    ),
     Feature(
         "choice of the step by a tolerance",
         lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
         EVERYWHERE - {Purpose.MODES},
-        True,
-        True,
-        True,
+        beams_only=True,
+        one_coordinate=True,
+        flexible_body=True,
         cure="leave it out, and give simulation.step",
     ),
-    Feature("choice of effects", _automatic, OF_THE_REDUCTION, beams_only=True),
+    Feature("choice of effects", _automatic, OF_THE_REDUCTION, unscaled=True),
     Feature(
         "stiffness by loads, inertia of changing modes",
         _effects_of("geometric_stiffening", "mode_inertia"),
         OF_THE_REDUCTION,
-        beams_only=True,
+        unscaled=True,
     ),
     Feature(
         "sizes of effects",
         _command(Purpose.SIZES),
         frozenset({Purpose.SIZES}),
-        beams_only=True,
+        unscaled=True,
         cure="take pgmp check without --effects",
     ),
     Feature(
         "cost of accuracy",
         _command(Purpose.TRADEOFF),
         frozenset({Purpose.TRADEOFF}),
-        True,
-        True,
+        beams_only=True,
+        one_coordinate=True,
         cure="compare pgmp simulate ROM.h5 with pgmp simulate SCENE --full instead",
     ),
 )
@@ -162,6 +171,8 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
                 if feature.beams_only:
                     _check_beams(scene, entry, feature.cure)
+                if feature.unscaled:
+                    _check_unscaled(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
 
@@ -175,6 +186,15 @@ def _check_beams(scene: Scene, what: str, cure: str) -> None:
     if scene.dimension == 3:
         names = ", ".join(scene.bodies)
         raise InputError(f"{what}: for mechanisms of beams in the plane only, but {names} move in space; {cure}")
+
+
+def _check_unscaled(scene: Scene, what: str, cure: str) -> None:
+    scaled = [f"bodies.{name}.section_scale" for name, body in scene.bodies.items() if body.section_scale is not None]
+    if scaled:
+        raise InputError(
+            f"{what}: not known of scaled cross-sections, of which the third derivative of the strain energy has other "
+            f"powers of the scale, but there is {', '.join(scaled)}; {cure}"
+        )
 
 
 def _check_single(scene: Scene, what: str, cure: str) -> None:

@@ -9,8 +9,8 @@ static modes the loads that they were made of. chi continues this answer to seco
 
     K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
 
-with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero but
-for joints that turn with a body). So the manifold holds, to second order, the nonlinear static answers to all loads
+with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero in the
+plane but for joints that turn with a body; in space rotations are rotation vectors, of which they are exact). So the manifold holds, to second order, the nonlinear static answers to all loads
 that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
 M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
 
@@ -32,6 +32,7 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.rotary_curvature import RotaryCurvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,7 @@ class CurvatureProblem:
         self._problem = problem
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
+        self.rotary = RotaryCurvature(problem.mechanism)
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
@@ -100,10 +102,20 @@ class CurvatureProblem:
             forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
         where = problem.kinematics.describe(modes.theta)
         chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
+        pairs = np.tril_indices(shape.shape[1])
+        momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
+        rigid = modes.rigid[:, modes.free]
         if self._axial is None:
-            return Curvature(chi - problem.onto(np.hstack([modes.rigid[:, modes.free], shape]), chi), third)
-        chi = chi - problem.onto(modes.rigid[:, modes.free], chi)
-        return Curvature(chi - shape @ self._bent_part(shape, problem.inner(shape, problem.times_mass(chi))), third)
+            return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
+        chi = chi - self._along(rigid, chi, momenta)
+        part = problem.inner(shape, problem.times_mass(chi) + momenta)
+        return Curvature(chi - shape @ self._bent_part(shape, part), third)
+
+    def _along(self, basis: np.ndarray, chi: np.ndarray, momenta: np.ndarray) -> np.ndarray:
+        """Return the combinations of a basis that have chi's momenta and given ones along the basis."""
+        problem = self._problem
+        gram = problem.inner(basis, problem.times_mass(basis))
+        return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
     def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return of components along Psi (m, n_pairs) those that bend bodies; what only stretches them is left to chi.
