@@ -87,22 +87,15 @@ class CurvatureProblem:
         RunError
             If the refinement of an answer does not converge.
         """
-        problem = self._problem
+        problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
-        third = self._third.times(everywhere, np.tril_indices(shape.shape[1]))
-        forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
-        chi = np.zeros_like(forces)
-        poses = problem.kinematics.motion(modes.theta).poses
-        hessians = constraint_hessians(problem.mechanism, poses)
-        if hessians:
-            reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, everywhere)
-            own = slice(problem.rows.start, problem.rows.stop)
-            chi = joints.displacements()[own]
-            forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
+        third = self._third.times(everywhere, pairs)
+        forces = np.zeros((len(problem.rows), pairs[0].size))
+        for weight, part in third.items():
+            forces += float(weight.evaluate(problem.values)) * part
         where = problem.kinematics.describe(modes.theta)
-        chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
-        pairs = np.tril_indices(shape.shape[1])
+        what = f"static modal derivatives at {where}"
+        chi = self._answers(modes, modes.eigenvectors, shape, answered, pairs, forces, what)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
         rigid = modes.rigid[:, modes.free]
         if self._axial is None:
@@ -110,6 +103,54 @@ class CurvatureProblem:
         chi = chi - self._along(rigid, chi, momenta)
         part = problem.inner(shape, problem.times_mass(chi) + momenta)
         return Curvature(chi - shape @ self._bent_part(shape, part), third)
+
+    def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
+        """Return what tells how a load changes the stiffness of each mode, local rows, shape (n_local, n_modes).
+
+        Under a static load f the eigenvalue of psi_k changes by ``h_k.f``, and under accelerations of the mechanism by
+        the work of their inertia forces on h_k. With the static answer u, ``K u + C^T mu = f``, the change is
+
+            psi_k.K3[u] psi_k + mu.c''[psi_k, psi_k] + 2 mu_k.c''[u, psi_k] = - f.chi_kk,
+
+        so that h is ``-chi_kk``, chi deflated of the rigid motion alone.
+
+        Raises
+        ------
+        RunError
+            If the refinement of an answer does not converge.
+        """
+        problem, flexible = self._problem, modes.flexible
+        each = (np.arange(flexible.shape[1]),) * 2
+        everywhere = problem.all_rows(flexible)
+        forces = self._third.weighted(everywhere, each, problem.values)
+        answered = modes.eigenvalues * problem.times_mass(flexible)
+        rigid, what = modes.rigid[:, modes.free], "influence of loads on the stiffness"
+        chi = self._answers(modes, rigid, flexible, answered, each, forces, what)
+        momenta = self.rotary.momenta(everywhere, each, problem.values)[problem.rows.start : problem.rows.stop]
+        return self._along(rigid, chi, momenta) - chi
+
+    def _answers(
+        self,
+        modes: ModeSet,
+        kept: np.ndarray,
+        shape: np.ndarray,
+        answered: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        forces: np.ndarray,
+        what: str,
+    ) -> np.ndarray:
+        """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
+        problem = self._problem
+        chi = np.zeros_like(forces)
+        poses = problem.kinematics.motion(modes.theta).poses
+        hessians = constraint_hessians(problem.mechanism, poses)
+        if hessians:
+            reactions = problem.all_rows(answered - problem.times_stiffness(shape))
+            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs)
+            own = slice(problem.rows.start, problem.rows.stop)
+            chi = joints.displacements()[own]
+            forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
+        return chi + problem.static_answers(kept, -forces, what)
 
     def _along(self, basis: np.ndarray, chi: np.ndarray, momenta: np.ndarray) -> np.ndarray:
         """Return the combinations of a basis that have chi's momenta and given ones along the basis."""
@@ -168,14 +209,22 @@ class _TurningJoints:
         Second derivatives of the joints that are not linear.
     shape
         Psi in body frames, shape (n_dofs, m).
+    pairs
+        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
     """
 
-    def __init__(self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray) -> None:
+    def __init__(
+        self,
+        jacobian: sp.csr_matrix,
+        hessians: list[ConstraintHessian],
+        shape: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+    ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
         self._shape = shape
-        self._pairs = np.tril_indices(shape.shape[1])
+        self._pairs = pairs
 
     def displacements(self) -> np.ndarray:
         """Return some vectors with ``C x_ij = -c''[psi_i, psi_j]``, shape (n_dofs, n_pairs)."""

@@ -1,13 +1,13 @@
 """How the forces in the bodies change the stiffness of each mode: what geometric stiffness a model has, or would lack.
 
-A static deformation u changes the stiffness of a mode psi_k, whose eigenvalue is lambda_k, by the share
+A static load f changes the stiffness of a mode psi_k, whose eigenvalue is lambda_k, by the share
 
-    s_k = psi_k.K3[u] psi_k / lambda_k,
+    s_k = h_k.f / lambda_k,
 
-positive where bodies are pulled, negative where they are pressed; -1 is buckling in the shape of the mode. With
-``K3[psi_k, psi_k] = g_k`` and the symmetric static answer ``u = A f``, the share of any load f is ``h_k.f / lambda_k``
-with ``h_k = A g_k``: one static answer a mode tells what every load does. The *influences* ``h_k.f`` are kept for units
-of all that loads the bodies, in this order of columns:
+positive where bodies are pulled, negative where they are pressed; -1 is buckling in the shape of the mode. One static
+answer a mode, h_k, tells what every load does (`CurvatureProblem.stiffness_answers`; without the curvature of joints it
+is the answer to ``K3[psi_k, psi_k]``). The *influences* ``h_k.f`` are kept for units of all that loads the bodies, in
+this order of columns:
 
 - every load term of the effects, its weight taken out,
 - every action (local effect), per unit of its force,
@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import Action
 from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.modes.curvature import CurvatureProblem
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 
 if TYPE_CHECKING:
@@ -66,14 +66,14 @@ class InfluenceProbe:
     Parameters
     ----------
     problem
-        Eigenproblem at the nominal parameters; its flexible bodies are beams.
+        Eigenproblem at the nominal parameters; the third derivative of its bodies' strain energy is known.
     actions
         Local effects of the scene.
     """
 
     def __init__(self, problem: ModalProblem, actions: Sequence[Action]) -> None:
         self._problem = problem
-        self._third = ThirdDerivative(problem.mechanism.bodies, problem.rows)
+        self._curvature = CurvatureProblem(problem)
         self._forces = UnitForces(actions, problem.mechanism)
         self._pairs = np.tril_indices(problem.kinematics.n_coordinates)
         masses = [problem.matrices.mass[weight] for weight in problem.mechanism.mass_weights]
@@ -90,11 +90,23 @@ class InfluenceProbe:
             Load terms in body frames, local rows, shape (n_local, n_loads).
         """
         problem = self._problem
-        each = np.arange(modes.flexible.shape[1])
-        forces = self._third.weighted(problem.all_rows(modes.flexible), (each, each), problem.values)
-        answers = problem.static_answers(modes.rigid[:, modes.free], forces, "influence of loads on the stiffness")
-        turned = self._forces.at(problem.kinematics.motion(modes.theta).poses)[problem.rows.start : problem.rows.stop]
+        answers = self._curvature.stiffness_answers(modes)
+        motion = problem.kinematics.motion(modes.theta)
+        turned = self._forces.at(motion.poses)[problem.rows.start : problem.rows.stop]
         k, j = self._pairs
         moving = np.hstack([modes.rigid, modes.rigid_curvature[:, k, j]])
         inertia = (self._mass @ problem.all_rows(moving)).reshape(-1, *moving.shape)
-        return problem.inner(answers, np.hstack([loads, turned, *-inertia]))
+        found = problem.inner(answers, np.hstack([loads, turned, *-inertia]))
+        self._add_rotary(modes, found[:, loads.shape[1] + turned.shape[1] :])
+        return found
+
+    def _add_rotary(self, modes: ModeSet, influences: np.ndarray) -> None:
+        """Add the work of accelerations on the directors' part of second order, which is ``chi_kk`` of the modes' own
+        with the other sign; influences of the motions, shape (n_modes, n_terms n_motions)."""
+        problem, (k, j) = self._problem, self._pairs
+        motion = problem.kinematics.motion(modes.theta)
+        fields = np.concatenate([motion.velocities, motion.accelerations[:, :, k, j]], axis=2)
+        vectors, each = problem.all_rows(modes.flexible), (np.arange(modes.flexible.shape[1]),) * 2
+        for t, weight in enumerate(problem.mechanism.mass_weights):
+            columns = slice(t * fields.shape[2], (t + 1) * fields.shape[2])
+            influences[:, columns] += self._curvature.rotary.work(fields, vectors, each, weight).T
