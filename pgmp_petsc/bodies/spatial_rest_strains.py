@@ -54,6 +54,13 @@ def second_order(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.concatenate([gamma, -0.5 * (_cross(m_a, k_b) + _cross(m_b, k_a))])
 
 
+def strains_of(rest: np.ndarray, curved: bool) -> np.ndarray:
+    """Return ``(gamma, kappa)``, shape (6, ...), of `rest_strains` (9, ...), to first order or, curved, to second."""
+    w, m, k = _parts(rest)
+    linear = np.concatenate([w - _tilted(m), k])
+    return linear + 0.5 * second_order(rest, rest) if curved else linear
+
+
 def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.ndarray:
     """Contract the third derivative of the strain energy at rest with pairs of vectors, of a unit of length.
 

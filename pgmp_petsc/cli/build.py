@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -58,11 +59,12 @@ def build(
     context.with_resource(claimed(comm, output, "rom", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
     say_remarks(context, loaded)
-    sizes = None
-    if loaded.reduction.effects == "auto":
-        loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
-        say(context, "\n".join(sizes.lines()))
     group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
+    sizes, shapes = None, meshes
+    if loaded.reduction.effects == "auto":
+        shapes = condensed(loaded, meshes, group, large=True)
+        loaded, sizes = on_root(comm, choose_effects, loaded, meshes, shapes)
+        say(context, "\n".join(sizes.lines()))
     choice, checkpoint = None, None
     if leaves_open(loaded):
         if resume:
@@ -72,7 +74,7 @@ def build(
     else:
         checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)
         try:
-            rom = build_rom(loaded, meshes, group, checkpoint=checkpoint)
+            rom = build_rom(loaded, shapes, group, checkpoint=checkpoint)
         except InputError:
             checkpoint.forget()
             raise

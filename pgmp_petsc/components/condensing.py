@@ -102,8 +102,8 @@ def _check_slender(scene: Scene, meshed: FramedSolid) -> None:
     if slenderness < SLENDER:
         entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
         raise InputError(
-            f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as long '
-            f'as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+            f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
+            f'long as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
         )
 
 

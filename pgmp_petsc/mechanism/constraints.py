@@ -100,8 +100,8 @@ class ConstraintHessian:
 def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
     """Return the second derivatives of joints that are not linear, at poses (n_bodies, n_pose).
 
-    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames' gradient,
-    and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
+    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
+    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
     """
     space, hessians = mechanism.space, []
     for connection in mechanism.connections:

@@ -10,9 +10,10 @@ static modes the loads that they were made of. chi continues this answer to seco
     K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
 
 with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero in the
-plane but for joints that turn with a body; in space rotations are rotation vectors, of which they are exact). So the manifold holds, to second order, the nonlinear static answers to all loads
-that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
-M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+plane but for joints that turn with a body; in space rotations are rotation vectors). So the manifold holds, to second
+order, the nonlinear static answers to all loads that Psi answers to first order. What is left open, multiples of the
+rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
+(`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
 
 Where a vector of Psi stretches the bodies, chi may keep its part (`static_stretching`): bending shortens a beam without
 stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy,

@@ -29,6 +29,7 @@ from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
+from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
@@ -41,7 +42,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe, StiffnessChanges
+from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError

@@ -1,8 +1,8 @@
 """How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper.
 
 A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
-``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit of
-theta_k, which turns its points (`bodies.inertia_moments`).
+``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit
+of theta_k, which turns its points (`bodies.inertia_moments`).
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.sampler import TurnedLoads
-from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
@@ -85,7 +85,7 @@ def estimate_effects(
     sizes += _unnamed(scene, run, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
-    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
+    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes, tolerance)))
 
 
 def remarks_on_sizes(
@@ -281,9 +281,12 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
     return sizes
 
 
-def _warnings(scene: Scene, sizes: list[EffectSize]) -> list[str]:
+def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[str]:
     return [
         f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
+        if size.share > tolerance
+        else f"the scene leaves out {size.kind} (share {size.share:.2g}), without which another term that it leaves "
+        "out is not taken"
         for size in sizes
         if _is_missing(scene, size)
     ]

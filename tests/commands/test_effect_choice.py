@@ -74,10 +74,11 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
 
     slow = "effects.motor.table=[[0.0,0.0],[1.0,1e-6]]"
     scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
-    chosen, sizes = choose_effects(scene, meshes)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
     assert not chosen.second_order and not chosen.gyroscopic
     assert "motor" in chosen.effects
-    fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD))
+    scene, meshes = read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
+    fast, _ = choose_effects(scene, meshes, meshes)
     assert fast.second_order and fast.gyroscopic
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
 
@@ -86,9 +87,8 @@ def test_a_choice_without_terms_of_second_order_is_written_as_a_scene() -> None:
     from mpi4py import MPI
 
     slow = ("effects.motor.table=[[0.0,0.0],[1.0,1e-6]]", "simulation.duration=0.01")
-    chosen, _ = choose_effects(
-        *read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
-    )
+    scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
+    chosen, _ = choose_effects(scene, meshes, meshes)
     assert tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
 
 
