@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomllib
+from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
 from conftest import ROOT
 from runs import PGMP, pgmp
+from solids import rectangle_mesh
 
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.effect_sizes import estimate_effects
@@ -51,6 +56,73 @@ def test_the_shares_of_a_spinning_beam_are_those_of_the_closed_form() -> None:
     assert found["mode_inertia"] == pytest.approx(6.0 / first, rel=0.01)
     assert found["geometric_stiffening"] == pytest.approx(1.193 * 36.0 / first**2, rel=0.03)
     assert found["prescribed_motion"] == pytest.approx(1.0, abs=0.05)
+
+
+SPIN = 4.0  # rad/s
+CANTILEVERS = {
+    "cells": (PLATE, (), plate_mesh),
+    "solids": (BAR, (IN_SPACE,), bar_mesh),
+    "beam in space": (BEAM_IN_SPACE, (IN_SPACE,), lambda: straight_beam(1.0, 16, 0.0, 3)),
+}
+
+
+@pytest.mark.parametrize("body", CANTILEVERS.values(), ids=CANTILEVERS)
+def test_the_shares_of_other_spinning_bodies_are_those_of_the_closed_form(body: tuple) -> None:
+    tables, more, mesh = body
+    driven = ("simulation.duration=1.0", "simulation.step=1e-2", f"effects.hold.constant_speed.speed={SPIN}")
+    sizes = estimate_effects(cantilever(tables, "", *more, *driven), {"beam": mesh()})
+    found = shares(sizes)
+    assert found["mode_inertia"] == pytest.approx(SPIN / 3.516, rel=5e-3)
+    assert found["geometric_stiffening"] == pytest.approx(1.193 * SPIN**2 / 3.516**2, rel=0.01)
+    # the square of the angle in a step of the rigid run
+    assert sizes.largest_speed["theta"] == pytest.approx(SPIN, rel=2e-3)
+    # the bar's centre of mass goes round a circle of half its length, with a mass of 1
+    about = next(size for size in sizes.sizes if size.kind == "gravity").measure
+    assert about.startswith("work of weights along -y" if not more else "work of weights along -x")
+
+
+@pytest.mark.parametrize(("counts", "stretching"), [((12, 1), "static"), ((4, 2), "dynamic")])
+def test_the_choice_follows_stretching_as_the_bodies_can(counts: tuple[int, int], stretching: str) -> None:
+    """What bends like a plate has no long axis, along which its stretching could be told from bending."""
+    from mpi4py import MPI
+
+    driven = ("simulation.duration=0.5", "simulation.step=1e-2", f"effects.hold.constant_speed.speed={SPIN}")
+    scene = cantilever(PLATE, "", *driven, "reduction.modes=3")
+    height = 0.02 if stretching == "static" else 0.5
+    meshes = {"beam": ends(rectangle_mesh("quad8", counts, (1.0, height)))}
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, meshes, alone, large=True)
+    chosen, _ = choose_effects(scene, meshes, shapes)
+    assert chosen.effects["geometric_stiffening"].stretching == stretching
+    assert chosen.second_order and chosen.static_stretching == (stretching == "static")
+
+
+def test_the_choice_adds_terms_for_two_coordinates() -> None:
+    from mpi4py import MPI
+
+    quick = ("simulation.duration=0.2", "reduction.modes=2")
+    scene, meshes = read_scene(ROOT / "scenes" / "five_bar.toml", quick, [], MPI.COMM_SELF, Purpose.BUILD)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
+    assert shares(sizes)["mode_inertia"] > sizes.tolerance
+    assert chosen.second_order and chosen.static_stretching
+
+
+def test_what_goes_with_another_term_is_said_so() -> None:
+    """A share below the tolerance is not said to exceed it."""
+    sizes = sizes_of(ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2")
+    assert shares(sizes)["geometric_stiffening"] < sizes.tolerance < shares(sizes)["mode_inertia"]
+    (warned,) = (text for text in sizes.warnings if "geometric_stiffening" in text)
+    assert warned.endswith("without which another term that it leaves out is not taken")
+
+
+def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:
+    scene, short = ROOT / "scenes" / "slider_crank_solid2d.toml", ("--override", "simulation.duration=0.1")
+    one, two = (mpirun(n, *PGMP, "check", scene, "--effects", *short).stdout for n in (1, 2))
+    figures = [
+        [float(number) for number in re.findall(r"\((?:geometric_stiffening|mode_inertia)\) +(\S+)", text)]
+        for text in (one, two)
+    ]
+    assert len(figures[0]) == 2 and figures[1] == figures[0]
 
 
 def test_halving_the_speed_quarters_the_stiffening_and_halves_the_mode_inertia() -> None:
