@@ -238,7 +238,7 @@ class GeometricStiffening(Table):
     type: Literal["geometric_stiffening"]
     stretching: Literal["static", "dynamic"] = Field(
         "static",
-        description="how beams follow their shortening by bending: at once, which holds for large deflections, or by "
+        description="how bodies follow their shortening by bending: at once, which holds for large deflections, or by "
         "the coordinates that stretch them, which is more accurate for small ones at high frequencies (as "
         "reduction.second_order)",
     )

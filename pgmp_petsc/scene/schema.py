@@ -103,7 +103,7 @@ class Scene(Table):
 
     @property
     def static_stretching(self) -> bool:
-        """Whether beams follow their shortening by bending at once, instead of by coordinates that stretch them."""
+        """Whether bodies follow their shortening by bending at once, instead of by coordinates that stretch them."""
         return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
 
     @property
