@@ -81,7 +81,7 @@ def condense(
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
     large
         Whether what is of second order in the deformation is wanted, but for a scaled cross-section, of which it is not
-        known.
+        known. The subspace then answers the inertia forces of the rigid motion as well.
 
     Returns
     -------
@@ -122,6 +122,9 @@ def condense(
                     else:
                         subspace.turn_to(problem.mass, _stiffness_of(problem))
                     error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
+                    if large:
+                        # what is left out at second order does no work with the loads that are answered
+                        subspace.add(problem.answers(times(problem.mass, fields)))
             finally:
                 problem.close()
         with timings.phase("projection"):

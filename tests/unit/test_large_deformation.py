@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from green_lagrange import energy_of
 from mpi4py import MPI
+from scipy.linalg import eigh
 from solids import body_of, matrices_of, mesh_of, rod
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
@@ -16,6 +17,7 @@ from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretch
 from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.displacement_fields import linear_fields
 
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
 COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3
@@ -105,6 +107,28 @@ def test_stretching_is_told_from_bending_and_torsion(kind: str) -> None:
     (stretching,), flat = stretching_of(strains, moduli).values(), noise.reshape(-1, 5)
     left = flat.T @ (matrices_of(solid)[0] @ flat) - stretching
     assert np.linalg.eigvalsh(left)[0] > 0.0
+
+
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
+def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -> None:
+    """Forces as of linear fields, balanced by those of rigid accelerations, against the whole mesh."""
+    solid, frames, points = rod(kind)
+    component, recovery = condense(solid, frames, points, 3, MPI.COMM_SELF, large=True)
+    bare, _ = condense(solid, frames, points, 3, MPI.COMM_SELF)
+    assert component.n > bare.n
+    stiffness, mass = (matrix.toarray() for matrix in matrices_of(solid))
+    fields = linear_fields(solid.mesh.nodes)
+    values, vectors = eigh(stiffness, mass)
+    elastic = slice(solid.mesh.dimension * (solid.mesh.dimension + 1) // 2, None)
+    forces = mass @ fields
+    exact = vectors[:, elastic] @ ((vectors[:, elastic].T @ forces) / values[elastic, None])
+    reduced, own = recovery.T @ stiffness @ recovery, recovery.T @ forces
+    values, vectors = eigh(reduced, recovery.T @ mass @ recovery)
+    found = recovery @ (vectors[:, elastic] @ ((vectors[:, elastic].T @ own) / values[elastic, None]))
+    work = np.einsum("ik,ik->k", forces, exact)
+    left = np.einsum("ik,ij,jk->k", found - exact, stiffness, found - exact)
+    # the answers are those with the small shift of the factor
+    assert np.all(left < 1e-9 * np.max(work))
 
 
 def test_of_a_scaled_cross_section_it_is_not_known() -> None:

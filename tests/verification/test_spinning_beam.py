@@ -31,8 +31,6 @@ from effect_scenes import CANTILEVER, line_meshes, scene_of
 from mpi4py import MPI
 from solids import rectangle_mesh
 
-from pgmp_petsc.components import component_modes
-from pgmp_petsc.components.displacement_fields import linear_fields
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -40,7 +38,6 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.scene import Scene, load_scene
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
@@ -191,23 +188,6 @@ def test_the_frequencies_of_a_rotating_bar_of_solids(stretching: str) -> None:
     ratio = (WIDTH / THICKNESS) ** 2
     assert frequencies(model, 0.0)[1] == pytest.approx(3.516 * np.sqrt(ratio), rel=4e-3)
     assert frequencies(model, 6.0)[1] == pytest.approx(flapwise(6.0, dict(PUBLISHED), ratio), rel=4e-3)
-
-
-def test_answers_to_centrifugal_forces_would_add_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What condensed bodies leave out at second order does no work with loads that they answer; is that so of the
-    inertia forces of the rigid motion, whose answers they do not have by themselves?"""
-    mesh, serve, added = bar_mesh(), component_modes._serve, []  # noqa: SLF001
-
-    def served(problem, subspace, *more) -> float:
-        error = serve(problem, subspace, *more)
-        added.append(subspace.add(problem.answers(times(problem.mass, linear_fields(mesh.nodes)))))
-        return error
-
-    scene = cantilever(BAR, MODELS["static"] + REDUCTION, IN_SPACE)
-    expected = frequencies(built(scene, {"beam": mesh}), 10.0)[0]
-    monkeypatch.setattr(component_modes, "_serve", served)
-    assert frequencies(built(scene, {"beam": mesh}), 10.0)[0] == pytest.approx(expected, rel=1e-6)
-    assert added[0] > 0
 
 
 def test_a_body_without_a_long_axis_has_no_static_stretching() -> None:
