@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from green_lagrange import energy_of
 from mpi4py import MPI
 from scipy.linalg import eigh
+from solid_scenes import solid_meshes, solid_slider_crank
 from solids import body_of, matrices_of, mesh_of, rod
 
 from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
@@ -17,7 +19,11 @@ from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretch
 from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.runtime.groups import RankGroup
+
 
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
 COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3
@@ -129,6 +135,22 @@ def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -
     left = np.einsum("ik,ij,jk->k", found - exact, stiffness, found - exact)
     # the answers are those with the small shift of the factor
     assert np.all(left < 1e-9 * np.max(work))
+
+
+def test_a_checkpoint_keeps_it(tmp_path: Path) -> None:
+    scene, meshes = solid_slider_crank("reduction.second_order=true", "reduction.modes=3"), solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        first = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=False)
+        made = condensed(scene, meshes, group, first)
+        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=True).components
+    for name, component in made.items():
+        other = kept[name].large
+        assert other.slenderness == component.large.slenderness
+        for kind in ("third", "moments", "stretching"):
+            terms, found = getattr(component.large, kind), getattr(other, kind)
+            assert terms.keys() == found.keys()
+            for weight, term in terms.items():
+                np.testing.assert_array_equal(found[weight], term)
 
 
 def test_of_a_scaled_cross_section_it_is_not_known() -> None:
