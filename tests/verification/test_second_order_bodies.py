@@ -177,7 +177,7 @@ def test_second_order_brings_a_run_on_cells_closer_to_the_full_order_one() -> No
 def test_energy_is_balanced_with_the_square_of_the_step(made: tuple[Callable, Callable]) -> None:
     """Terms of second order in space have a Lagrangian; the torque is put on at once."""
     shares, motor = [], 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0,3.0],[0.1,0.0],[1.0,0.0]]}'
-    common = (motor, SECOND, "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.1")
+    common = (motor, SECOND, "reduction.modes=4", "reduction.angles=24", "simulation.duration=0.05")
     scene = made[0](*common)
     rom = rom_with(scene, made[1](scene))
     for step in (4e-4, 2e-4):
