@@ -78,7 +78,7 @@ def condensed(
         for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
-                _check_slender(scene, meshed)
+                check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 wanted = scene.second_order if large is None else large
                 found[name], _ = condense(
@@ -94,8 +94,14 @@ def condensed(
     return done
 
 
-def _check_slender(scene: Scene, meshed: FramedSolid) -> None:
-    """Refuse static stretching of a body that has no long axis to be stretched along."""
+def check_slender(scene: Scene, meshed: FramedSolid) -> None:
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along.
+
+    Raises
+    ------
+    InputError
+        Naming the effect that asks for it, and the cure.
+    """
     if not scene.static_stretching:
         return
     slenderness = LongAxis(meshed.solid).slenderness
