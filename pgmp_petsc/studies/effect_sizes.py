@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -163,9 +163,11 @@ def _terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun, tolerance: 
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
     shares = _shares_of_terms(scene, kinematics, run)
+    local = sorted({action.effect for action in actions_of(effects_of(scene, kinematics.mechanism))})
+    without = f"; forces of {', '.join(local)} are no part of it" if local else ""
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
-        "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
+        "geometric_stiffening": f"change of the lowest mode's stiffness by the forces in the bodies{without}",
         "mode_inertia": "spin of the fastest body, of the lowest frequency",
     }
     # both halves of what is of second order are needed together

@@ -107,6 +107,16 @@ def test_the_choice_adds_terms_for_two_coordinates() -> None:
     assert chosen.second_order and chosen.static_stretching
 
 
+def test_what_is_no_part_of_the_change_of_stiffness_is_named() -> None:
+    def measure(*overrides: str) -> str:
+        sizes = sizes_of(FOUR_BAR, "simulation.duration=0.05", *overrides).sizes
+        return next(size.measure for size in sizes if size.kind == "geometric_stiffening")
+
+    assert measure().endswith("by the forces in the bodies; forces of bearing are no part of it")
+    damping = 'effects={motor={type="torque",joint="crank_hinge",table=[[0.0,0.1],[1.0,0.1]]}}'
+    assert measure(damping).endswith("by the forces in the bodies")
+
+
 def test_what_goes_with_another_term_is_said_so() -> None:
     """A share below the tolerance is not said to exceed it."""
     sizes = sizes_of(ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2")
