@@ -193,6 +193,11 @@ class FullEquations:
         return np.array([*theta, *of_actions])
 
     @property
+    def moving_constraints(self) -> bool:
+        """Whether constraints turn with the mechanism or follow motions, rather than being always the same."""
+        return not self.constraints.linear or self.constraints.n_driven > 0
+
+    @property
     def edges(self) -> list[int]:
         """Numbers of the actions whose law has an edge."""
         return [k for k, action in enumerate(self.actions) if action.has_events]

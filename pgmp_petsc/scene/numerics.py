@@ -125,8 +125,8 @@ class Simulation(Table):
         0.8,
         ge=0.0,
         le=1.0,
-        description="of generalised-alpha at infinite frequency; 1 is without numerical damping, and "
-        "the full-order model's multipliers then keep an alternating error",
+        description="of generalised-alpha at infinite frequency; 1 is without numerical damping; above 0.99 "
+        "constraints that turn or move have their velocities projected after every step",
     )
     frames: Frames = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(
