@@ -31,7 +31,7 @@ def components_of(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm)
     from pgmp_petsc.components.floating_frames import floating_shapes  # eigensolvers take a noticeable time
 
     with agreed(comm, "preparing the component model"):
-        bodies = Mechanism.from_scene(scene, meshes).bodies
-    shapes = floating_shapes(scene, meshes, bodies, comm)
+        meshed = Mechanism.from_scene(scene, meshes)
+    shapes = floating_shapes(scene, meshes, meshed.bodies, comm)
     with agreed(comm, "preparing the component model"):
-        return ComponentModel(scene, shapes)
+        return ComponentModel(scene, shapes, meshed, comm.size)

@@ -76,7 +76,8 @@ def montecarlo(
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
     model: Model
     if full or components:
-        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
+        purpose = Purpose.COMPONENTS if components else Purpose.FULL
+        loaded, meshes = read_scene(source, overrides, settings, comm, purpose)
         _refuse_drawn(loaded, settings)
         say_remarks(context, loaded)
         model = (components_of if components else full_of)(loaded, meshes, comm)

@@ -48,7 +48,8 @@ def simulate(
     one_model(full, components)
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     if full or components:
-        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
+        purpose = Purpose.COMPONENTS if components else Purpose.FULL
+        loaded, meshes = read_scene(source, overrides, settings, comm, purpose)
         say_remarks(context, loaded)
         model = (components_of if components else full_of)(loaded, meshes, comm)
     else:

@@ -56,7 +56,7 @@ def condense(
     comm: MPI.Comm,
     timings: Timings | None = None,
     memory: float | None = None,
-) -> tuple[Component, np.ndarray]:
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Condense a body. Collective on `comm`.
 
     Parameters
@@ -82,7 +82,10 @@ def condense(
     component
         The condensed body, on all ranks.
     recovery
-        T, local rows, shape (n_local, n); with a scaled cross-section that of the first point.
+        The displacements on the mesh of unit coordinates, local rows, shape (n_local, n); with a scaled cross-section
+        of unit ``T(s) y``.
+    section
+        T(s); None without a scaled cross-section.
 
     Raises
     ------
@@ -184,7 +187,7 @@ def _condensed(
     matrices: tuple[Terms, Terms],
     nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray]:
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
@@ -197,6 +200,7 @@ def _condensed(
     turn = np.hstack([shapes, rest @ modes])
     constant = np.linalg.solve(turn, subspace.inner(subspace.mass_vectors, fields))
     mass, stiffness = ({w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness))
+    recovery, section = vectors @ turn, None
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
         own = weighted_sum_dense(mass, values)
@@ -214,7 +218,7 @@ def _condensed(
         solid.n_dofs,
         error,
     )
-    return component, vectors @ turn
+    return component, recovery, section
 
 
 def _across_axis(

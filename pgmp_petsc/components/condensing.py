@@ -74,7 +74,7 @@ def condensed(
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
+                found[name], *_ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:

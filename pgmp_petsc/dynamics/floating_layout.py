@@ -1,8 +1,9 @@
 """Where what belongs to a body in a floating frame lies: in its table, and in the work space of compiled functions.
 
 For each body and sample the table has, one after the other: mass and ``int rho X``; ``int rho X_k X_l``; ``int rho
-Psi_k``; ``int rho X_k Psi_l``; the mass of the amplitudes; their stiffness; ``int rho Psi_k Psi_l``. Work space is made
-once a call, for the body with most amplitudes, and viewed anew for each body.
+Psi_k``; ``int rho X_k Psi_l``; the mass of the amplitudes; their stiffness; what damps each of them by itself; ``int
+rho Psi_k Psi_l``; and, of a body that follows its foreshortening, ``int rho X_k chi_l``. Work space is made once a
+call, for the body with most amplitudes, and viewed anew for each body.
 """
 
 from __future__ import annotations
@@ -49,12 +50,26 @@ class FloatingBodies(NamedTuple):
     counted: np.ndarray
 
 
-def body_tables(moments: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarray:
-    """Lay out the moments (r, r, n_samples) and the stiffness (n, n, n_samples) of a body: (n_words, n_samples)."""
+def body_tables(
+    moments: np.ndarray, stiffness: np.ndarray, viscous: np.ndarray, curved: np.ndarray, d: int
+) -> np.ndarray:
+    """Lay out a body's table, shape (n_words, n_samples).
+
+    Parameters
+    ----------
+    moments, stiffness
+        Shapes (r, r, n_samples) and (n, n, n_samples).
+    viscous
+        Modal damping of each amplitude, shape (n, n_samples).
+    curved
+        ``int rho X_k chi_l``, shape (d, d, n, n, n_samples), or of size zero.
+    d
+        Dimension.
+    """
     places, of_fields = first_moments(moments, d)
     squares, mixed, both = second_moments(moments, d)
     own = np.einsum("kkij...->ij...", both)
-    parts = (places, squares, of_fields, mixed, own, stiffness, both)
+    parts = (places, squares, of_fields, mixed, own, stiffness, viscous, both, curved)
     return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
 
 
@@ -66,7 +81,9 @@ class Places(NamedTuple):
     mixed: int
     mass: int
     stiffness: int
+    viscous: int
     both: int
+    curved: int
 
 
 @njit(inline="always")
@@ -76,7 +93,9 @@ def places_of(d, n):
     fields = squares + d * d
     mixed = fields + d * n
     mass = mixed + d * d * n
-    return Places(squares, fields, mixed, mass, mass + n * n, mass + 2 * n * n)
+    viscous = mass + 2 * n * n
+    both = viscous + n
+    return Places(squares, fields, mixed, mass, mass + n * n, viscous, both, both + d * d * n * n)
 
 
 class Moving(NamedTuple):
@@ -95,8 +114,8 @@ class Moving(NamedTuple):
 
 class Shaped(NamedTuple):
     """Moments of the deformed body: ``s_k = int rho w_k``, its rate and acceleration (d,); ``J_kl = int rho w_k w_l``,
-    ``int rho w_k w_l'`` and ``int rho w_k w_l''`` (d, d); ``int rho w_k Psi_l`` (d, d, n); and ``sum_kl spin_kl int rho
-    Psi_k Psi_l xi'`` (n,)."""
+    ``int rho w_k w_l'`` and ``int rho w_k w_l''`` (d, d); ``int rho w_k dw_l / dxi`` (d, d, n); ``sum_kl spin_kl int
+    rho Psi_k Psi_l xi'`` (n,); and ``xi^T int rho X_k chi_l xi`` and the same of the rates (d, d)."""
 
     s: np.ndarray
     s1: np.ndarray
@@ -106,6 +125,8 @@ class Shaped(NamedTuple):
     j2: np.ndarray
     g: np.ndarray
     h: np.ndarray
+    bent: np.ndarray
+    bending: np.ndarray
 
 
 class View(NamedTuple):
@@ -133,7 +154,7 @@ def n_words(floating, d):
     n = 0
     for k in range(floating.body.size):
         n = max(n, floating.firsts[k + 1, 0] - floating.firsts[k, 0] - n_pose_of(d))
-    return d + 4 * d * d + 3 * n + 3 * d + 3 * d * d + d * d * n + n + d + d * d + n + d
+    return d + 4 * d * d + 3 * n + 3 * d + 3 * d * d + d * d * n + n + 2 * d * d + d + d * d + n + d
 
 
 @njit(inline="always")
@@ -145,7 +166,8 @@ def view_of(work, floating, k, tables, d):
     x = d + 4 * m  # amplitudes, behind position and directors
     s = x + 3 * n  # moments, behind the amplitudes' rates
     j, g = s + 3 * d, s + 3 * d + 3 * m
-    force = g + (m + 1) * n
+    bent = g + (m + 1) * n
+    force = bent + 2 * m
     pull = force + d + m + n
     one = Moving(
         work[:d], work[d : d + m].reshape((d, d)), work[d + m : d + 2 * m].reshape((d, d)),
@@ -155,8 +177,7 @@ def view_of(work, floating, k, tables, d):
     shaped = Shaped(
         work[s : s + d], work[s + d : s + 2 * d], work[s + 2 * d : j], work[j : j + m].reshape((d, d)),
         work[j + m : j + 2 * m].reshape((d, d)), work[j + 2 * m : g].reshape((d, d)),
-        work[g : g + m * n].reshape((d, d, n)), work[g + m * n : force],
+        work[g : g + m * n].reshape((d, d, n)), work[g + m * n : bent],
+        work[bent : bent + m].reshape((d, d)), work[bent + m : force].reshape((d, d)),
     )  # fmt: skip
-    return View(
-        n, dofs, tables[firsts[k, 1] : firsts[k + 1, 1]], one, shaped, work[force:pull], work[pull : pull + d]
-    )
+    return View(n, dofs, tables[firsts[k, 1] : firsts[k + 1, 1]], one, shaped, work[force:pull], work[pull : pull + d])

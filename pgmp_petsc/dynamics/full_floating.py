@@ -7,7 +7,10 @@ With ``r = p + sum_k d_k w_k``, ``w_k = X_k + Psi_k xi`` and the moments of `bod
 
 exact in the rotation and with all that is quadratic in velocities. A uniform acceleration g of gravity is one of the
 frame, ``p'' - g``; damping by the mass adds alpha times the velocities to the accelerations. Elastic forces are
-``K (xi + beta xi')``. In the plane the directors are those of an angle, and ``F_phi = sum_l F_d_l . J d_l``.
+``K (xi + beta xi')``, and modal damping brakes each amplitude by itself. A body that follows its foreshortening has
+``w_k = X_k + Psi_k xi + 1/2 xi^T chi_k xi`` and ``dw_k / dxi = Psi_k + chi_k xi`` in place of Psi_k, without what is
+of third order in xi (`bodies.floating`). In the plane the directors are those of an angle, and ``F_phi = sum_l F_d_l .
+J d_l``.
 
 Of the tangents those of inertia forces with the accelerations and of elastic forces are in the matrix; those with
 velocities and unknowns, smaller by h times the angular velocity and its square, are left to Newton's method.
@@ -59,7 +62,8 @@ def _read(dofs, d, alpha, q, v, a, one):
 def _shape(table, d, one, shaped):
     """Fill the moments of the deformed body from its table (n_words,)."""
     n, zero = one.x.size, one.p[0] * 0.0
-    squares, fields, mixed, _, _, both = places_of(d, n)
+    places = places_of(d, n)
+    squares, fields, mixed, both = places.squares, places.fields, places.mixed, places.both
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
         for i in range(n):
@@ -81,10 +85,21 @@ def _shape(table, d, one, shaped):
                     entry = table[row + j]
                     shaped.g[l, k, j] += x * entry  # int rho w_l Psi_k
                     shaped.h[j] += turned * entry
+            shaped.bent[l, k] = shaped.bending[l, k] = zero
+            for i in range(n if table.size > places.curved else 0):
+                x, rate = one.x[i], one.x1[i]
+                row = places.curved + ((l * d + k) * n + i) * n
+                for j in range(n):
+                    entry = table[row + j]
+                    shaped.g[l, k, j] += x * entry  # + int rho X_l chi_k xi
+                    shaped.bent[l, k] += x * entry * one.x[j]
+                    shaped.bending[l, k] += rate * entry * one.x1[j]
     for l in range(d):
         for k in range(d):
             at = mixed + (k * d + l) * n
-            j0, j1, j2 = table[squares + l * d + k], zero, zero
+            # g has all of X_l chi_k, and nothing of X_k chi_l: w_l w_k has half of both
+            j0 = table[squares + l * d + k] + 0.5 * (shaped.bent[k, l] - shaped.bent[l, k])
+            j1, j2 = zero, shaped.bending[l, k]
             for i in range(n):
                 g = shaped.g[l, k, i]
                 j0 += (table[at + i] + g) * one.x[i]
@@ -97,7 +112,8 @@ def _shape(table, d, one, shaped):
 def _push(table, d, beta, one, shaped, force, pull):
     """Fill the forces on p, d_l and xi, one after the other."""
     n = one.x.size
-    _, fields, _, own, stiffness, _ = places_of(d, n)
+    places = places_of(d, n)
+    fields, own, stiffness, viscous = places.fields, places.mass, places.stiffness, places.viscous
     for c in range(d):
         total = table[0] * one.p[c]  # m p''
         for k in range(d):
@@ -115,7 +131,7 @@ def _push(table, d, beta, one, shaped, force, pull):
             along += one.d[l, c] * one.p[c]
         pull[l] = along  # d_l.p''
     for j in range(n):
-        total = 2.0 * shaped.h[j]
+        total = 2.0 * shaped.h[j] + table[viscous + j] * one.x1[j]
         for l in range(d):
             total += table[fields + l * n + j] * pull[l]
         force[d + d * d + j] = total
@@ -133,11 +149,12 @@ def _push(table, d, beta, one, shaped, force, pull):
 
 
 @njit(error_model="numpy")
-def _add_matrix(table, positions, d, gain_m, gain_k, one, shaped, diagonal, lower):
+def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
     """Add the tangents of a body: unknowns of the frame first, the packed lower triangle row by row."""
     n = one.x.size
     n_pose = n_pose_of(d)
-    _, fields, _, own, stiffness, _ = places_of(d, n)
+    places = places_of(d, n)
+    fields, own, stiffness = places.fields, places.mass, places.stiffness
     zero = table[0] * 0.0
     at = 0
     for i in range(n_pose):
@@ -170,6 +187,8 @@ def _add_matrix(table, positions, d, gain_m, gain_k, one, shaped, diagonal, lowe
             at += 1
         for j in range(i + 1):
             value = gain_m * table[own + i * n + j] + gain_k * table[stiffness + i * n + j]
+            if i == j:
+                value += gain_v * table[places.viscous + i]
             add_entry(positions[at], value, diagonal, lower)
             at += 1
 
@@ -214,7 +233,7 @@ def add_floating(
         if fresh:
             positions = floating.positions[floating.firsts[k, 2] : floating.firsts[k + 1, 2]]
             gain_m, stiffer = gain_a + alpha * gain_v, gain_k * (1.0 + beta * gain_v)
-            _add_matrix(table, positions, d, gain_m, stiffer, one, shaped, diagonal, lower)
+            _add_matrix(table, positions, d, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
     keep(space)
 
 
@@ -227,7 +246,6 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
     falls = items(floating.gravity, width)
-    n_pose = n_pose_of(d)
     space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for b in range(floating.body.size):
@@ -238,8 +256,9 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
         n, dofs, table, one, shaped, _, _ = view_of(work, floating, b, tables[block], d)
         _read(dofs, d, 0.0, q, v, v, one)
         _shape(table, d, one, shaped)
-        _, _, _, own, stiffness, _ = places_of(d, n)
-        moving, strain, viscous = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
+        places = places_of(d, n)
+        own, stiffness = places.mass, places.stiffness
+        moving, strain, viscous, braked = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
         for c in range(d):
             moving += table[0] * one.p[c] * one.p[c]  # p is p' here
             for k in range(d):
@@ -248,13 +267,14 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
                     moving += one.d1[l, c] * one.d1[k, c] * shaped.j[l, k]
                     moving += 2.0 * one.d1[l, c] * one.d[k, c] * shaped.j1[l, k]  # d_l' w_l . d_k w_k'
         for i in range(n):
+            braked += one.x1[i] * one.x1[i] * table[places.viscous + i]
             for j in range(n):
                 moving += one.x1[i] * one.x1[j] * table[own + i * n + j]
                 strain += one.x[i] * one.x[j] * table[stiffness + i * n + j]
                 viscous += one.x1[i] * one.x1[j] * table[stiffness + i * n + j]
         result[0] += 0.5 * moving
         result[1] += 0.5 * strain
-        powers[body] -= beta * viscous + alpha * moving
+        powers[body] -= beta * viscous + alpha * moving + braked
         for number in range(floating.gravity_loads.size):
             load = floating.gravity_loads[number]
             for c in range(d):

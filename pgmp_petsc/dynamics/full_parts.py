@@ -73,7 +73,9 @@ class Share(NamedTuple):
 
 def placed(part, pattern: Pattern, layout: Layout):
     """Return a part in the numbering of a layout; None where there is none."""
-    return None if part is None else part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
+    if part is None:
+        return None
+    return part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
 
 
 def contiguous(part):
@@ -238,10 +240,12 @@ def floating_bodies(
         if not share.touches(own)[0]:
             continue
         moments, stiffness = share.evaluate(body.floating.moments), share.evaluate(body.floating.stiffness)
+        curved = share.evaluate(body.floating.curved) if body.floating.curved else np.zeros((0, n_samples))
+        braking = np.repeat(share.damping.of_amplitudes(number, body.floating.n)[:, None], n_samples, axis=1)
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])
-        tables.append(body_tables(moments, stiffness, d))
+        tables.append(body_tables(moments, stiffness, braking, curved, d))
         rows.append(own[0, low[0]])
         columns.append(own[0, low[1]])
         counted.append(share.owns(own)[0, 0])

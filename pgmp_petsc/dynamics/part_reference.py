@@ -7,8 +7,8 @@ and shapes, which compiled code reads by the names of the tuples' fields::
     reference = Reference(problem)  # in Python
     reference.elements.length[e]    # in a compiled function
 
-What is not there is None, for which compiled code is left out. What is nested is a reference in its turn; `loaded` gives it by value. Arrays are contiguous, and are not counted as
-in use: the object in Python keeps them.
+What is not there is None, for which compiled code is left out. What is nested is a reference in its turn; `loaded`
+gives it by value. Arrays are contiguous, and are not counted as in use: the object in Python keeps them.
 """
 
 from __future__ import annotations

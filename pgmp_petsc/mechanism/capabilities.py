@@ -32,6 +32,7 @@ class Purpose(Enum):
     MODES = "pgmp modes"
     REDUCED = "a reduced run"
     FULL = "a full-order run"
+    COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
 
 
@@ -39,7 +40,7 @@ class Purpose(Enum):
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
 EVERYWHERE = frozenset(Purpose)
 #: What goes over all configurations of the coordinates.
-OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL}
+OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class Feature:
         Whether more than one rigid coordinate is refused.
     flexible_body
         Whether mechanisms without any flexible body are refused.
+    why_not
+        Why it is refused for every mechanism; empty where it is not.
     cure
         What to do where it is refused.
     """
@@ -70,6 +73,7 @@ class Feature:
     beams_only: bool = False
     one_coordinate: bool = False
     flexible_body: bool = False
+    why_not: str = ""
     cure: str = "leave it out"
 
 
@@ -80,6 +84,12 @@ def _reduction(key: str) -> Callable[[Scene], Iterator[str]]:
 def _given(entry: str, value: float | bool | None) -> Iterator[str]:
     if value:
         yield f"{entry} = {'true' if value is True else format(value, 'g')}"
+
+
+def _stretching_by_itself(scene: Scene) -> Iterator[str]:
+    for name, effect in scene.effects.items():
+        if effect.type == "geometric_stiffening" and effect.stretching != "static":
+            yield f'effects.{name}.stretching = "{effect.stretching}"'
 
 
 def _automatic(scene: Scene) -> Iterator[str]:
@@ -112,8 +122,15 @@ FEATURES = (
     Feature(
         "stiffness by loads, inertia of changing modes",
         _effects_of("geometric_stiffening", "mode_inertia"),
-        OF_THE_REDUCTION,
+        OF_THE_REDUCTION | {Purpose.COMPONENTS},
         beams_only=True,
+    ),
+    Feature(
+        "stretching with its inertia",
+        _stretching_by_itself,
+        frozenset({Purpose.COMPONENTS}),
+        why_not="bodies in floating frames follow their shortening at once",
+        cure='take "static", or pgmp simulate --full',
     ),
     Feature(
         "sizes of effects",
@@ -158,6 +175,8 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     for feature in FEATURES:
         if purpose in feature.purposes:
             for entry in feature.entries(scene):
+                if feature.why_not:
+                    raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
                 if feature.flexible_body and not flexible:
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
                 if feature.beams_only:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.full import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
@@ -19,24 +20,28 @@ class ComponentModel(FullModel):
         The scene.
     shapes
         Of the bodies, the flexible ones as `components.floating_frames` makes them.
-
-    Raises
-    ------
-    InputError
-        If the scene has modal damping, which component modes do not have.
+    meshed
+        The mechanism of bodies on their meshes.
+    n_ranks
+        Ranks that condensed them, each body on one.
     """
 
     name = "components"
     title = "component"
 
-    def __init__(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
-        for name, effect in scene.effects.items():
-            if effect.type == "structural_damping" and any(effect.ratios):
-                raise InputError(
-                    f"effects.{name}.ratios = {list(effect.ratios)}: bodies in floating frames have no modal damping; "
-                    "take stiffness and mass of structural_damping, or pgmp simulate --full"
-                )
+    def __init__(self, scene: Scene, shapes: Mapping[str, BodyShape], meshed: Mechanism, n_ranks: int = 1) -> None:
         super().__init__(scene, shapes)
+        self._meshed, self.n_ranks = meshed, n_ranks
+
+    @property
+    def kinematics_on_meshes(self) -> RigidKinematics:
+        """The rigid kinematics of bodies on their meshes, for eigenproblems of the mechanism."""
+        return self.kinematics.of_bodies(self._meshed)
+
+    @property
+    def _scaling(self) -> set[str | None]:
+        """None: cross-sections that scale are weights of moments and stiffness as all parameters are."""
+        return set()
 
     @property
     def n_amplitudes(self) -> dict[str, int]:

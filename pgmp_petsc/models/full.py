@@ -66,7 +66,7 @@ class FullModel:
     def largest_batch(self) -> int:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
         drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
-        own_meshes = drawn & {body.section_scale for body in self.scene.bodies.values()}
+        own_meshes = drawn & self._scaling
         return self.scene.ensemble.batch if self._in_lanes and not own_meshes else 1
 
     @property
@@ -143,9 +143,14 @@ class FullModel:
             each[0].free,
         )
 
+    @property
+    def _scaling(self) -> set[str | None]:
+        """Parameters that scale cross-sections, each value with a mesh of its own."""
+        return {body.section_scale for body in self.scene.bodies.values()}
+
     def _sized(self, values: Mapping[str, float]) -> Self:
         """Return the model whose meshes have the cross-sections that parameter values give."""
-        scaling = {body.section_scale for body in self.scene.bodies.values()} & set(values)
+        scaling = self._scaling & set(values)
         if all(values[name] == self.scene.values[name] for name in scaling):
             return self
         parameters = self.scene.parameters

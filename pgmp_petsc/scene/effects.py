@@ -233,7 +233,8 @@ class Gyroscopic(Table):
 
 
 class GeometricStiffening(Table):
-    """Stiffness by forces that act: axial loads and inertia forces (the reduced model's; the full-order one has it)."""
+    """Stiffness by forces that act: axial loads and inertia forces (of reduced and component models; the full-order one
+    has it)."""
 
     type: Literal["geometric_stiffening"]
     stretching: Literal["static", "dynamic"] = Field(

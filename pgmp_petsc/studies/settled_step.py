@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import first_ranks
@@ -44,7 +44,8 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
         values, n_samples = spanning_values(model.scene)
     bench = _Runs(model, comm, Training(values, n_samples, training_loads(model.scene)[:1], ()))
     ledger = Ledger()
-    period = first_period(model.scene, model.kinematics, comm, comm)
+    kinematics = model.kinematics_on_meshes if isinstance(model, ComponentModel) else model.kinematics
+    period = first_period(model.scene, kinematics, comm, comm)
     step = StepChoice(bench, ledger, period, "reduced" if isinstance(model, ReducedModel) else "full")
     step.begin()
     step.finish({})
