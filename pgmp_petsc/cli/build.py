@@ -67,7 +67,7 @@ def build(
     if leaves_open(loaded):
         if resume:
             raise InputError("--resume: not with reduction.tolerance or simulation.tolerance, which try many models")
-        choice = choose(loaded, meshes, group)
+        choice = choose(loaded, meshes, group, lambda text: say(context, text))
         rom = choice.rom
     else:
         checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -28,10 +27,6 @@ def full_of(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> Fu
 
 def components_of(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> ComponentModel:
     """Return the component model. Collective on `comm`."""
-    from pgmp_petsc.components.floating_frames import floating_shapes  # eigensolvers take a noticeable time
+    from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
 
-    with agreed(comm, "preparing the component model"):
-        bodies = Mechanism.from_scene(scene, meshes).bodies
-    shapes = floating_shapes(scene, meshes, bodies, comm)
-    with agreed(comm, "preparing the component model"):
-        return ComponentModel(scene, shapes)
+    return component_model(scene, meshes, comm)

@@ -98,14 +98,12 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 FEATURES = (
     Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, beams_only=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
-    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION, True, True),
+    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
         "choice of the step by a tolerance",
         lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
         EVERYWHERE - {Purpose.MODES},
-        True,
-        True,
-        True,
+        flexible_body=True,
         cure="leave it out, and give simulation.step",
     ),
     Feature("choice of effects", _automatic, OF_THE_REDUCTION, beams_only=True),

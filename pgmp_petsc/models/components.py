@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.full import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
@@ -19,6 +20,8 @@ class ComponentModel(FullModel):
         The scene.
     shapes
         Of the bodies, the flexible ones as `components.floating_frames` makes them.
+    kinematics
+        Of the same mechanism, where they are at hand.
 
     Raises
     ------
@@ -29,14 +32,16 @@ class ComponentModel(FullModel):
     name = "components"
     title = "component"
 
-    def __init__(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
+    def __init__(
+        self, scene: Scene, shapes: Mapping[str, BodyShape], kinematics: RigidKinematics | None = None
+    ) -> None:
         for name, effect in scene.effects.items():
             if effect.type == "structural_damping" and any(effect.ratios):
                 raise InputError(
                     f"effects.{name}.ratios = {list(effect.ratios)}: bodies in floating frames have no modal damping; "
                     "take stiffness and mass of structural_damping, or pgmp simulate --full"
                 )
-        super().__init__(scene, shapes)
+        super().__init__(scene, shapes, kinematics)
 
     @property
     def n_amplitudes(self) -> dict[str, int]:

@@ -57,7 +57,8 @@ class FullModel:
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
 
     def with_loads(self, scene: Scene) -> Self:
-        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        """Return the model under the loads of a scene that differs in torques and forces over time, and in the
+        simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
         return other

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -87,9 +88,11 @@ class ReducedModel:
                 )
 
     def with_loads(self, scene: Scene) -> Self:
-        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        """Return the model under the loads of a scene that differs in torques and forces over time, and in the
+        simulation, alone."""
         other = copy(self)
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other._actions = replace(self._actions, actions=actions_of(other.effects))
         return other
 
     @property

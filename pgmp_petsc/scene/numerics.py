@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Angle, Integer, Number, Table, at_most, refusal
+from pgmp_petsc.scene.fields import Angle, Integer, Number, PositiveNumber, Table, at_most, refusal
 
 Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
@@ -148,6 +148,20 @@ class Simulation(Table):
                 "step",
             )
         return self
+
+
+class Reference(Table):
+    """What tolerances and the trade-off measure errors against."""
+
+    model: Literal["auto", "mesh", "components"] = Field(
+        "auto",
+        description='"mesh": the full-order model; "components": the component model with more modes than any basis '
+        'that is tried; "auto": the mesh where its runs are within the budget, else the component model. One that is '
+        "named is taken at any price, which is said first",
+    )
+    budget: PositiveNumber = Field(
+        600.0, description="processor time that the runs of the reference may be predicted to take, all ranks (s)"
+    )
 
 
 class Ensemble(Table):

@@ -155,7 +155,7 @@ class Steps:
 
     def __init__(self, moved: float, round_off: float = 0.0) -> None:
         self.scene = slider_crank("simulation={tolerance=1e-3, duration=1.0}")
-        self.outputs, self.training = ("x",), training()
+        self.outputs, self.training, self.most_steps = ("x",), training(), np.inf
         self._errors = errors_of((moved,), round_off)
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:

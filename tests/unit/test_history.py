@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.selection.history import MOST_INSTANTS, History, errors_between, spacing
+from pgmp_petsc.experiments.history import MOST_INSTANTS, History, errors_between, spacing
 
 FLOORS = np.array([1e-10])
 
