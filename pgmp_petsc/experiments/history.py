@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.mechanism.mechanism import Coordinate
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 
 AnyModel = FullModel | ReducedModel
@@ -23,7 +25,7 @@ MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
 ROUND_OFF = 1e-10  # an output below this share of the mechanism's size, or of 1 rad, is taken for zero
 MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
 MOST_MISSING = 0.1  # share of the exact run's instants at which an output may be no number without being a failure
-OF_SAMPLES = ("outputs", "status", "inside")
+OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class History:
         Of every sample, shape (n_samples,).
     inside
         Samples that stayed in the range of their coordinate, shape (n_samples,).
+    failure_time
+        When samples failed, shape (n_samples,), s; NaN where they did not.
     """
 
     n_steps: int
@@ -49,6 +53,25 @@ class History:
     outputs: np.ndarray
     status: np.ndarray
     inside: np.ndarray
+    failure_time: np.ndarray
+
+    def require_fine(self, values: Mapping[str, np.ndarray]) -> Self:
+        """Return the history, of samples with some parameter values.
+
+        Raises
+        ------
+        RunError
+            If a sample failed, with the first one's values, time and reason.
+        """
+        failed = np.flatnonzero(self.status != Status.FINE)
+        if not failed.size:
+            return self
+        first = failed[0]
+        where = ", ".join(f"{name} = {column[first]:.4g}" for name, column in values.items())
+        raise RunError(
+            f"{failed.size} of {self.status.size} samples failed, the first{f' ({where})' if where else ''} at "
+            f"{self.failure_time[first]:.4g} s: {Status(self.status[first]).meaning}"
+        )
 
 
 def with_steps(scene: Scene, n_steps: int) -> Scene:
@@ -121,7 +144,7 @@ def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> His
         inside = _inside([(c, angle(by_node).reshape(-1, n_samples)) for c, (angle, _) in measures], n_samples)
     outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(frames).values()])
     outputs[..., run.status != Status.FINE] = np.nan
-    return History(n_steps, every, outputs, run.status, inside)
+    return History(n_steps, every, outputs, run.status, inside, run.failure_time)
 
 
 def _limited(model: AnyModel) -> list[tuple[Coordinate, tuple[Callable, set[int]]]]:
@@ -175,6 +198,17 @@ def errors_between(found: History, exact: History, floors: np.ndarray) -> np.nda
     errors[:, found.status != Status.FINE] = np.inf
     errors[~known.any(axis=1)] = np.nan
     return errors
+
+
+def largest_errors(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return the largest error of every output over time and samples, shape (n_outputs,); see `errors_between`.
+
+    NaN where a sample's output has no number where the exact one has, or no sample has any to compare with.
+    """
+    errors = errors_between(found, exact, floors)
+    known = np.isfinite(errors) | np.isposinf(errors)
+    largest = np.max(errors, axis=1, initial=-1.0, where=known)
+    return np.where(np.isinf(largest) | (largest < 0.0), np.nan, largest)
 
 
 def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:

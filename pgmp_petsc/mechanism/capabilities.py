@@ -120,14 +120,6 @@ FEATURES = (
         beams_only=True,
         cure="take pgmp check without --effects",
     ),
-    Feature(
-        "cost of accuracy",
-        _command(Purpose.TRADEOFF),
-        frozenset({Purpose.TRADEOFF}),
-        True,
-        True,
-        cure="compare pgmp simulate ROM.h5 with pgmp simulate SCENE --full instead",
-    ),
 )
 
 
