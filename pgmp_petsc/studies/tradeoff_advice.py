@@ -39,10 +39,10 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
         for choice in choices:
             aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice.thresholds])} in {_joined(names)}"
             advice.append(_piece(study, choice, aim, targets[names[0]], said))
-    every = next(iter(targets.values()))
+    first, errors = next(iter(targets.items()))
     return (
         *advice,
-        *_break_even(study, every),
+        *_break_even(study, first, errors),
         *_surface_sentences(study),
         *_mesh_sentences(study),
         *_reference_sentences(study),
@@ -134,13 +134,13 @@ def _price(study: Tradeoff, row: int) -> str:
     return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({together})"
 
 
-def _break_even(study: Tradeoff, errors: np.ndarray) -> list[str]:
+def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
     """Say from how many samples on which setting is the cheapest one that is good enough, build included.
 
     Parameters
     ----------
-    errors
-        Largest error of any output of every setting, shape (n,).
+    target, errors
+        What errors are of, and the error of every setting, shape (n,).
     """
     sentences = []
     for threshold in THRESHOLDS:
@@ -148,7 +148,7 @@ def _break_even(study: Tradeoff, errors: np.ndarray) -> list[str]:
         if len(pieces) > 1:
             later = "; ".join(f"from {n} samples on, take {_name(study, row)}" for n, row in pieces[1:])
             few = f"below {pieces[1][0]} samples take {_name(study, pieces[0][1])}"
-            sentences.append(f"{100 * threshold:g} % in every output: {few}; {later}.")
+            sentences.append(f"{100 * threshold:g} % in {target}: {few}; {later}.")
     return sentences
 
 
