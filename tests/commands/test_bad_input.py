@@ -201,9 +201,53 @@ CASES = {
         ("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
         ("coordinates.theta: it does not control", "3.14159 rad", "singular value"),
     ),
-    "tolerance for two coordinates": Case(
-        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.tolerance=0.01")),
-        ("reduction.tolerance = 0.01: for one rigid coordinate only", "shoulder_angle, elbow_angle"),
+    "no reference within the budget": Case(
+        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.tolerance=0.01", "reference.budget=1e-3")),
+        (
+            "reduction.tolerance = 0.01: no reference is within reference.budget = 0.001 s",
+            "predicted for the mesh",
+            "of the component model",
+            "raise reference.budget",
+            'name reference.model ("mesh" or "components")',
+            "shorten simulation.duration",
+        ),
+    ),
+    "a reference that there is not": Case(
+        ("build", SCENE, "-o", OUT, *overridden("reduction.tolerance=0.01", 'reference.model="truth"')),
+        ("reference.model", "truth", "mesh", "components"),
+    ),
+    "no budget": Case(
+        ("build", SCENE, "-o", OUT, *overridden("reduction.tolerance=0.01", "reference.budget=0.0")),
+        ("reference.budget", "0.0", "greater than 0"),
+    ),
+    "component modes as a reference of what they do not take": Case(
+        (
+            "build",
+            SCENE,
+            "-o",
+            OUT,
+            *overridden(
+                "reduction.tolerance=0.01",
+                'reference.model="components"',
+                'effects.m={{type="structural_damping", ratios=[0.01]}}',
+            ),
+        ),
+        ('reference.model = "components"', "effects.m.ratios", "no modal damping"),
+    ),
+    "a step too dear to find": Case(
+        (
+            "simulate",
+            SCENE,
+            "--full",
+            "-o",
+            OUT,
+            *overridden("simulation={{tolerance=0.01, duration=1.0}}", "reference.budget=1e-3"),
+        ),
+        (
+            "simulation.tolerance = 0.01: to find the step, the full-order model has to run",
+            "reference.budget = 0.001",
+            "give simulation.step",
+        ),
     ),
     # files
     "no scene": Case(("check", "{folder}/slider_crnk.toml"), ("slider_crnk.toml", "no such scene file")),
