@@ -122,8 +122,7 @@ def measure_tradeoff(
         while tasks := on_root(comm, study.references):
             study.take(runner.work(dealer.deal(tasks), "reference"))
     with timings.phase("times"):
-        times = runner.times(sweep.repeats)
-        waiting = comm.allreduce(bench.waiting, op=MPI.MAX)
+        times, waiting = runner.times(sweep.repeats)
     timings = timings.maximum(comm)
     if comm.rank > 0:
         return None

@@ -191,7 +191,7 @@ class Bench:
         self._offline: dict[tuple, list[np.ndarray]] = {}
         self._ready: dict[Setting, Candidate | None] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
-        self._spent = np.zeros(2)
+        self._spent: dict[Setting, np.ndarray] = {}
 
     @property
     def ready(self) -> list[Setting]:
@@ -211,13 +211,13 @@ class Bench:
         for warm in (few, Setting("full", setting.n_steps)):
             try:
                 model = self._prepare(warm).model
-                n = min(self._n_values, model.largest_batch)
-                values = {name: column[:n] for name, column in self.values.items()}
                 simulation = self.scene.simulation
                 duration = simulation.duration * WARM_UP_STEPS / setting.n_steps
                 short = simulation.model_copy(update={"duration": duration, "step": duration / WARM_UP_STEPS})
-                with closing(model.batch(values, n)) as system:
-                    integrate(system, short)
+                for n in {min(self._n_values, model.largest_batch), 1}:
+                    values = {name: column[:n] for name, column in self.values.items()}
+                    with closing(model.batch(values, n)) as system:
+                        integrate(system, short)
             except FAILURES:
                 continue  # whatever is wrong will be met again, with its reason
 
@@ -259,7 +259,7 @@ class Bench:
             self._ready[setting] = self._candidate(setting, self._shared(setting).model)
         for n in (self.batch, 1) if turn <= self._few_repeats else (self.batch,):
             seconds = self._ready[setting].seconds(n)
-            self._spent += n * seconds
+            self._spent[setting] = self._spent.get(setting, 0.0) + n * seconds
             self._online[setting, n] = np.minimum(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
         if len(taken) < min(turn, self._few_repeats) and taken[0][0] < LONG_BUILD:
@@ -270,11 +270,9 @@ class Bench:
         offline = np.min(self._offline[setting.build], axis=0)
         return np.array([offline, self._online[setting, self.batch], self._online[setting, 1]])
 
-    @property
-    def waiting(self) -> float:
-        """Wall time over processor time of all timed runs: 1 on a quiet machine, 0 where nothing was timed."""
-        wall, processor = self._spent
-        return float(wall / processor) if processor else 0.0
+    def spent(self, setting: Setting) -> np.ndarray:
+        """Return wall and processor time of a setting's timed runs, shape (2,), s."""
+        return self._spent[setting]
 
     def n_cells(self, refinement: int) -> int:
         """Return the number of cells of all bodies."""

@@ -46,12 +46,13 @@ class Runner:
         gathered = self.comm.gather(own)
         return None if gathered is None else {work: found for part in gathered for work, found in part.items()}
 
-    def times(self, repeats: int) -> dict[Setting, np.ndarray]:
-        """Take the times of all settings in turns; on the first rank return those of all ranks. Collective."""
-        known = {}
+    def times(self, repeats: int) -> tuple[dict[Setting, np.ndarray], float]:
+        """Take the times of all settings in turns; on the first rank return those of all ranks, and their wall time
+        over their processor time: 1 on a quiet machine, 0 where nothing was timed. Collective."""
+        known: dict[Setting, Arrays] = {}
         if self.finished is not None:
             kept = {setting: self.finished.get("times", setting) for setting in self.bench.ready}
-            known = {setting: arrays["times"] for setting, arrays in kept.items() if arrays is not None}
+            known = {setting: arrays for setting, arrays in kept.items() if arrays is not None}
         todo = [setting for setting in self.bench.ready if setting not in known]
         with agreed(self.comm, "taking times"), progress(repeats * len(todo), "times", self.comm) as bar:
             with without_progress():
@@ -60,11 +61,13 @@ class Runner:
                         self.bench.take_times(setting, turn)
                         bar.update()
             for setting in todo:
-                known[setting] = self.bench.times(setting)
+                known[setting] = {"times": self.bench.times(setting), "spent": self.bench.spent(setting)}
                 if self.finished is not None:
-                    self.finished.put("times", setting, {"times": known[setting]})
-        gathered = self.comm.gather(known)
-        return {setting: times for part in gathered or () for setting, times in part.items()}
+                    self.finished.put("times", setting, known[setting])
+        every = {setting: arrays for part in self.comm.gather(known) or () for setting, arrays in part.items()}
+        wall, processor = sum((arrays["spent"] for arrays in every.values()), np.zeros(2))
+        times = {setting: arrays["times"] for setting, arrays in every.items()}
+        return times, float(wall / processor) if processor else 0.0
 
     def _done(self, work: Setting | ReferenceRun) -> Measured:
         """Return what came of a task, done now or before."""
