@@ -2,7 +2,7 @@
 
 The mesh is the truth of a scene. Where its runs take longer than ``reference.budget`` allows, the component model takes
 its place, with more modes than any basis that is tried; how far that model is from the mesh is then measured at as many
-points as half of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
+points as a tenth of the budget pays for, and over as much of the run. What is predicted follows from sizes alone
 (`price`): the choice is the same for any number of ranks.
 """
 
@@ -26,7 +26,7 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
 
-CHECK_SHARE = 0.5  # of the budget, for the distance of the component model from the mesh
+CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance
 MOST_POINTS = 3
 
