@@ -12,10 +12,15 @@ from combinations import FEATURES, KINDS, scene_of
 
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)
-#: Commands that are a feature of their own, tried on plain scenes.
-COMMANDS = {"`pgmp check --effects`": Purpose.SIZES, "`pgmp tradeoff`": Purpose.TRADEOFF}
+#: Commands that are a feature of their own, tried on plain scenes with some overrides.
+COMMANDS = {
+    "`pgmp check --effects`": (Purpose.SIZES,),
+    "`pgmp build` by tolerance": (Purpose.BUILD, "reduction.tolerance=0.01"),
+    "`pgmp tradeoff`": (Purpose.TRADEOFF,),
+}
 OPENING = (
     "# What works with which kind of mechanism\n"
     "\n"
@@ -53,17 +58,21 @@ def cell(kind: str, feature: str) -> tuple[str, tuple[str, ...]]:
     return ("full", (reduced,)) if reduced else ("reduced", (full,))
 
 
-def of_command(kind: str, purpose: Purpose) -> tuple[str, tuple[str, ...]]:
-    """Return whether a command takes plain scenes of a kind, and why not."""
-    reason = verdict(kind, "nothing", purpose)
-    return ("no", (reason,)) if reason else ("yes", ())
+def of_command(kind: str, purpose: Purpose, *overrides: str) -> tuple[str, tuple[str, ...]]:
+    """Return whether a command takes plain scenes of a kind, with some overrides, and why not."""
+    try:
+        scene = scene_from_toml(scene_to_toml(scene_of(kind, "nothing")), ".", overrides)
+        check_capabilities(scene, purpose)
+    except InputError as error:
+        return "no", (str(error),)
+    return "yes", ()
 
 
 def table() -> str:
     """Return the page."""
     reasons: list[str] = []
     rows = {feature: [cell(kind, feature) for kind in KINDS] for feature in FEATURES if feature != "nothing"}
-    rows |= {name: [of_command(kind, purpose) for kind in KINDS] for name, purpose in COMMANDS.items()}
+    rows |= {name: [of_command(kind, *asked) for kind in KINDS] for name, asked in COMMANDS.items()}
     lines = [OPENING, f"| | {' | '.join(KINDS)} |", f"|{'---|' * (len(KINDS) + 1)}"]
     for name, cells in rows.items():
         shown = []

@@ -65,7 +65,7 @@ def tradeoff(
             loaded, meshes, sweep, n_samples, quick, comm, finished, lambda text: say(context, text)
         )
     except InputError:
-        finished.remove()
+        finished.forget()
         raise
     save(context, study, output)
     finished.remove()

@@ -85,6 +85,11 @@ class Finished:
         """Keep the result of a task; by the rank that did it."""
         self._folder.put(_name(kind, task), arrays)
 
+    def forget(self) -> None:
+        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
+        if not self._known:
+            self.remove()
+
     def remove(self) -> None:
         """Remove the folder once the file is written. Collective on all ranks."""
         on_root(self._comm, self._folder.remove)

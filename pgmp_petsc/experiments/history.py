@@ -55,6 +55,16 @@ class History:
     inside: np.ndarray
     failure_time: np.ndarray
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it as arrays, to be kept in a file."""
+        return {name: np.array(value) for name, value in vars(self).items()}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
+        """Return what was kept by `arrays`."""
+        return cls(**{name: int(value) if name in ("n_steps", "every") else value for name, value in arrays.items()})
+
     def require_fine(self, values: Mapping[str, np.ndarray]) -> Self:
         """Return the history, of samples with some parameter values.
 

@@ -14,6 +14,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.experiments.reference import Reference
 from pgmp_petsc.experiments.subject import Subject
@@ -50,6 +51,8 @@ class Bench:
         What to compare with.
     bar
         Counts the runs.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept; None where nothing is.
     """
 
     def __init__(
@@ -59,7 +62,9 @@ class Bench:
         training: Training,
         reference: Reference,
         bar: Progress,
+        finished: Finished | None = None,
     ) -> None:
+        self._finished = finished
         self._bar, self._subject = bar, subject
         self.scene, self.group, self.training, self.reference = subject.scene, group, training, reference
         self.comm = group.world
@@ -269,11 +274,21 @@ class Bench:
         with agreed(self.comm, "full-order training runs"):
             for name in self._own(names):
                 if (name, n_steps) not in self._full:
-                    load = next(item for item in self.training.loads if item.name == name)
-                    model = self.full_model.with_loads(load.of(self.scene))
-                    history = self._history(model, n_steps)
+                    history = self._reference_run(name, n_steps)
                     history.outputs[..., ~history.inside] = np.nan
                     self._full[name, n_steps] = history
+
+    def _reference_run(self, name: str, n_steps: int) -> History:
+        """Run the reference under a load, or take up what an earlier run of the program has of it."""
+        task = (self.full_model.name, name, n_steps)
+        kept = None if self._finished is None else self._finished.get("reference", task)
+        if kept is not None:
+            return History.of_arrays(kept)
+        load = next(item for item in self.training.loads if item.name == name)
+        history = self._history(self.full_model.with_loads(load.of(self.scene)), n_steps)
+        if self._finished is not None:
+            self._finished.put("reference", task, history.arrays)
+        return history
 
     def _reduced_model(self, rom: ReducedOrderModel, reduction: Reduction) -> ReducedModel:
         scene = self.scene.model_copy(update={"reduction": reduction})

@@ -22,6 +22,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.experiments.reference import Demand, choose_reference, distance_from_mesh
 from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -83,6 +84,7 @@ def choose(
     meshes: Mapping[str, BodyShape],
     group: RankGroup,
     say: Callable[[str], None] = lambda text: None,
+    finished: Finished | None = None,
 ) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
 
@@ -94,6 +96,8 @@ def choose(
         Ranks that share an eigenproblem.
     say
         Gets what errors are measured against and what that is predicted to take, before it is run.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept.
 
     Raises
     ------
@@ -115,7 +119,7 @@ def choose(
         say(reference.why)
         coarse = min(first_steps(scene.simulation.duration, period)[1], _given_steps(scene) or MOST_ANYWAY)
         reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, group.world)
-        bench = Bench(subject, group, training, reference, bar)
+        bench = Bench(subject, group, training, reference, bar, finished)
         step = StepChoice(bench, ledger, period, reference.model.name)
         step.begin()
         if scene.reduction.tolerance is None:
@@ -149,7 +153,7 @@ def choose(
         outputs=bench.outputs,
         values=bench.training.values,
         loads={load.name: load.description for load in bench.training.loads if load.name in used},
-        remarks=(reference.why, *bench.remarks, *found),
+        remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
         reference=reference.about,
     )
     if group.world.rank > 0:

@@ -17,6 +17,9 @@ from pgmp_petsc.studies.tradeoff_measurement import FAILURES, Bench, Measured
 from pgmp_petsc.studies.tradeoff_settings import Setting
 
 
+OF_HISTORY = "history."  # names of arrays that are parts of a history
+
+
 @dataclass(frozen=True)
 class Runner:
     """Does tasks, and takes times.
@@ -100,17 +103,14 @@ def _arrays(measured: Measured) -> Arrays:
         "offline": np.array(measured.offline),
     }
     if measured.history is not None:
-        arrays |= {f"history.{name}": np.array(value) for name, value in vars(measured.history).items()}
+        arrays |= {f"{OF_HISTORY}{name}": value for name, value in measured.history.arrays.items()}
     return arrays
 
 
 def _measured(arrays: Arrays) -> Measured:
     """Return what was kept by `_arrays`."""
-    whole = {name.removeprefix("history."): value for name, value in arrays.items() if name.startswith("history.")}
-    history = None
-    if whole:
-        numbers = {name: int(whole.pop(name)) for name in ("n_steps", "every")}
-        history = History(**numbers, **whole)
+    whole = {name.removeprefix(OF_HISTORY): value for name, value in arrays.items() if name.startswith(OF_HISTORY)}
+    history = History.of_arrays(whole) if whole else None
     wall, processor = arrays["offline"]
     return Measured(
         history,

@@ -12,9 +12,13 @@ from scenes import meshes_of
 from tradeoffs import LEAST, small_scene
 
 from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.selection.bench import Bench
+from pgmp_petsc.selection.choice import choose
 from pgmp_petsc.studies import tradeoff_measurement
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
 
@@ -23,6 +27,7 @@ SHORT = (
     "simulation.duration=0.01",
     "reduction.angles=8",
 )
+RIGID = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
 SWEEP = replace(LEAST, component_modes=(3,))
 
 
@@ -99,3 +104,35 @@ def test_a_study_that_was_killed_goes_on_where_it_was(tmp_path: Path, monkeypatc
             np.testing.assert_array_equal(getattr(getattr(again, clock), name), times)
             assert np.isfinite(times).all()
     assert again.advice == resumed.advice
+
+
+GIVEN = (
+    "modes=4, static_modes=true, inertia_modes=false, parameter_modes=0, second_order=false, angles=24, "
+    'interpolation="spline"'
+)
+
+
+def test_a_build_by_tolerance_does_not_run_its_reference_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = small_scene(f"reduction={{tolerance=5e-2, {GIVEN}}}", RIGID)
+
+    def choice(resume: bool):
+        kept = finished(tmp_path, scene, resume)
+        return choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1), finished=kept)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Bench, "processor_times", killed)
+        with pytest.raises(KeyboardInterrupt):
+            choice(False)
+    with monkeypatch.context() as patch:
+        patch.setattr(Bench, "processor_times", lambda *_: (0.0, 0.0))
+        patch.setattr(Bench, "finer_meshes", lambda *_: None)
+        patch.setattr(FullModel, "batch", killed)
+        resumed = choice(True)
+    whole = choose(scene, meshes_of(scene), RankGroup.split(MPI.COMM_SELF, 1))
+    assert resumed.selection.chosen == whole.selection.chosen
+    for one, other in zip(resumed.selection.attempts, whole.selection.attempts, strict=True):
+        # the eigensolver's random start changes the last digits
+        np.testing.assert_allclose(one.errors, other.errors, rtol=1e-6, atol=1e-12)
