@@ -43,8 +43,8 @@ from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values
 # (PETSc's and MPI's are RuntimeErrors); a mistake of the program ends the study.
 FAILURES = (PgmpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 MOST_TIMED_TOGETHER = 128
-TIMED = 4.0  # s of processor time of one run that is timed, predicted
-FEWEST_STEPS = 16  # that a longer run is timed by
+TIMED = 2.0  # s of processor time of one run that is timed, predicted
+FEWEST_STEPS = 8  # that a longer run is timed by
 OF_BUDGET = 0.1  # of reference.budget, for runs of the mesh where it is not the reference
 LONG_BUILD = 2.0  # s; a build that takes longer is timed once
 WARM_UP_STEPS = 2
