@@ -136,22 +136,24 @@ def run_history(
 
 def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
     """Integrate a system and evaluate the outputs at the kept instants."""
-    every, kept, n_samples = spacing(n_steps), [], system.n_samples
+    every, kept, of_joints, n_samples = spacing(n_steps), [], [], system.n_samples
     reduced, measures = isinstance(model, ReducedModel), _limited(model)
-    nodes = sorted(set(model.outputs.nodes).union(*(needed for _, (_, needed) in measures)))
+    nodes = sorted(set().union(*(needed for _, (_, needed) in measures)))
 
     def record(step: int, time: float, state: State) -> None:
-        if step % every == 0:
-            # frames of reduced samples are cheap only for many at once
-            kept.append(state.q.copy() if reduced else model.frames(system, state)[nodes])
+        if step % every:
+            return
+        if reduced:  # frames of reduced samples are cheap only for many at once
+            kept.append(state.q.copy())
+            return
+        frames = model.frames(system, state)
+        kept.append(frames[list(model.outputs.nodes)])
+        of_joints.append(frames[nodes])
 
     run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
-    if reduced:
-        frames, inside = model.output_frames_of(np.concatenate(kept)), np.ones(n_samples, dtype=bool)
-    else:
-        by_node = dict(zip(nodes, np.concatenate(kept, axis=-1)))
-        frames = np.array([by_node[node] for node in model.outputs.nodes])
-        inside = _inside([(c, angle(by_node).reshape(-1, n_samples)) for c, (angle, _) in measures], n_samples)
+    frames = model.output_frames_of(np.concatenate(kept)) if reduced else np.concatenate(kept, axis=-1)
+    by_node = {} if reduced else dict(zip(nodes, np.concatenate(of_joints, axis=-1)))
+    inside = _inside([(c, angle(by_node).reshape(-1, n_samples)) for c, (angle, _) in measures], n_samples)
     outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(frames).values()])
     outputs[..., run.status != Status.FINE] = np.nan
     return History(n_steps, every, outputs, run.status, inside, run.failure_time)

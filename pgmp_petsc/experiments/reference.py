@@ -96,7 +96,7 @@ def component_model(
         bodies = Mechanism.from_scene(scene, meshes).bodies
     shapes = floating_shapes(serving, meshes, bodies, comm)
     with agreed(comm, "preparing the component model"):
-        return ComponentModel(scene, shapes, kinematics)
+        return ComponentModel(scene, shapes, kinematics=kinematics)
 
 
 @dataclass(frozen=True)

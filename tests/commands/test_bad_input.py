@@ -220,20 +220,6 @@ CASES = {
         ("build", SCENE, "-o", OUT, *overridden("reduction.tolerance=0.01", "reference.budget=0.0")),
         ("reference.budget", "0.0", "greater than 0"),
     ),
-    "component modes as a reference of what they do not take": Case(
-        (
-            "build",
-            SCENE,
-            "-o",
-            OUT,
-            *overridden(
-                "reduction.tolerance=0.01",
-                'reference.model="components"',
-                'effects.m={{type="structural_damping", ratios=[0.01]}}',
-            ),
-        ),
-        ('reference.model = "components"', "effects.m.ratios", "no modal damping"),
-    ),
     "a step too dear to find": Case(
         (
             "simulate",

@@ -10,6 +10,7 @@ from combinations import meshes_for, scene_of
 from mpi4py import MPI
 from runs import full_model, reduced_model
 
+from pgmp_petsc.experiments import reference
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.period import first_period, period_of
 from pgmp_petsc.experiments.price import Price, duration_text, step_seconds
@@ -90,12 +91,16 @@ def test_a_model_that_is_named_is_taken_at_its_price(model: str, name: str) -> N
     assert found.model.name == name and "as reference.model says" in found.why
 
 
-def test_a_scene_without_component_model_says_why() -> None:
-    damped = cells('effects.m={type="structural_damping", ratios=[0.01]}', "reference.budget=1e-6")
-    with pytest.raises(InputError, match="there is no component model in its place: effects.m.ratios"):
-        chosen(damped)
-    with pytest.raises(InputError, match='reference.model = "components": effects.m.ratios'):
-        chosen(changed(damped, 'reference.model="components"'))
+def test_a_scene_without_component_model_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise InputError("bodies.rod: no frame")
+
+    monkeypatch.setattr(reference, "component_model", refuse)
+    dear = cells("reference.budget=1e-6")
+    with pytest.raises(InputError, match="there is no component model in its place: bodies.rod: no frame"):
+        chosen(dear)
+    with pytest.raises(InputError, match='reference.model = "components": bodies.rod: no frame'):
+        chosen(changed(dear, 'reference.model="components"'))
 
 
 def points(scene: Scene, n: int) -> dict[str, np.ndarray]:
