@@ -38,7 +38,8 @@ def _table(study: Tradeoff) -> list[str]:
     body = []
     for row in shown_rows(study):
         marks = ["*" if on_front else " " for on_front in front[row]]
-        errors = [f"{100 * error:.2g}{mark}" for error, mark in zip(study.errors[row], marks)]
+        known = zip(study.errors[row], marks)
+        errors = [f"{100 * error:.2g}{mark}" if np.isfinite(error) else "- " for error, mark in known]
         times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
         own = ">" if row == 0 else ""
         body.append([own, study.name(row), *errors, *(f"{value:.3g}" for value in times)])
@@ -87,9 +88,11 @@ def _mesh(study: Tradeoff) -> list[str]:
 def _failures(study: Tradeoff) -> list[str]:
     """List the settings that failed, with their reasons."""
     failed = [row for row, reason in enumerate(study.reasons) if reason]
-    lines = [f"failed: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
+    # what has times was only too dear to be run to its end
+    what = ["not run" if np.isfinite(batch) else "failed" for batch in study.times.batch]
+    lines = [f"{what[row]}: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
     if len(failed) > REASONS_SHOWN:
-        lines.append(f"failed: {len(failed) - REASONS_SHOWN} more; see /settings/reason")
+        lines.append(f"without errors: {len(failed) - REASONS_SHOWN} more; see /settings/reason")
     return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
 
 
