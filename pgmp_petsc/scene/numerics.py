@@ -159,6 +159,11 @@ class Reference(Table):
         'that is tried; "auto": the mesh where its runs are within the budget, else the component model. One that is '
         "named is taken at any price, which is said first",
     )
+    loads: Literal["varied", "own"] = Field(
+        "varied",
+        description='"varied": tolerances are tried under larger and quicker loads than the scene\'s too; "own": under '
+        "its own alone, and hold for no others",
+    )
     budget: PositiveNumber = Field(
         600.0, description="processor time that the runs of the reference may be predicted to take, all ranks (s)"
     )

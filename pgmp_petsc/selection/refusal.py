@@ -21,6 +21,7 @@ PARTS = {
     "step": "the time step",
     "round-off": "round-off",
 }
+OWN_LOADS = 'reference.loads = "own" tries no others, and the tolerance then holds for no others'
 ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as small counts as zero"
 
 
@@ -109,6 +110,10 @@ def refuse_basis(
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
     if causes:
         hints.append("; ".join(causes))
+    own = bench.training.loads[0].name
+    if name != own and own in errors.loads:
+        left = np.nanmax(errors.values[errors.loads.index(own)])
+        hints.append(f"the scene's own loads leave {left:.2g}: {OWN_LOADS}")
     mesh = bench.finer_meshes(n_steps)
     if mesh is not None and mesh.by_output[output] > tolerance:
         hints.append(

@@ -86,10 +86,13 @@ class Training:
         """Return the training cases of a scene."""
         values, n_samples = spanning_values(scene)
         loads, remarks = training_loads(scene), []
+        if scene.reference.loads == "own" and len(loads) > 1:
+            remarks.append('reference.loads = "own": the tolerance holds for the scene\'s own loads alone')
+            loads = loads[:1]
+        elif len(loads) == 1:
+            remarks.append("no torque or force acts over time: loads are not varied")
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")
-        if len(loads) == 1:
-            remarks.append("no torque or force acts over time: loads are not varied")
         if any(isinstance(effect, PrescribedMotion) for effect in scene.effects.values()):
             remarks.append("prescribed motions are not varied")
         return cls(values, n_samples, loads, tuple(remarks))
