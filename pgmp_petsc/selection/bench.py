@@ -222,11 +222,11 @@ class Bench:
     def processor_times(self, trial: Trial, n_reduced: int, n_full: int) -> tuple[float, float]:
         """Return the processor time of a reduced and of a reference sample under the scene's own loads, s.
 
-        Both are run in batches of `BATCH` samples at least, if the reference is not large: lanes are then full. Of the
-        reference a few steps are taken, and the others counted.
+        Both are run in batches of `BATCH` samples at least, the reference if it is not large: lanes are then full. Of it
+        a few steps are taken, and the others counted.
         """
         n_own = self.training.n_samples
-        copies, times = (-(-BATCH // n_own) if self.is_small else 1), (0.0, 0.0)
+        copies, times = -(-BATCH // n_own), (0.0, 0.0)
         values = {name: np.tile(column, copies) for name, column in self.training.values.items()}
         with agreed(self.comm, "runs for the processor time"):
             if self.comm.rank == 0:
