@@ -33,7 +33,7 @@ from pgmp_petsc.selection.trial import Errors, Trial
 
 SMALL = 2.5e-4  # s of a step of a sample of the reference, for runs that are not needed for the choice itself
 BATCH = 256  # samples, for processor times
-TIMED_STEPS = 1024
+TIMED_SECONDS, FEWEST_TIMED = 0.5, 16  # of one sample of the reference, s, and steps
 
 
 class Bench:
@@ -222,8 +222,8 @@ class Bench:
     def processor_times(self, trial: Trial, n_reduced: int, n_full: int) -> tuple[float, float]:
         """Return the processor time of a reduced and of a reference sample under the scene's own loads, s.
 
-        Both are run in batches of `BATCH` samples at least, the reference if it is not large: lanes are then full. Of it
-        a few steps are taken, and the others counted.
+        Both are run in batches of `BATCH` samples at least, the reference if it is not large: lanes are then full. Of
+        its steps a few are taken, and the others counted.
         """
         n_own = self.training.n_samples
         copies, times = -(-BATCH // n_own), (0.0, 0.0)
@@ -238,7 +238,7 @@ class Bench:
 
     def _seconds_of_step(self, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int) -> float:
         """Return the processor time of a step of a sample of the reference, from some steps; on this rank."""
-        taken = min(n_steps, TIMED_STEPS)
+        taken = min(n_steps, max(FEWEST_TIMED, int(TIMED_SECONDS / self.reference.price.step)))
         if not self.is_small:
             values, n_samples = {name: column[:1] for name, column in values.items()}, 1
         simulation = self.scene.simulation
