@@ -33,7 +33,7 @@ from pgmp_petsc.selection.trial import Errors, Trial
 
 SMALL = 2.5e-4  # s of a step of a sample of the reference, for runs that are not needed for the choice itself
 BATCH = 256  # samples, for processor times
-TIMED_SECONDS, FEWEST_TIMED = 0.5, 16  # of one sample of the reference, s, and steps
+TIMED_SECONDS, FEWEST_TIMED = 1.0, 16  # s, predicted, and steps of the reference that its time is taken of
 
 
 class Bench:
@@ -238,9 +238,10 @@ class Bench:
 
     def _seconds_of_step(self, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int) -> float:
         """Return the processor time of a step of a sample of the reference, from some steps; on this rank."""
-        taken = min(n_steps, max(FEWEST_TIMED, int(TIMED_SECONDS / self.reference.price.step)))
         if not self.is_small:
             values, n_samples = {name: column[:1] for name, column in values.items()}, 1
+        affordable = int(TIMED_SECONDS / (n_samples * self.reference.price.step))
+        taken = min(n_steps, max(FEWEST_TIMED, affordable))
         simulation = self.scene.simulation
         short = {"duration": simulation.duration * taken / n_steps}
         scene = self.scene.model_copy(update={"simulation": simulation.model_copy(update=short)})
