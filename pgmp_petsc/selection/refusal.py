@@ -108,6 +108,11 @@ def refuse_basis(
             causes.append("the modes are those of nominal parameters, and these values are too far from them")
         if unresolved > UNRESOLVED * errors.largest:
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+    if not causes and unresolved > tolerance:
+        causes.append(
+            f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
+            "simulation.tolerance choose it"
+        )
     if causes:
         hints.append("; ".join(causes))
     own = bench.training.loads[0].name

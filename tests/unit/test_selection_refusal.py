@@ -140,6 +140,14 @@ def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
     assert len(bench.tried) < 25, "a search without progress ends"
 
 
+def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Known(lambda reduction: 0.03)
+    monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.1,)))
+    monkeypatch.setattr(bench, "weakened", lambda trial, *_: errors_of((trial.errors.largest,)))
+    with pytest.raises(InputError, match="100 steps themselves leave more than the tolerance"):
+        choice(bench).run()
+
+
 def test_errors_that_are_round_off_are_said_to_be_so() -> None:
     with pytest.raises(InputError, match="round-off stands in the way"):
         choice(Known(lambda reduction: 0.03, round_off=0.1)).run()
