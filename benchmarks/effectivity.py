@@ -141,7 +141,7 @@ def history(model: Model, values: Mapping[str, np.ndarray], every: int = 1) -> H
 
     def record(number: int, time: float, state: State) -> None:
         if number % every == 0:
-            rows.append(model.outputs.evaluate(model.output_frames(system, state)))
+            rows.append(model.outputs.evaluate(model.observed(system, state)))
 
     run = integrate(system, model.scene.simulation, observer=record)
     fine = run.status == Status.FINE

@@ -38,7 +38,7 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.selection.history import with_steps
+from pgmp_petsc.experiments.history import with_steps
 from pgmp_petsc.selection.training import Load
 from pgmp_petsc.studies.inputs import read_rom
 
@@ -107,7 +107,7 @@ def under(model: ReducedModel, load: str) -> ReducedModel:
 
 def outputs_of(model: ReducedModel, eta: np.ndarray) -> Outputs:
     """Return the outputs of reduced coordinates (n_t, n, n_eta)."""
-    found = model.outputs.evaluate(model.output_frames_of(eta.reshape(-1, eta.shape[-1])))
+    found = model.outputs.evaluate(model.observed_of(eta.reshape(-1, eta.shape[-1]), model.scene.values))
     return {name: values.reshape(eta.shape[:2]) for name, values in found.items()}
 
 

@@ -12,18 +12,24 @@ from combinations import FEATURES, KINDS, scene_of
 
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 OF_REDUCED = (Purpose.BUILD, Purpose.MODES, Purpose.REDUCED)
-#: Commands that are a feature of their own, tried on plain scenes.
-COMMANDS = {"`pgmp check --effects`": Purpose.SIZES, "`pgmp tradeoff`": Purpose.TRADEOFF}
+MODELS = ("reduced", "full", "components")
+#: Commands that are a feature of their own, tried on plain scenes with some overrides.
+COMMANDS = {
+    "`pgmp check --effects`": (Purpose.SIZES,),
+    "`pgmp build` by tolerance": (Purpose.BUILD, "reduction.tolerance=0.01"),
+    "`pgmp tradeoff`": (Purpose.TRADEOFF,),
+}
 OPENING = (
     "# What works with which kind of mechanism\n"
     "\n"
-    "**both**: in reduced and in full-order runs, single and in ensembles; **full**, **reduced**: in that one only; "
-    "**no**: in\n"
-    "none. A number tells the reason below, as the program says it of a small scene of that kind. A mechanism whose "
-    "bodies are\n"
-    "all rigid has no reduced model.\n"
+    "**all**: in reduced, full-order and component runs (`--components`), single and in ensembles; otherwise the "
+    "models\n"
+    "that have it, or **no**: none of them. A number tells the reason below, as the program says it of a small scene "
+    "of that\n"
+    "kind. A mechanism whose bodies are all rigid has no reduced model.\n"
     "\n"
     "`python tests/capability_table.py > docs/capabilities.md` makes this page from the checks that every command "
     "passes;\n"
@@ -41,29 +47,32 @@ def verdict(kind: str, feature: str, purpose: Purpose) -> str:
 
 
 def cell(kind: str, feature: str) -> tuple[str, tuple[str, ...]]:
-    """Return what works, in a word, and the reasons why not more."""
-    full = verdict(kind, feature, Purpose.FULL)
-    reduced = next(filter(None, (verdict(kind, feature, purpose) for purpose in OF_REDUCED)), "")
-    if "all are rigid, so there is nothing to reduce" in reduced:
-        return ("no", (full,)) if full else ("full", ())
-    if not full and not reduced:
-        return "both", ()
-    if full and reduced:
-        return "no", tuple(dict.fromkeys((full, reduced)))
-    return ("full", (reduced,)) if reduced else ("reduced", (full,))
+    """Return which models have it, in words, and the reasons why not more."""
+    of_reduced = next(filter(None, (verdict(kind, feature, purpose) for purpose in OF_REDUCED)), "")
+    others = (verdict(kind, feature, purpose) for purpose in (Purpose.FULL, Purpose.COMPONENTS))
+    reasons = dict(zip(MODELS, (of_reduced, *others)))
+    having = [name for name, reason in reasons.items() if not reason]
+    if "all are rigid, so there is nothing to reduce" in reasons["reduced"]:
+        del reasons["reduced"]
+    why = tuple(dict.fromkeys(filter(None, reasons.values())))
+    return "all" if len(having) == len(MODELS) else ", ".join(having) or "no", why
 
 
-def of_command(kind: str, purpose: Purpose) -> tuple[str, tuple[str, ...]]:
-    """Return whether a command takes plain scenes of a kind, and why not."""
-    reason = verdict(kind, "nothing", purpose)
-    return ("no", (reason,)) if reason else ("yes", ())
+def of_command(kind: str, purpose: Purpose, *overrides: str) -> tuple[str, tuple[str, ...]]:
+    """Return whether a command takes plain scenes of a kind, with some overrides, and why not."""
+    try:
+        scene = scene_from_toml(scene_to_toml(scene_of(kind, "nothing")), ".", overrides)
+        check_capabilities(scene, purpose)
+    except InputError as error:
+        return "no", (str(error),)
+    return "yes", ()
 
 
 def table() -> str:
     """Return the page."""
     reasons: list[str] = []
     rows = {feature: [cell(kind, feature) for kind in KINDS] for feature in FEATURES if feature != "nothing"}
-    rows |= {name: [of_command(kind, purpose) for kind in KINDS] for name, purpose in COMMANDS.items()}
+    rows |= {name: [of_command(kind, *asked) for kind in KINDS] for name, asked in COMMANDS.items()}
     lines = [OPENING, f"| | {' | '.join(KINDS)} |", f"|{'---|' * (len(KINDS) + 1)}"]
     for name, cells in rows.items():
         shown = []

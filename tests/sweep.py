@@ -30,6 +30,7 @@ SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 # what makes a run short: as many steps, angles and samples as every path needs
 STEPS = 12
 ANGLES = 12  # along the only coordinate; with two, modes cannot be followed over fewer than the scene's
+MOST_COORDINATES = 2  # of reduced models
 TRACE = ("Traceback", "Warning:", "Segmentation", "PETSC ERROR")
 OUTPUT = re.compile(r"estimated errors over the run|errors? (was|were|is|are) not estimated|not estimated")
 
@@ -42,8 +43,8 @@ def refusal(scene: Path, command: str) -> str | None:
         return "rigid"
     if command.startswith("montecarlo") and not any("distribution" in parameter for parameter in parameters):
         return "none has a distribution"
-    if command == "check --effects" and any(body["element"] != "beam2d" for body in bodies):
-        return "of beams"
+    if command in ("check --effects", "build", "modes") and len(tables["coordinates"]) > MOST_COORDINATES:
+        return f"at most {MOST_COORDINATES} are taken"
     return None
 
 

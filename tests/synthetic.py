@@ -163,8 +163,9 @@ def _slider(angle: np.ndarray) -> np.ndarray:
     return CRANK * np.cos(angle) + np.sqrt(ROD**2 - (CRANK * np.sin(angle)) ** 2)
 
 
-def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True) -> Tradeoff:
-    """Return a study of few settings: the scene's own, three better ones, one that failed, the full order, surfaces."""
+def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True, components: bool = False) -> Tradeoff:
+    """Return a study of few settings: the scene's own, three better ones, one that failed, the full order, surfaces,
+    and component modes where they are asked for."""
     rows = [  # family, step, refinement, nodes, modes, static, angles, errors of both outputs, offline, batch, single
         ("reduced", 1e-3, 1, 0, 15, False, 629, 1e-5, 6e-2, 6.0, 4e-3, 0.12),
         ("reduced", 1e-3, 1, 0, 7, True, 48, 5e-6, 4e-3, 0.8, 2e-3, 0.11),
@@ -180,13 +181,17 @@ def tradeoff(n_outputs: int = 2, surfaces: bool = True, refined: bool = True) ->
     if surfaces:
         rows.append(("surface", 1e-3, 1, 3, 0, False, 0, 2e-3, 4e-1, 0.4, 1e-5, 1e-4))
         rows.append(("surface", 1e-3, 1, 9, 0, False, 0, 4e-5, 4e-3, 0.6, 1.1e-5, 1e-4))
+    if components:
+        rows.append(("components", 1e-3, 1, 0, 10, False, 0, 3e-5, 4e-3, 0.4, 3e-3, 0.15))
+        rows.append(("components", 2e-3, 1, 0, 10, False, 0, 9e-5, 9e-3, 0.4, 1.5e-3, 0.08))
     family, step, refinement, nodes, modes, static, angles, first, second, offline, batch, single = zip(*rows)
     reduced = np.array([name == "reduced" for name in family])
     columns = {
         "step": np.array(step),
         "refinement": np.array(refinement),
         "nodes": np.array(nodes),
-        "modes": np.array(modes),
+        "modes": np.where(reduced, modes, 0),
+        "component_modes": np.where(np.array(family) == "components", modes, 0),
         "static_modes": np.array(static),
         "angles": np.array(angles),
         "second_order": np.zeros(len(rows), dtype=bool),

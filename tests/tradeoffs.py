@@ -27,6 +27,7 @@ TINY = Sweep(
     tensor_angles=12,
     refinements=(2,),
     finest=4,
+    component_modes=(3,),
     surfaces=2,
     repeats=1,
     few_repeats=1,
@@ -42,6 +43,7 @@ LEAST = replace(
     tensor_modes=(),
     refinements=(),
     finest=2,
+    component_modes=(),
     surfaces=0,
     finer=0,
 )

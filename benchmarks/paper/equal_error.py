@@ -21,7 +21,7 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.selection.history import errors_between, floors_of, run_history, with_steps
+from pgmp_petsc.experiments.history import errors_between, floors_of, run_history, with_steps
 from pgmp_petsc.studies.inputs import read_rom, read_scene
 from benchmarks.paper.cost import FINE, ROMS
 from benchmarks.tables import Table, number

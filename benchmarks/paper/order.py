@@ -120,7 +120,7 @@ def history(model: FullModel, case: Case, step: float, spectral_radius: float) -
 
     def record(number: int, time: float, state: State) -> None:
         if number % every == 0:
-            frames.append(model.output_frames(system, state))
+            frames.append(model.observed(system, state))
 
     run = integrate(system, simulation, observer=record)
     if run.status[0]:

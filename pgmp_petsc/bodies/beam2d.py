@@ -158,8 +158,8 @@ def rest_strains(lengths: np.ndarray, alphas: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def third_derivative(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Contract the third derivative of the strain energy at rest with pairs of vectors, for a unit of EA and of k_s GA.
+def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.ndarray:
+    """Contract the third derivative of the strain energy at rest with pairs of vectors, of a unit of length.
 
     At rest the strains e vanish, and the third derivative is the sum of ``S (e''[a, b] e'[c] + e''[b, c] e'[a] +
     e''[c, a] e'[b])`` over them, times the length. With u, w and psi of `rest_strains`::
@@ -173,17 +173,20 @@ def third_derivative(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarr
     ----------
     a, b
         Strains of both vectors of every pair, shape (n_elements, 3, n_pairs).
+    section
+        ``(EA, k_s GA, EI)``, shape (3,).
 
     Returns
     -------
-    tuple of ndarray, each of shape (n_elements, 3, n_pairs)
-        Coefficients of the strains of c, a unit of length: those of EA, and those of k_s GA.
+    ndarray, shape (n_elements, 3, n_pairs)
+        Coefficients of the strains of c.
     """
     (u_a, w_a, psi_a), (u_b, w_b, psi_b) = np.moveaxis(a, 1, 0), np.moveaxis(b, 1, 0)
     gamma_a, gamma_b = w_a - psi_a, w_b - psi_b
     eps, gamma = psi_a * gamma_b + w_a * psi_b, -(psi_a * u_b + u_a * psi_b)
     mixed, sheared = u_a * gamma_b + u_b * gamma_a, gamma_a * psi_b + gamma_b * psi_a
-    return np.stack([eps, -gamma, mixed], axis=1), np.stack([-sheared, gamma, -gamma - mixed], axis=1)
+    stretched = np.stack([eps, -gamma, mixed], axis=1)
+    return section[0] * stretched + section[1] * np.stack([-sheared, gamma, -gamma - mixed], axis=1)
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.large_deformation import LargeDeformation
+from pgmp_petsc.bodies.recovery import Recovery
 
 MASSLESS = 1e-9  # over the largest translational mass of a term: round-off of none
 
@@ -41,6 +43,11 @@ class Component:
         Estimated relative error of the interface's answers over the frequencies asked for.
     centre_of_mass
         Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
+    recovery
+        T and the mesh, where stresses are asked for.
+    large
+        What is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
+        bodies read back from a reduced model, whose tables hold it.
     """
 
     frames: dict[str, int]
@@ -52,6 +59,15 @@ class Component:
     n_mesh_dofs: int
     error: float
     centre_of_mass: np.ndarray | None = None
+    recovery: Recovery | None = None
+    large: LargeDeformation | None = None
+
+    def terms(self, kind: str) -> dict[Monomial, np.ndarray]:
+        """Return the matrices (n, n) of ``"mass"``, ``"stiffness"`` or ``"stretching"`` by weight; none of the last
+        where `large` is None."""
+        if kind == "stretching":
+            return {} if self.large is None else self.large.stretching
+        return {"mass": self.mass, "stiffness": self.stiffness}[kind]
 
     @property
     def spreading(self) -> np.ndarray:

@@ -13,15 +13,28 @@ which are constant, and exact for the mesh as its mass matrix is: no integral ov
 formulation of Zwoelfer and Gerstmayr, Multibody Syst. Dyn. 2020). Psi are free modes of the body, orthogonal to its
 rigid motions in the mass at nominal parameters: p and d_k are its mean axes (Tisserand's frame), there is nothing that
 the frame and the fields could both do, and no point of the body is preferred.
+
+A beam that bends becomes shorter. A body that follows that has fields of second order besides,
+
+    w_k = X_k + Psi_k(X) xi + 1/2 xi^T chi_k(X) xi,
+
+M-orthogonal to the rigid motions too (`components.foreshortening`). Of their inertia what is of third order in xi or
+higher, their products with Psi and with each other, is left out of the kinetic energy; what is left of it is
+
+    int rho X_k chi_l dV,
+
+as ``int rho chi_l dV`` vanishes with p as the centre of mass.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.recovery import Recovery
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +55,13 @@ class FloatingBody:
         ...
     stiffness
         Of the amplitudes, by weight, shape (n, n).
+    bent
+        Second derivatives of the frames' displacements in the amplitudes, shape (n_frames, d, n, n), 1/m; zero where
+        the body does not follow its foreshortening.
+    curved
+        ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise.
+    recovery
+        The fields on the mesh, where stresses are asked for.
     """
 
     frames: dict[str, int]
@@ -49,6 +69,9 @@ class FloatingBody:
     shapes: np.ndarray
     moments: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
+    bent: np.ndarray
+    curved: dict[Monomial, np.ndarray]
+    recovery: Recovery | None = None
 
     @property
     def n(self) -> int:
@@ -57,8 +80,25 @@ class FloatingBody:
 
     @property
     def extent(self) -> float:
-        """Largest extent of the frames along an axis of the body's frame, m."""
-        return float(np.max(np.ptp(self.centres, axis=0)))
+        """Largest extent of the frames along an axis of the body's frame, m; with one frame that of the straight bar
+        with the body's largest radius of gyration."""
+        between = float(np.max(np.ptp(self.centres, axis=0)))
+        if between > 0.0:
+            return between
+        places, variances = slice(1, 1 + self.centres.shape[1]), []
+        for moments in self.moments.values():
+            mean = moments[0, places] / moments[0, 0]
+            variances.append(np.diag(moments[places, places]) / moments[0, 0] - mean**2)
+        return float(np.sqrt(12.0 * np.max(variances)))
+
+    def modal(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mass (kg) and the stiffness (N/m) of every amplitude by itself, each of shape (n,)."""
+        moments, stiffness = (
+            sum(float(weight.evaluate(values)) * part for weight, part in terms.items())
+            for terms in (self.moments, self.stiffness)
+        )
+        both = second_moments(moments, self.centres.shape[1])[2]
+        return np.einsum("kkii->i", both), np.diagonal(stiffness)
 
 
 def first_moments(moments: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:

@@ -131,9 +131,14 @@ def _check_section(entry: str, mesh: SolidMesh, point: str, frame: FaceFrame) ->
         )
 
 
-def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh) -> tuple[Region, ...]:
-    """Return the cells of every material: those of named regions, and the rest."""
-    thickness = Quantity.of(1.0 if entry.thickness is None else entry.thickness)
+def cells_of_materials(name: str, entry: BodyEntry, mesh: SolidMesh) -> list[tuple[str, np.ndarray]]:
+    """Return the materials of a body's mesh with their cells: that of named regions, and that of the rest.
+
+    Raises
+    ------
+    InputError
+        If a region is missing or overlaps another one.
+    """
     owner = np.zeros(mesh.n_cells, dtype=int)
     names = [entry.material]
     for region, material in entry.regions.items():
@@ -147,10 +152,15 @@ def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mes
             )
         names.append(material)
         owner[cells] = len(names) - 1
+    found = ((material, np.flatnonzero(owner == number)) for number, material in enumerate(names))
+    return [(material, cells) for material, cells in found if cells.size]
+
+
+def _regions(name: str, entry: BodyEntry, materials: Mapping[str, Material], mesh: SolidMesh) -> tuple[Region, ...]:
+    thickness = Quantity.of(1.0 if entry.thickness is None else entry.thickness)
     found = []
-    for number, chosen in enumerate(names):
-        cells, material = np.flatnonzero(owner == number), materials[chosen]
-        if cells.size:
-            modulus, density = thickness * Quantity.of(material.E), thickness * Quantity.of(material.rho)
-            found.append(Region(cells, modulus, density, material.nu))
+    for chosen, cells in cells_of_materials(name, entry, mesh):
+        material = materials[chosen]
+        modulus, density = thickness * Quantity.of(material.E), thickness * Quantity.of(material.rho)
+        found.append(Region(cells, modulus, density, material.nu))
     return tuple(found)

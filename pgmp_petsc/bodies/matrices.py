@@ -64,15 +64,18 @@ def assemble_mass(bodies: Sequence[Body], rows: range) -> AffineMatrices:
 
 
 def axial_stiffness(bodies: Sequence[Body], rows: range, values: Mapping[str, float]) -> sp.csr_matrix:
-    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs)."""
-    return weighted_sum(_assemble_terms(bodies, rows, Body.axial_entries), values)
+    """Return the given rows of the part of the stiffness that resists extension, shape (n_rows, n_dofs).
+
+    Of condensed bodies it is that against the mean strains of pieces (`large_deformation`).
+    """
+    return weighted_sum(_assemble_terms(bodies, rows, Body.axial_entries, "stretching"), values)
 
 
 def _assemble_terms(
     bodies: Sequence[Body],
     rows: range,
     entries_of: Callable[[Body, np.ndarray], dict[Monomial, np.ndarray]],
-    kind: str = "",
+    kind: str,
 ) -> dict[Monomial, sp.csr_matrix]:
     """Assemble element entries, the lumps of the mass, and the matrices of condensed bodies of one kind."""
     n_dofs = sum(body.dofs.size for body in bodies)
@@ -83,12 +86,12 @@ def _assemble_terms(
         row_parts.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
         column_parts.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
         value_parts.append({m: values.ravel() for m, values in entries_of(body, chosen).items()})
-        if kind and body.component is not None:
+        if body.component is not None:
             dofs = body.dofs
             row_parts.append(np.repeat(dofs, dofs.size))
             column_parts.append(np.tile(dofs, dofs.size))
-            value_parts.append({m: matrix.ravel() for m, matrix in getattr(body.component, kind).items()})
-        if kind and body.meshed is not None:
+            value_parts.append({m: matrix.ravel() for m, matrix in body.component.terms(kind).items()})
+        if body.meshed is not None:
             meshed = meshed_rows(body, rows, kind)
             first = next(iter(meshed.values()))
             row_parts.append(first.row)

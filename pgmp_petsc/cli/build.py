@@ -9,8 +9,10 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
+from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
@@ -52,38 +54,38 @@ def build(
     leaves out although it matters is said, as in pgmp check --effects.
 
     Finished bodies and configurations are kept in ROM.h5.partial until the file is written; --resume takes them up,
-    with any number of ranks.
+    with any number of ranks. With a tolerance it is the runs that errors are measured against.
     """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "rom", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
     say_remarks(context, loaded)
-    sizes = None
-    if loaded.reduction.effects == "auto":
-        loaded, sizes = on_root(comm, choose_effects, loaded, meshes)
-        say(context, "\n".join(sizes.lines()))
     group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
-    choice, checkpoint = None, None
+    sizes, shapes, choice = None, meshes, None
+    if loaded.reduction.effects == "auto":
+        shapes = condensed(loaded, meshes, group, large=True)
+        loaded, sizes = on_root(comm, choose_effects, loaded, meshes, shapes)
+        say(context, "\n".join(sizes.lines()))
     if leaves_open(loaded):
-        if resume:
-            raise InputError("--resume: not with reduction.tolerance or simulation.tolerance, which try many models")
-        choice = choose(loaded, meshes, group)
-        rom = choice.rom
+        checkpoint = Finished(output, {"command": "build"}, loaded, meshes, comm, resume)
     else:
         checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)
-        try:
-            rom = build_rom(loaded, meshes, group, checkpoint=checkpoint)
-        except InputError:
-            checkpoint.forget()
-            raise
+    try:
+        if leaves_open(loaded):
+            choice = choose(loaded, meshes, group, lambda text: say(context, text), checkpoint)
+            rom = choice.rom
+        else:
+            rom = build_rom(loaded, shapes, group, checkpoint=checkpoint)
+    except InputError:
+        checkpoint.forget()
+        raise
     with agreed(comm, "estimating the sizes of effects"):
         if rom is not None and sizes is None:
             # with a tolerance for the step it is the chosen scene that runs
             rom = with_remarks(rom, loaded if choice is None else choice.scene, meshes)
             choice = None if choice is None else replace(choice, rom=rom)
     save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
-    if checkpoint is not None:
-        checkpoint.remove()
+    checkpoint.remove()
     if rom is not None:
         say(context, report(rom, output, loaded.remarks))
     if choice is not None:

@@ -8,10 +8,12 @@ import click
 
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.report import say, say_remarks
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.trial import try_largest
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.studies.check import describe_scene, describe_trial
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
@@ -41,7 +43,8 @@ def check(
     """Validate SCENE and print its bodies, unknowns, active effects and estimated memory; solve nothing.
 
     With --trial the largest continuum body is factorised once on all ranks, which tells what a build will take. With
-    --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations.
+    --effects the mechanism runs once with rigid bodies, and modes are computed at a few of its configurations; bodies
+    of continuum elements are condensed for that, as in a build.
 
     What cannot be meant is refused with its entry's name. What probably is not meant is named in a warning: with
     --strict these end the check with status 2 too.
@@ -54,7 +57,9 @@ def check(
         found = try_largest(loaded, meshes, comm)
         say(context, "  trial         no continuum bodies: nothing to try" if found is None else describe_trial(found))
     if sizes:
-        say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes).lines())))
+        with RankGroup.split(comm, 1) as group:
+            shapes = condensed(loaded, meshes, group, large=True)
+        say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes, shapes=shapes).lines())))
     if strict and loaded.remarks:
         n = len(loaded.remarks)
         raise InputError(f"{scene}: {n} warning{'s' if n > 1 else ''}, see above, and --strict takes none")

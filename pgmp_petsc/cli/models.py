@@ -1,17 +1,27 @@
-"""The models of a scene that commands can take in place of a reduced one."""
+"""The models that commands run: that of a ROM.h5, or of a SCENE the full-order or the component model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
-from mpi4py import MPI
+import click
 
-from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models import ComponentModel, FullModel
+from pgmp_petsc.cli.options import Command
+from pgmp_petsc.cli.report import say_remarks
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.inputs import read_rom, read_scene
+
+
+def model_options(command: Command) -> Command:
+    """Add ``--full`` and ``--components``; the function receives both (bool)."""
+    components = "Take the component model of a SCENE: flexible bodies in floating frames."
+    command = click.option("--components", is_flag=True, help=components)(command)
+    return click.option("--full", is_flag=True, help="Take the full-order model of a SCENE.")(command)
 
 
 def one_model(full: bool, components: bool) -> None:
@@ -20,18 +30,32 @@ def one_model(full: bool, components: bool) -> None:
         raise InputError("--full and --components: two models; give one of them, or run the command twice")
 
 
-def full_of(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> FullModel:
-    """Return the full-order model. Collective on `comm`."""
+def read_model(
+    context: click.Context,
+    source: Path,
+    overrides: Sequence[str],
+    settings: Sequence[str],
+    full: bool,
+    components: bool,
+    check: Callable[[Scene], None] = lambda scene: None,
+) -> Model:
+    """Return the model that is asked for, and say the remarks on its scene. Collective on the command's ranks.
+
+    `check` refuses scenes for reasons of the command's own, the same on all ranks.
+    """
+    comm = context.obj.comm
+    if not (full or components):
+        scene, rom = read_rom(source, overrides, settings, comm)
+        check(scene)
+        say_remarks(context, scene)
+        with agreed(comm, "preparing the reduced model"):
+            return ReducedModel(scene, rom)
+    scene, meshes = read_scene(source, overrides, settings, comm, Purpose.COMPONENTS if components else Purpose.FULL)
+    check(scene)
+    say_remarks(context, scene)
+    if components:
+        from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
+
+        return component_model(scene, meshes, comm)
     with agreed(comm, "preparing the full-order model"):
         return FullModel(scene, meshes)
-
-
-def components_of(scene: Scene, meshes: Mapping[str, BodyShape], comm: MPI.Comm) -> ComponentModel:
-    """Return the component model. Collective on `comm`."""
-    from pgmp_petsc.components.floating_frames import floating_shapes  # eigensolvers take a noticeable time
-
-    with agreed(comm, "preparing the component model"):
-        bodies = Mechanism.from_scene(scene, meshes).bodies
-    shapes = floating_shapes(scene, meshes, bodies, comm)
-    with agreed(comm, "preparing the component model"):
-        return ComponentModel(scene, shapes)

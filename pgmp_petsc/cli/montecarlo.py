@@ -9,22 +9,18 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli import estimates
-from pgmp_petsc.cli.models import components_of, full_of, one_model
+from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
+from pgmp_petsc.cli.report import remark_lines, save, say
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
-from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.studies.inputs import read_rom, read_scene
 
 MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
 LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
@@ -39,15 +35,12 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
 @click.option(
     "--seed", default=0, show_default=True, metavar="S", type=click.IntRange(0, LARGEST_SEED), help="Random seed."
 )
-@click.option("--full", is_flag=True, help="Take the full-order model of a SCENE instead of a ROM.h5.")
+@model_options
 @click.option(
     "--ranks-per-sample", default=1, show_default=True, metavar="N", type=click.IntRange(1),
     help="With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
-@click.option(
-    "--components", is_flag=True, help="Take the component model of a SCENE: flexible bodies in floating frames."
-)
 @scene_options
 @click.pass_context
 def montecarlo(
@@ -74,18 +67,10 @@ def montecarlo(
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     context.with_resource(claimed(comm, output, "ensemble", (source,)))
-    model: Model
-    if full or components:
-        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
-        _refuse_drawn(loaded, settings)
-        say_remarks(context, loaded)
-        model = (components_of if components else full_of)(loaded, meshes, comm)
-    else:
-        loaded, rom = read_rom(source, overrides, settings, comm)
-        _refuse_drawn(loaded, settings)
-        say_remarks(context, loaded)
-        with agreed(comm, "preparing the reduced model"):
-            model = ReducedModel(loaded, rom)
+    model = read_model(
+        context, source, overrides, settings, full, components, lambda scene: _refuse_drawn(scene, settings)
+    )
+    loaded = model.scene
     if loaded.simulation.tolerance is not None:
         from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
 

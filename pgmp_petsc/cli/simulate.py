@@ -8,27 +8,21 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli import estimates
+from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
-from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.cli.report import remark_lines, save, say
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.inputs import read_rom, read_scene
-from pgmp_petsc.cli.models import components_of, full_of, one_model
 from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 
 
 @click.command()
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
-@click.option("--full", is_flag=True, help="Run the full-order model of a SCENE instead of a ROM.h5.")
-@click.option(
-    "--components", is_flag=True, help="Take the component model of a SCENE: flexible bodies in floating frames."
-)
+@model_options
 @scene_options
 @click.pass_context
 def simulate(
@@ -47,15 +41,8 @@ def simulate(
     comm = context.obj.comm
     one_model(full, components)
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
-    if full or components:
-        loaded, meshes = read_scene(source, overrides, settings, comm, Purpose.FULL)
-        say_remarks(context, loaded)
-        model = (components_of if components else full_of)(loaded, meshes, comm)
-    else:
-        loaded, rom = read_rom(source, overrides, settings, comm)
-        say_remarks(context, loaded)
-        with agreed(comm, "preparing the reduced model"):
-            model = ReducedModel(loaded, rom)
+    model = read_model(context, source, overrides, settings, full, components)
+    loaded = model.scene
     remark = ""
     if loaded.simulation.tolerance is not None:
         from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time

@@ -9,9 +9,11 @@ import click
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.tradeoff_table import summary
+from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
 from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
@@ -21,6 +23,7 @@ from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
 @click.argument("scene", metavar="SCENE", type=click.Path(path_type=Path))
 @output_option
 @click.option("--quick", is_flag=True, help="Measure fewer settings: within a minute for a small scene.")
+@click.option("--resume", is_flag=True, help="Take up a study of the same file that was stopped.")
 @click.option(
     "-n",
     "n_samples",
@@ -37,21 +40,35 @@ def tradeoff(
     scene: Path,
     output: Path,
     quick: bool,
+    resume: bool,
     n_samples: int,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
     """Measure what accuracy costs in time for SCENE, and say which setting to take.
 
-    Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), the
-    full-order model and response surfaces are compared with a converged full-order model at quantiles of the uncertain
-    parameters; refined meshes tell the discretisation error. A setting that fails is listed with its reason.
+    Settings of the reduced model (modes, static modes, angles, interpolation, second-order terms, time step), of the
+    component model, the full-order model and response surfaces are compared with a converged reference at quantiles of
+    the uncertain parameters: the full-order model, or the component model where that is too dear (reference.budget).
+    Refined meshes of lines tell the discretisation error. A setting that fails is listed with its reason.
+
+    Finished settings are kept in FILE.partial until the file is written; --resume takes them up, with any number of
+    ranks.
     """
     comm = context.obj.comm
     context.with_resource(claimed(comm, output, "tradeoff", (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.TRADEOFF)
-    study = measure_tradeoff(loaded, meshes, QUICK if quick else FULL, n_samples, quick, comm)
+    finished = Finished(output, {"command": "tradeoff", "quick": quick}, loaded, meshes, comm, resume)
+    try:
+        sweep = QUICK if quick else FULL
+        study = measure_tradeoff(
+            loaded, meshes, sweep, n_samples, quick, comm, finished, lambda text: say(context, text)
+        )
+    except InputError:
+        finished.forget()
+        raise
     save(context, study, output)
+    finished.remove()
     if study is not None:
         say(context, report(study, output))
         say_remarks(context, loaded)

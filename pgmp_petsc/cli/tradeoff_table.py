@@ -24,7 +24,7 @@ def shown_rows(study: Tradeoff) -> list[int]:
     chosen = study.pareto.any(axis=1)
     step = study.columns["step"][0]
     for row, family in enumerate(study.families):
-        as_scene = family == "full" and study.columns["step"][row] == step
+        as_scene = family in ("full", "components") and study.columns["step"][row] == step
         chosen[row] |= row == 0 or family == "surface" or as_scene
     rows = np.flatnonzero(chosen & np.isfinite(study.times.batch))
     return rows[np.argsort(study.times.batch[rows], kind="stable")].tolist()
@@ -38,7 +38,8 @@ def _table(study: Tradeoff) -> list[str]:
     body = []
     for row in shown_rows(study):
         marks = ["*" if on_front else " " for on_front in front[row]]
-        errors = [f"{100 * error:.2g}{mark}" for error, mark in zip(study.errors[row], marks)]
+        known = zip(study.errors[row], marks)
+        errors = [f"{100 * error:.2g}{mark}" if np.isfinite(error) else "- " for error, mark in known]
         times = [study.times.offline[row], 1e3 * study.times.batch[row], 1e3 * study.times.single[row], total[row]]
         own = ">" if row == 0 else ""
         body.append([own, study.name(row), *errors, *(f"{value:.3g}" for value in times)])
@@ -51,7 +52,7 @@ def _table(study: Tradeoff) -> list[str]:
         for line in [header, *body]
     ]
     legend = (
-        "Largest errors in % of the output's largest value; * on the front of its kind: none is both cheaper online "
+        "Largest errors in % of the output's largest value; * on the front of its family: none is both cheaper online "
         f"and better; > the scene as it is. Online: a sample of {study.batch} together."
     )
     busy = (
@@ -64,10 +65,11 @@ def _table(study: Tradeoff) -> list[str]:
 def _reference(study: Tradeoff) -> list[str]:
     """Say how fine the references are, and by how much they still moved."""
     at = study.references
-    lines = []
+    lines = [study.reference] if study.reference else []
     for refinement, step, moved, reason in zip(at.refinement, at.step, at.moved, at.reason):
         mesh = "the scene's meshes" if refinement == 1 else f"cells cut into {refinement}"
-        how_fine = f"full order, {1e3 * step:.4g} ms; moved last by {_errors(study, moved)}"
+        model = "component model" if study.reference_model == "components" else "full order"
+        how_fine = f"{model}, {1e3 * step:.4g} ms; moved last by {_errors(study, moved)}"
         lines.append(f"reference, {mesh}: {how_fine}; {reason}")
     return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
 
@@ -75,6 +77,8 @@ def _reference(study: Tradeoff) -> list[str]:
 def _mesh(study: Tradeoff) -> list[str]:
     """Return the discretisation errors, not part of the others."""
     mesh = study.mesh
+    if not mesh.cells.size:
+        return ["mesh error: not measured; meshes of continuum cells are not cut"]
     return [
         f"mesh error, {cells} cells: {_errors(study, errors)}"
         for cells, errors in zip(mesh.cells[:-1], mesh.errors[:-1])
@@ -84,9 +88,11 @@ def _mesh(study: Tradeoff) -> list[str]:
 def _failures(study: Tradeoff) -> list[str]:
     """List the settings that failed, with their reasons."""
     failed = [row for row, reason in enumerate(study.reasons) if reason]
-    lines = [f"failed: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
+    # what has times was only too dear to be run to its end
+    what = ["not run" if np.isfinite(batch) else "failed" for batch in study.times.batch]
+    lines = [f"{what[row]}: {study.name(row)}: {study.reasons[row]}" for row in failed[:REASONS_SHOWN]]
     if len(failed) > REASONS_SHOWN:
-        lines.append(f"failed: {len(failed) - REASONS_SHOWN} more; see /settings/reason")
+        lines.append(f"without errors: {len(failed) - REASONS_SHOWN} more; see /settings/reason")
     return [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDTH, subsequent_indent="  ")]
 
 

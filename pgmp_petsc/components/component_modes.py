@@ -20,6 +20,7 @@ free body's first n + r modes say how far to go.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,9 +29,11 @@ from scipy.linalg import eigh, null_space
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.large_deformation import large_deformation
 from pgmp_petsc.components.petsc_terms import Terms, petsc_terms
 from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
 from pgmp_petsc.components.subspace import Operator, Subspace
@@ -56,7 +59,9 @@ def condense(
     comm: MPI.Comm,
     timings: Timings | None = None,
     memory: float | None = None,
-) -> tuple[Component, np.ndarray]:
+    stressed: bool = False,
+    large: bool = False,
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Condense a body. Collective on `comm`.
 
     Parameters
@@ -73,16 +78,25 @@ def condense(
         Ranks that share the body.
     timings
         Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
-        projection.
+        projection, second order.
     memory
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
+    stressed
+        Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
+        motion too, and the component keeps T and the mesh.
+    large
+        Whether what is of second order in the deformation is wanted, but for a scaled cross-section, of which it is not
+        known. The subspace then answers the inertia forces of the rigid motion as well.
 
     Returns
     -------
     component
         The condensed body, on all ranks.
     recovery
-        T, local rows, shape (n_local, n); with a scaled cross-section that of the first point.
+        The displacements on the mesh of unit coordinates, local rows, shape (n_local, n); with a scaled cross-section
+        of unit ``T(s) y``.
+    section
+        T(s); None without a scaled cross-section.
 
     Raises
     ------
@@ -115,14 +129,27 @@ def condense(
                         subspace.add(fields)
                     else:
                         subspace.turn_to(problem.mass, _stiffness_of(problem))
+                    if stressed or large:
+                        # stresses are those of inertia forces too, and what is left out at second order does no work
+                        # with the loads that are answered
+                        subspace.add(problem.answers(times(problem.mass, fields)))
                     error = max(error, _serve(problem, subspace, loads, own_modes, solid.name))
             finally:
                 problem.close()
         with timings.phase("projection"):
-            return _condensed(solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error)
+            component, recovery, section = _condensed(
+                solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error
+            )
+            if stressed:
+                shapes = np.concatenate(comm.allgather(recovery))
+                component = replace(component, recovery=Recovery(solid.mesh, shapes))
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()
+    if large and solid.section_scale is None:
+        with timings.phase("second order"):
+            component = replace(component, large=large_deformation(solid, nodes, recovery, comm))
+    return component, recovery, section
 
 
 def _stiffness_of(problem: BodyProblem) -> Operator:
@@ -184,7 +211,7 @@ def _condensed(
     matrices: tuple[Terms, Terms],
     nodes: range,
     error: float,
-) -> tuple[Component, np.ndarray]:
+) -> tuple[Component, np.ndarray, SectionCoordinates | None]:
     """Turn a subspace's coordinates into those of the frames and internal ones."""
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
@@ -197,6 +224,7 @@ def _condensed(
     turn = np.hstack([shapes, rest @ modes])
     constant = np.linalg.solve(turn, subspace.inner(subspace.mass_vectors, fields))
     mass, stiffness = ({w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness))
+    recovery, section = vectors @ turn, None
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
         own = weighted_sum_dense(mass, values)
@@ -214,7 +242,7 @@ def _condensed(
         solid.n_dofs,
         error,
     )
-    return component, vectors @ turn
+    return component, recovery, section
 
 
 def _across_axis(

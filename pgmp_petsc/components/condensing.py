@@ -8,11 +8,13 @@ from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.runtime.progress import progress
@@ -20,6 +22,7 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
@@ -41,6 +44,7 @@ def condensed(
     group: RankGroup,
     finished: Finished | None = None,
     timings: Timings | None = None,
+    large: bool | None = None,
 ) -> dict[str, BodyShape]:
     """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on
     ``group.world``.
@@ -57,6 +61,8 @@ def condensed(
         Bodies that are condensed already, and where to keep others.
     timings
         Gets this rank's wall time of the phases of `condense`.
+    large
+        Whether what is of second order in the deformation is wanted; None where the scene says so.
 
     Raises
     ------
@@ -66,15 +72,19 @@ def condensed(
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
-    own = waiting[group.index :: group.count]
+    own, stressed = waiting[group.index :: group.count], stressed_bodies(scene)
     free = free_share(group.world)
     memory = None if free is None else FACTOR_SHARE * free
     with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
         for name in own:
             meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
             if scene.bodies[name].flexible:
+                check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                found[name], _ = condense(meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory)
+                wanted = scene.second_order if large is None else large
+                found[name], *_ = condense(
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, wanted
+                )
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:
@@ -83,6 +93,25 @@ def condensed(
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
     return done
+
+
+def check_slender(scene: Scene, meshed: FramedSolid) -> None:
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along.
+
+    Raises
+    ------
+    InputError
+        Naming the effect that asks for it, and the cure.
+    """
+    if not scene.static_stretching:
+        return
+    slenderness = LongAxis(meshed.solid).slenderness
+    if slenderness < SLENDER:
+        entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
+        raise InputError(
+            f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
+            f'long as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+        )
 
 
 @contextmanager

@@ -10,25 +10,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
+import scipy.sparse as sp
 from mpi4py import MPI
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import serving_points
+from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.foreshortening import foreshortening
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
+from pgmp_petsc.scene.stress_checks import stressed_bodies
 
 DEPENDENT = 1e-9  # of the largest eigenvalue of vectors' products in the mass
 
@@ -49,8 +54,6 @@ def floating_shapes(
 
     Raises
     ------
-    InputError
-        If a body cannot be put into a floating frame.
     RunError
         If an eigenproblem fails; on all ranks, whichever rank met it.
     """
@@ -58,7 +61,7 @@ def floating_shapes(
     own, found = flexible[comm.rank :: comm.size], {}
     with agreed(comm, "component modes"), progress(len(own), "bodies in floating frames", comm) as bar:
         for body in own:
-            found[body.name] = _floating(scene, replace(body.alone(), lumps={}))
+            found[body.name] = _floating(scene, replace(body.alone(), lumps={}), shapes[body.name])
             bar.update()
     done = dict(shapes)
     for part in comm.allgather(found):
@@ -66,35 +69,62 @@ def floating_shapes(
     return done
 
 
-def _floating(scene: Scene, body: Body) -> FloatingBody:
+def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
     points = points_used(scene, body.name)
     if body.meshed is None:
         return _of_beams(scene, body, points)
-    if body.meshed.drawn is not None:
-        raise InputError(
-            f"bodies.{body.name}.section_scale: bodies with a scaled cross-section have no component model; take pgmp "
-            "build and a reduced model, or pgmp simulate --full"
-        )
-    return _of_solid(scene, body.meshed)
+    # not the mechanism's own, whose mesh has the cross-section of one sample already
+    return _of_solid(scene, FramedSolid.of(body.name, scene.bodies[body.name], scene.materials, shape, points))
 
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
     solid, d = meshed.solid, meshed.solid.mesh.dimension
     n_modes = scene.reduction.modes + scene.n_overconstrained
-    component, recovery = condense(solid, meshed.frames, serving_points(scene, meshed), n_modes, MPI.COMM_SELF)
+    stressed, points = solid.name in stressed_bodies(scene), serving_points(scene, meshed)
+    component, recovery, section = condense(solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed)
     nominal = scene.nominal
     mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
     modes = _free_modes(mass, total, d, recovery)
-    fields = [np.ones((solid.mesh.n_nodes, 1)), solid.mesh.nodes, *(recovery[k::d] @ modes for k in range(d))]
-    scalars = np.hstack(fields)
-    moments = {
-        weight: scalars.T @ (matrix.tocsr()[::d, ::d] @ scalars)
-        for weight, matrix in solid.mass(range(solid.mesh.n_nodes)).items()
-    }
+    parts = [recovery @ modes] if section is None else [recovery @ part @ modes for part in section.parts]
+    of_mesh = {weight: matrix.tocsr()[::d, ::d] for weight, matrix in solid.mass(range(solid.mesh.n_nodes)).items()}
+    moments = _moments_of_mesh(solid.mesh.nodes, parts, of_mesh, None if section is None else section.factor)
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
-    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness)
+    straight = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1]))
+    kept = Recovery(solid.mesh, recovery @ modes) if stressed else None
+    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness, straight, {}, kept)
+
+
+def _moments_of_mesh(
+    nodes: np.ndarray, modes: list[np.ndarray], mass: Mapping[Monomial, sp.csr_matrix], scale: Quantity | None
+) -> dict[Monomial, np.ndarray]:
+    """Return the moments of fields on a mesh.
+
+    Parameters
+    ----------
+    nodes
+        Shape (n_nodes, d), m.
+    modes
+        Displacement fields, (n_nodes d, n), of each power of the scale of the cross-section, or those alone.
+    mass
+        Of one component of displacements, by weight, shape (n_nodes, n_nodes).
+    scale
+        Of the cross-section, with which coordinates across the x axis grow; None where there is none.
+    """
+    d, n_nodes = nodes.shape[1], len(nodes)
+    along = nodes if scale is None else nodes * (np.arange(d) == 0)
+    places = [np.hstack([np.ones((n_nodes, 1)), along])]
+    if scale is not None:
+        places.append(np.hstack([np.zeros((n_nodes, 1)), nodes - along]))
+    fields = [np.hstack([own, *(part[k::d] for k in range(d))]) for own, part in zip(places, modes)]
+    found: dict[Monomial, np.ndarray] = {}
+    for weight, matrix in mass.items():
+        for (p, one), (q, other) in product(enumerate(fields), repeat=2):
+            factor = Quantity(1.0) if scale is None else scale ** (p + q)
+            place = weight * factor.monomial
+            found[place] = found.get(place, 0.0) + factor.coefficient * (one.T @ (matrix @ other))
+    return found
 
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
@@ -107,21 +137,44 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     loads = np.zeros((body.dofs.size, per_node * held.size))
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
-    basis = _answering(total_mass, total, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
-    d = body.mesh.nodes.shape[1]
+    stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
+    if stressed:  # inertia forces of rigid motion
+        fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
+        loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
+    values, vectors = eigh(total, total_mass)
+    basis = _answering(values, vectors, total_mass, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
     modes = basis @ _free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d, moved)
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
     frames = {point: number for number, point in enumerate(points)}
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
-    return FloatingBody(frames, body.mesh.nodes[held], shapes, _moments_of_beams(body, modes), reduced)
+    n = modes.shape[1]
+    bent, curved = np.zeros((held.size, d, n, n)), {}
+    if scene.static_stretching:
+        elastic = values[per_node:], vectors[:, per_node:]
+        axial = body.section.axial.at(scene.nominal)
+        chi = foreshortening(body, modes, modes.T @ total @ modes, axial, elastic)
+        bent = chi.reshape(body.n_nodes, per_node, n, n)[held, :d]
+        parts = _moments_of_beams(body, chi.reshape(-1, n * n), slice(1, 1 + d), slice(1 + d, None))
+        curved = {weight: part.reshape(d, d, n, n) for weight, part in parts.items()}
+    moments, kept = _moments_of_beams(body, modes), Recovery(body, modes) if stressed else None
+    return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
 
 
-def _answering(mass: np.ndarray, stiffness: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int) -> np.ndarray:
+def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
+    """Return displacement fields (n_nodes, d, k) of beams as unknowns (n_nodes per_node, k) without rotations."""
+    n_nodes, d, k = fields.shape
+    nodal = np.zeros((n_nodes, per_node, k))
+    nodal[:, :d] = fields
+    return nodal.reshape(n_nodes * per_node, k)
+
+
+def _answering(
+    values: np.ndarray, vectors: np.ndarray, mass: np.ndarray, loads: np.ndarray, n_rigid: int, n_modes: int
+) -> np.ndarray:
     """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
-    balanced by inertia forces."""
-    values, vectors = eigh(stiffness, mass)
+    balanced by inertia forces, from all eigenvalues and modes."""
     kept = min(n_rigid + n_modes, values.size)
     missed = vectors[:, kept:] @ ((vectors[:, kept:].T @ loads) / values[kept:, None])
     squares, directions = eigh(missed.T @ mass @ missed)
@@ -139,8 +192,11 @@ def _free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int, moved: np.ndarr
     return elastic / np.max(np.abs(moved @ elastic), axis=0)
 
 
-def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
-    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n).
+def _moments_of_beams(
+    body: Body, modes: np.ndarray, rows: slice = slice(None), columns: slice = slice(None)
+) -> dict[Monomial, np.ndarray]:
+    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n), or some
+    rows and columns of them.
 
     A point at the place ``sum_s eta_s t_s`` of a section moves with ``u + sum_s eta_s phi x t_s``: scalar fields are
     ``a + sum_s eta_s b_s`` with a linear between the nodes, and b from the rotations there; the section's moments are
@@ -164,7 +220,7 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
         for weight, coefficients in body.section.mass_terms().items():
             for coefficient, field in zip(coefficients, fields):
                 if coefficient:
-                    part = coefficient * length * (field.T @ consistent @ field)
+                    part = coefficient * length * (field[:, rows].T @ consistent @ field[:, columns])
                     found[weight] = found.get(weight, 0.0) + part
     return found
 

@@ -77,6 +77,8 @@ class Subspace:
         fresh, momenta = self._beside(fresh[:, size > DEPENDENT], momenta[:, size > DEPENDENT])
         squares, directions = np.linalg.eigh(self.inner(fresh, momenta))
         chosen = squares > DEPENDENT_AMONG
+        if not chosen.any():  # a mesh of few unknowns, whose whole space is here; no solver takes no columns
+            return 0
         fresh = fresh @ (directions[:, chosen] / np.sqrt(squares[chosen]))
         for _ in range(2):
             momenta = times(self._mass, fresh)

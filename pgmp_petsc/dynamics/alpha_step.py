@@ -19,6 +19,7 @@ PROBED_EVERY = 10  # steps, of which one is corrected twice at least, to see how
 CAUTION = 4.0  # times that contraction is expected until the next one: it changes with the motion
 LEAST_CONTRACTION, WORST_CONTRACTION = 1e-8, 0.999  # the iteration of a large correction contracts less than others
 ROUND_OFF = 1e-15
+DAMPED = 0.99  # spectral radius with which what alternates is gone after some hundred steps
 NOTHING = np.zeros(0)
 NEWTON_TOLERANCE = 1e-12  # of the remaining correction, in units of the mechanism's size or of 1 rad
 TOLERANCE_OF_ONE = 1e-13  # the same after one correction, where the contraction is that of a step before
@@ -87,6 +88,12 @@ class AlphaStep:
     there is tried here. A step is told what the one before has left: the accelerations at its beginning, from which it
     extrapolates, and the contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
 
+    The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
+    accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
+    constraints are always the same nothing comes of it, but where they turn or move it grows until it destroys the
+    run. In a system with ``moving_constraints`` each step without enough damping (`DAMPED`) therefore ends with a
+    projection (``project``): velocities that the constraints allow, and accelerations that follow from the equations.
+
     Parameters
     ----------
     system
@@ -104,6 +111,7 @@ class AlphaStep:
         self._system = system
         self._spectral_radius = spectral_radius
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
+        self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
         self._ahead: deque[StepTaken] = deque()
         self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
@@ -150,11 +158,11 @@ class AlphaStep:
         """
         scheme = self.scheme(step)
         if self._by_itself:
-            taken = self._take(previous, auxiliary, end, samples, following)
+            taken = self._take(previous, auxiliary, end, samples, NOTHING if self._projects else following)
             if for_good:
                 self._left = taken.state, previous.a, taken.expected
             state, lost = taken.state, taken.lost
-            if not lost.any():
+            if not (lost.any() or self._projects):
                 return state, taken.auxiliary, lost
         else:
             behind, expected = self._left[1:] if previous is self._left[0] else (previous.a, _nothing_known(samples))
@@ -173,6 +181,8 @@ class AlphaStep:
             if lost.any():
                 self._system.restore(state, coasting, lost)
                 state, lost = self._iterate_carefully(end, state, scheme, lost)
+        if self._projects:
+            self._system.project(end, state, step, samples & ~lost)
         if self._counts_turns:
             self._system.count_turns(state)
         return state, _ahead(scheme, auxiliary, state.a, previous.a), lost

@@ -101,6 +101,11 @@ class FullBatch:
     def close(self) -> None:
         """Nothing is to be given back."""
 
+    @property
+    def values(self) -> dict[str, np.ndarray]:
+        """Parameter values of the samples, each of shape (n_samples,)."""
+        return self._equations.values
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         theta, rates = self._equations.initial
@@ -121,11 +126,16 @@ class FullBatch:
         nothing = np.zeros((self.n_dofs, 1))
         parts = q, v, nothing, np.zeros((self.n_constraints, 1)), turns, drift
         *parts, drift = (self.pack(np.broadcast_to(part, (len(part), self.n_samples))) for part in parts)
-        state = State(*parts)
-        # acceleration and multipliers enter linearly: one correction with the mass alone solves
-        # M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v
+        return self._accelerated(0.0, State(*parts), drift, np.ones(self.n_samples, dtype=bool), True)
+
+    def _accelerated(self, time: float, state: State, drift: np.ndarray, samples: np.ndarray, fresh: bool) -> State:
+        """Return a state with the accelerations and multipliers of ``M a + C^T lambda = g_ext - g_int, C a = -drift``.
+
+        Both enter linearly: one correction with the mass alone solves it.
+        """
         trial = state.copy()
-        self._correct(0.0, trial, (0.0, 1.0, 0.0), drift, np.ones(self.n_samples, dtype=bool), True)
+        trial.a[:] = 0.0
+        self._correct(time, trial, (0.0, 1.0, 0.0), drift, samples, fresh)
         return State(state.q, state.v, trial.a, trial.multipliers, state.turns)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
@@ -170,6 +180,27 @@ class FullBatch:
             for k in range(n_taken)
         ]
 
+    def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
+        """Make velocities and accelerations of some samples consistent with the constraints at the end of a step.
+
+        With the rates ``C v - c_t`` of the constraints, c_t those of the motions, the least change dv in the norm of
+        the mass and then the accelerations follow from
+
+            M dv + C^T mu = 0,  C dv = -(C v - c_t);    M a + C^T lambda = g_ext - g_int,  C a = -(dC/dt) v + c_tt.
+        """
+        constraints, now = self._equations.constraints, driven(self._sources.motions, time)
+        q, v = self.unpack(state.q), self.unpack(state.v)
+        # accelerations are linear in what stands for c: a step's worth of dv is the difference of two
+        rates = self.pack(constraints.rates(q, v, now.speed) / step)
+        before = self._accelerated(time, state, np.zeros_like(rates), samples, True).a
+        dv = step * (self._accelerated(time, state, rates, samples, False).a - before)
+        chosen = self._blocks.mask(samples)[:, None, :]
+        np.add(state.v, dv, out=state.v, where=chosen)
+        drift = self.pack(constraints.drift(q, self.unpack(state.v), now.acceleration))
+        found = self._accelerated(time, state, drift, samples, False)
+        np.copyto(state.a, found.a, where=chosen)
+        np.copyto(state.multipliers, found.multipliers, where=chosen)
+
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""
         chosen = self._blocks.mask(samples)
@@ -181,6 +212,11 @@ class FullBatch:
             (state.turns, previous.turns),
         ):
             np.copyto(now, before, where=chosen[:, None, :])
+
+    @property
+    def moving_constraints(self) -> bool:
+        """Whether constraints turn or follow motions; see `AlphaStep`."""
+        return self._equations.moving_constraints
 
     @property
     def n_events(self) -> int:

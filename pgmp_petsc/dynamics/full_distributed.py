@@ -93,6 +93,11 @@ class FullDistributed:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    @property
+    def values(self) -> dict[str, np.ndarray]:
+        """Parameter values of the samples, each of shape (n_samples,)."""
+        return self._equations.values
+
     def start(self) -> State:
         """Return the start, undeformed or settled, with consistent accelerations and multipliers."""
         q, v = self._equations.start()
@@ -137,9 +142,35 @@ class FullDistributed:
         state = self.at_rest(q, theta)
         state.v = v[self.rows.start : self.rows.stop].copy()
         acceleration = driven(self._sources.motions, 0.0).acceleration
-        drift = self._equations.constraints.drift(q[:, None], v[:, None], acceleration)[self._equations.chosen]
-        step, multipliers = self._solve(0.0, state, (0.0, 1.0, 0.0), self._typical_mass, drift, True)
-        return State(state.q, state.v, state.a - step, state.multipliers - multipliers, state.turns)
+        drift = self._equations.constraints.drift(q[:, None], v[:, None], acceleration)
+        return self._accelerated(0.0, state, drift, True)
+
+    def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
+        """Make velocities and accelerations consistent with the constraints; see `FullBatch.project`. Collective on
+        `comm`."""
+        if not samples[0]:
+            return
+        constraints, now = self._equations.constraints, driven(self._sources.motions, time)
+        q, v = self.unpack(state.q), self.unpack(state.v)
+        rates = constraints.rates(q, v, now.speed) / step
+        before = self._accelerated(time, state, np.zeros_like(rates), True).a
+        state.v += step * (self._accelerated(time, state, rates, False).a - before)
+        drift = constraints.drift(q, self.unpack(state.v), now.acceleration)
+        found = self._accelerated(time, state, drift, False)
+        state.a[:], state.multipliers[:] = found.a, found.multipliers
+
+    @property
+    def moving_constraints(self) -> bool:
+        """Whether constraints turn or follow motions; see `AlphaStep`."""
+        return self._equations.moving_constraints
+
+    def _accelerated(self, time: float, state: State, drift: np.ndarray, fresh: bool) -> State:
+        """Return a state with the accelerations and multipliers of ``M a + C^T lambda = g_ext - g_int, C a = -drift``,
+        given the drift of all constraints."""
+        still = State(state.q, state.v, np.zeros_like(state.a), state.multipliers, state.turns)
+        chosen = drift[self._equations.chosen]
+        change, multipliers = self._solve(time, still, (0.0, 1.0, 0.0), self._typical_mass, chosen, fresh)
+        return State(state.q, state.v, -change, state.multipliers - multipliers, state.turns)
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction; see `SecondOrderSystem.correct`."""

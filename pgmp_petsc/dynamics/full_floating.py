@@ -7,154 +7,30 @@ With ``r = p + sum_k d_k w_k``, ``w_k = X_k + Psi_k xi`` and the moments of `bod
 
 exact in the rotation and with all that is quadratic in velocities. A uniform acceleration g of gravity is one of the
 frame, ``p'' - g``; damping by the mass adds alpha times the velocities to the accelerations. Elastic forces are
-``K (xi + beta xi')``. In the plane the directors are those of an angle, and ``F_phi = sum_l F_d_l . J d_l``.
+``K (xi + beta xi')``, and modal damping brakes each amplitude by itself. A body that follows its foreshortening has
+``w_k = X_k + Psi_k xi + 1/2 xi^T chi_k xi`` and ``dw_k / dxi = Psi_k + chi_k xi`` in place of Psi_k, without what is
+of third order in xi (`bodies.floating`). In the plane the directors are those of an angle, and ``F_phi = sum_l F_d_l .
+J d_l``.
 
 Of the tangents those of inertia forces with the accelerations and of elastic forces are in the matrix; those with
 velocities and unknowns, smaller by h times the angular velocity and its square, are left to Newton's method.
 
-Samples lie side by side in the last axis (lanes). For each body and sample ``table`` has, one after the other: mass and
-``int rho X``; ``int rho X_k X_l``; ``int rho Psi_k``; ``int rho X_k Psi_l``; the mass of the amplitudes; their
-stiffness; ``int rho Psi_k Psi_l``, as `body_tables` lays them out.
+Samples lie side by side in the last axis (lanes). Where a model has no such bodies, functions are given None in place
+of them, and are compiled to nothing: what follows costs a new machine nothing then.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-
-from pgmp_petsc.bodies.floating import first_moments, second_moments
+from pgmp_petsc.dynamics.floating_layout import n_pose_of, n_words, places_of, view_of
 from pgmp_petsc.dynamics.full_forces import add_entry
 from pgmp_petsc.runtime.lane_items import empty_lanes, items, keep, sine_cosine
 from pgmp_petsc.runtime.compiled import njit
 
 
-class FloatingBodies(NamedTuple):
-    """Flexible bodies in floating frames.
-
-    Attributes
-    ----------
-    dofs
-        Unknowns of all bodies, body after body: of the floating frame, then the amplitudes.
-    firsts
-        Where the unknowns, the words of the table and the positions of each body begin, and their ends, shape (n + 1,
-        3).
-    body
-        Number of the body, shape (n,).
-    table
-        Moments and stiffness, shape (n_blocks, n_words, n_lanes).
-    gravity
-        Acceleration of every gravity effect, shape (n_blocks, n_gravity, d, n_lanes), m/s2.
-    gravity_loads
-        The load whose amplitude each of them has, shape (n_gravity,).
-    positions
-        Where the matrix stores the packed lower triangle of each body.
-    counted
-        Whether a body is counted here, in sums over all ranks, shape (n,).
-    """
-
-    dofs: np.ndarray
-    firsts: np.ndarray
-    body: np.ndarray
-    table: np.ndarray
-    gravity: np.ndarray
-    gravity_loads: np.ndarray
-    positions: np.ndarray
-    counted: np.ndarray
-
-
-def body_tables(moments: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarray:
-    """Lay out the moments (r, r, n_samples) and the stiffness (n, n, n_samples) of a body: (n_words, n_samples)."""
-    places, of_fields = first_moments(moments, d)
-    squares, mixed, both = second_moments(moments, d)
-    own = np.einsum("kkij...->ij...", both)
-    parts = (places, squares, of_fields, mixed, own, stiffness, both)
-    return np.concatenate([part.reshape(-1, moments.shape[2]) for part in parts])
-
-
-class Places(NamedTuple):
-    """Where the parts of a body's table begin; mass and ``int rho X`` are its first 1 + d words."""
-
-    squares: int
-    fields: int
-    mixed: int
-    mass: int
-    stiffness: int
-    both: int
-
-
-@njit(inline="always")
-def places_of(d, n):
-    """Return where the parts of the table of a body with n amplitudes begin, as `body_tables` lays them out."""
-    squares = 1 + d
-    fields = squares + d * d
-    mixed = fields + d * n
-    mass = mixed + d * d * n
-    return Places(squares, fields, mixed, mass, mass + n * n, mass + 2 * n * n)
-
-
-class Moving(NamedTuple):
-    """A body in motion, items of shape (d,), (d, d) and (n,): directors are rows of `d`, with the components of their
-    velocities in the body's frame, ``spin[l, k] = d_l.d_k'``."""
-
-    p: np.ndarray
-    d: np.ndarray
-    d1: np.ndarray
-    d2: np.ndarray
-    spin: np.ndarray
-    x: np.ndarray
-    x1: np.ndarray
-    x2: np.ndarray
-
-
-class Shaped(NamedTuple):
-    """Moments of the deformed body: ``s_k = int rho w_k``, its rate and acceleration (d,); ``J_kl = int rho w_k w_l``,
-    ``int rho w_k w_l'`` and ``int rho w_k w_l''`` (d, d); ``int rho w_k Psi_l`` (d, d, n); and ``sum_kl spin_kl int rho
-    Psi_k Psi_l xi'`` (n,)."""
-
-    s: np.ndarray
-    s1: np.ndarray
-    s2: np.ndarray
-    j: np.ndarray
-    j1: np.ndarray
-    j2: np.ndarray
-    g: np.ndarray
-    h: np.ndarray
-
-
-@njit(inline="always")
-def _moving(space, d, n):
-    """View work space as what `Moving` has."""
-    m = d * d
-    return Moving(
-        space[:d], space[d : d + m].reshape((d, d)), space[d + m : d + 2 * m].reshape((d, d)),
-        space[d + 2 * m : d + 3 * m].reshape((d, d)), space[d + 3 * m : d + 4 * m].reshape((d, d)),
-        space[d + 4 * m : d + 4 * m + n], space[d + 4 * m + n : d + 4 * m + 2 * n],
-        space[d + 4 * m + 2 * n : d + 4 * m + 3 * n],
-    )  # fmt: skip
-
-
-@njit(inline="always")
-def _shaped(space, d, n):
-    """View work space as what `Shaped` has."""
-    m, at = d * d, 3 * d + 3 * d * d
-    return Shaped(
-        space[:d], space[d : 2 * d], space[2 * d : 3 * d], space[3 * d : 3 * d + m].reshape((d, d)),
-        space[3 * d + m : 3 * d + 2 * m].reshape((d, d)), space[3 * d + 2 * m : at].reshape((d, d)),
-        space[at : at + m * n].reshape((d, d, n)), space[at + m * n : at + m * n + n],
-    )  # fmt: skip
-
-
-@njit(inline="always")
-def n_words(d, n):
-    """Return the words of work space that a body takes: moving, shaped, its forces."""
-    return d + 4 * d * d + 3 * n + 3 * d + 3 * d * d + d * d * n + n + d + d * d + n
-
-
 @njit(error_model="numpy")
 def _read(dofs, d, alpha, q, v, a, one):
     """Fill what a body does; accelerations are with alpha times the velocities, those of the directors too."""
-    n_pose = 3 if d == 2 else 12
+    n_pose = n_pose_of(d)
     zero = q[dofs[0]] * 0.0
     for c in range(d):
         one.p[c] = a[dofs[c]] + alpha * v[dofs[c]]
@@ -186,7 +62,8 @@ def _read(dofs, d, alpha, q, v, a, one):
 def _shape(table, d, one, shaped):
     """Fill the moments of the deformed body from its table (n_words,)."""
     n, zero = one.x.size, one.p[0] * 0.0
-    squares, fields, mixed, _, _, both = places_of(d, n)
+    places = places_of(d, n)
+    squares, fields, mixed, both = places.squares, places.fields, places.mixed, places.both
     for k in range(d):
         s, s1, s2 = table[1 + k], zero, zero
         for i in range(n):
@@ -208,10 +85,21 @@ def _shape(table, d, one, shaped):
                     entry = table[row + j]
                     shaped.g[l, k, j] += x * entry  # int rho w_l Psi_k
                     shaped.h[j] += turned * entry
+            shaped.bent[l, k] = shaped.bending[l, k] = zero
+            for i in range(n if table.size > places.curved else 0):
+                x, rate = one.x[i], one.x1[i]
+                row = places.curved + ((l * d + k) * n + i) * n
+                for j in range(n):
+                    entry = table[row + j]
+                    shaped.g[l, k, j] += x * entry  # + int rho X_l chi_k xi
+                    shaped.bent[l, k] += x * entry * one.x[j]
+                    shaped.bending[l, k] += rate * entry * one.x1[j]
     for l in range(d):
         for k in range(d):
             at = mixed + (k * d + l) * n
-            j0, j1, j2 = table[squares + l * d + k], zero, zero
+            # g has all of X_l chi_k, and nothing of X_k chi_l: w_l w_k has half of both
+            j0 = table[squares + l * d + k] + 0.5 * (shaped.bent[k, l] - shaped.bent[l, k])
+            j1, j2 = zero, shaped.bending[l, k]
             for i in range(n):
                 g = shaped.g[l, k, i]
                 j0 += (table[at + i] + g) * one.x[i]
@@ -224,7 +112,8 @@ def _shape(table, d, one, shaped):
 def _push(table, d, beta, one, shaped, force, pull):
     """Fill the forces on p, d_l and xi, one after the other."""
     n = one.x.size
-    _, fields, _, own, stiffness, _ = places_of(d, n)
+    places = places_of(d, n)
+    fields, own, stiffness, viscous = places.fields, places.mass, places.stiffness, places.viscous
     for c in range(d):
         total = table[0] * one.p[c]  # m p''
         for k in range(d):
@@ -242,7 +131,7 @@ def _push(table, d, beta, one, shaped, force, pull):
             along += one.d[l, c] * one.p[c]
         pull[l] = along  # d_l.p''
     for j in range(n):
-        total = 2.0 * shaped.h[j]
+        total = 2.0 * shaped.h[j] + table[viscous + j] * one.x1[j]
         for l in range(d):
             total += table[fields + l * n + j] * pull[l]
         force[d + d * d + j] = total
@@ -260,11 +149,12 @@ def _push(table, d, beta, one, shaped, force, pull):
 
 
 @njit(error_model="numpy")
-def _add_matrix(table, positions, d, gain_m, gain_k, one, shaped, diagonal, lower):
+def _add_matrix(table, positions, d, gain_m, gain_v, gain_k, one, shaped, diagonal, lower):
     """Add the tangents of a body: unknowns of the frame first, the packed lower triangle row by row."""
     n = one.x.size
-    n_pose = 3 if d == 2 else 12
-    _, fields, _, own, stiffness, _ = places_of(d, n)
+    n_pose = n_pose_of(d)
+    places = places_of(d, n)
+    fields, own, stiffness = places.fields, places.mass, places.stiffness
     zero = table[0] * 0.0
     at = 0
     for i in range(n_pose):
@@ -297,6 +187,8 @@ def _add_matrix(table, positions, d, gain_m, gain_k, one, shaped, diagonal, lowe
             at += 1
         for j in range(i + 1):
             value = gain_m * table[own + i * n + j] + gain_k * table[stiffness + i * n + j]
+            if i == j:
+                value += gain_v * table[places.viscous + i]
             add_entry(positions[at], value, diagonal, lower)
             at += 1
 
@@ -309,25 +201,18 @@ def add_floating(
 
     `amplitudes` are those of the loads, (n_loads,), and `share` what part of them acts.
     """
+    if floating is None:
+        return
     q, v, a, tables = items(q, width), items(v, width), items(a, width), items(floating.table, width)
     weights, x = items(floating.gravity, width), items(x, width)
     diagonal, lower = items(diagonal, width), items(lower, width)
     gain_v, gain_a, gain_k = gains
-    n_pose = 3 if d == 2 else 12
-    firsts, most = floating.firsts, 0
-    for k in range(floating.body.size):
-        most = max(most, firsts[k + 1, 0] - firsts[k, 0] - n_pose)
-    space = empty_lanes(n_words(d, most) + d, len(width))
+    n_pose = n_pose_of(d)
+    space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for k in range(floating.body.size):
         beta, alpha = rayleigh[floating.body[k], 0], rayleigh[floating.body[k], 1]
-        dofs, n = floating.dofs[firsts[k, 0] : firsts[k + 1, 0]], firsts[k + 1, 0] - firsts[k, 0] - n_pose
-        table = tables[block, firsts[k, 1] : firsts[k + 1, 1]]
-        n_moving, n_shaped = d + 4 * d * d + 3 * n, 3 * d + 3 * d * d + d * d * n + n
-        one = _moving(work[:n_moving], d, n)
-        shaped = _shaped(work[n_moving : n_moving + n_shaped], d, n)
-        force = work[n_moving + n_shaped : n_moving + n_shaped + d + d * d + n]
-        pull = work[n_moving + n_shaped + d + d * d + n : n_moving + n_shaped + 2 * d + d * d + n]
+        n, dofs, table, one, shaped, force, pull = view_of(work, floating, k, tables[block], d)
         _read(dofs, d, alpha, q, v, a, one)
         for number in range(floating.gravity_loads.size):
             strength = share * amplitudes[floating.gravity_loads[number]]
@@ -346,9 +231,9 @@ def add_floating(
         for i in range(n):
             x[place[dofs[n_pose + i]]] += force[d + d * d + i]
         if fresh:
-            positions = floating.positions[firsts[k, 2] : firsts[k + 1, 2]]
+            positions = floating.positions[floating.firsts[k, 2] : floating.firsts[k + 1, 2]]
             gain_m, stiffer = gain_a + alpha * gain_v, gain_k * (1.0 + beta * gain_v)
-            _add_matrix(table, positions, d, gain_m, stiffer, one, shaped, diagonal, lower)
+            _add_matrix(table, positions, d, gain_m, gain_v, stiffer, one, shaped, diagonal, lower)
     keep(space)
 
 
@@ -356,29 +241,24 @@ def add_floating(
 def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q, v, result, powers, weights):
     """Add kinetic and strain energy of the bodies that are counted here, the power of their damping (n_bodies,
     n_lanes), and the potential energy of their weight to that of the loads (n_loads, n_lanes)."""
+    if floating is None:
+        return
     q, v, tables = items(q, width), items(v, width), items(floating.table, width)
     result, powers, weights = items(result, width), items(powers, width), items(weights, width)
     falls = items(floating.gravity, width)
-    n_pose = 3 if d == 2 else 12
-    firsts, most = floating.firsts, 0
-    for k in range(floating.body.size):
-        most = max(most, firsts[k + 1, 0] - firsts[k, 0] - n_pose)
-    space = empty_lanes(n_words(d, most), len(width))
+    space = empty_lanes(n_words(floating, d), len(width))
     work = items(space, width)
     for b in range(floating.body.size):
         if not floating.counted[b]:
             continue
         body = floating.body[b]
         beta, alpha = rayleigh[body, 0], rayleigh[body, 1]
-        dofs, n = floating.dofs[firsts[b, 0] : firsts[b + 1, 0]], firsts[b + 1, 0] - firsts[b, 0] - n_pose
-        table = tables[block, firsts[b, 1] : firsts[b + 1, 1]]
-        n_moving, n_shaped = d + 4 * d * d + 3 * n, 3 * d + 3 * d * d + d * d * n + n
-        one = _moving(work[:n_moving], d, n)
-        shaped = _shaped(work[n_moving : n_moving + n_shaped], d, n)
+        n, dofs, table, one, shaped, _, _ = view_of(work, floating, b, tables[block], d)
         _read(dofs, d, 0.0, q, v, v, one)
         _shape(table, d, one, shaped)
-        _, _, _, own, stiffness, _ = places_of(d, n)
-        moving, strain, viscous = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
+        places = places_of(d, n)
+        own, stiffness = places.mass, places.stiffness
+        moving, strain, viscous, braked = one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0, one.p[0] * 0.0
         for c in range(d):
             moving += table[0] * one.p[c] * one.p[c]  # p is p' here
             for k in range(d):
@@ -387,13 +267,14 @@ def add_energies_of_floating(floating, width, d, rayleigh, block, amplitudes, q,
                     moving += one.d1[l, c] * one.d1[k, c] * shaped.j[l, k]
                     moving += 2.0 * one.d1[l, c] * one.d[k, c] * shaped.j1[l, k]  # d_l' w_l . d_k w_k'
         for i in range(n):
+            braked += one.x1[i] * one.x1[i] * table[places.viscous + i]
             for j in range(n):
                 moving += one.x1[i] * one.x1[j] * table[own + i * n + j]
                 strain += one.x[i] * one.x[j] * table[stiffness + i * n + j]
                 viscous += one.x1[i] * one.x1[j] * table[stiffness + i * n + j]
         result[0] += 0.5 * moving
         result[1] += 0.5 * strain
-        powers[body] -= beta * viscous + alpha * moving
+        powers[body] -= beta * viscous + alpha * moving + braked
         for number in range(floating.gravity_loads.size):
             load = floating.gravity_loads[number]
             for c in range(d):

@@ -122,3 +122,12 @@ def add_entry(position, value, diagonal, lower):
         diagonal[-1 - position] += value
     else:
         lower[position] += value
+
+
+@njit(inline="always")
+def add_entry_of_lane(position, lane, value, diagonal, lower):
+    """Add a number of one lane at a stored position; diagonal (n, n_lanes), lower (n_lower, n_lanes)."""
+    if position < 0:
+        diagonal[-1 - position, lane] += value
+    else:
+        lower[position, lane] += value

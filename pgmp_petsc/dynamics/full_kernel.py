@@ -30,7 +30,8 @@ from pgmp_petsc.bodies.beam2d import (
 from pgmp_petsc.dynamics.batched_ldl import factorise, substitute
 from pgmp_petsc.dynamics.full_beams import Beams, Masses, add_beams, add_masses
 from pgmp_petsc.dynamics.full_forces import BlockActions, Loads, add_actions, add_entry, add_loads
-from pgmp_petsc.dynamics.full_floating import FloatingBodies, add_floating
+from pgmp_petsc.dynamics.floating_layout import FloatingBodies
+from pgmp_petsc.dynamics.full_floating import add_floating
 from pgmp_petsc.dynamics.full_modal import ModalFactors, add_modal_damping
 from pgmp_petsc.dynamics.full_solids import Solids, add_solids
 from pgmp_petsc.dynamics.part_reference import loaded
@@ -100,7 +101,8 @@ class FullProblem(NamedTuple):
         2 or 3.
     elements, lumps, solids, beams, masses, floating, loads, actions, modal, constraints
         What there is: beams and masses of nodes in the plane, continuum elements, beams and masses in space, bodies in
-        floating frames, and what acts on them.
+        floating frames, and what acts on them. Of bodies in floating frames None where there are none: the equations
+        are then of another type, for which their terms are not compiled.
     angles
         Statements of the angles of the coordinates in space, where nothing else counts turns.
     pattern
@@ -121,7 +123,7 @@ class FullProblem(NamedTuple):
     solids: Solids
     beams: Beams
     masses: Masses
-    floating: FloatingBodies
+    floating: FloatingBodies | None
     loads: Loads
     actions: BlockActions
     modal: ModalFactors
@@ -267,11 +269,10 @@ def evaluate(problem, block, amplitudes, angles, share, residual, state, gains, 
         add_beams(problem.beams, width, problem.rayleigh, block, q, v, a, gains, fresh, x, place, diagonal, lower)
     if problem.masses.body.size:
         add_masses(problem.masses, width, problem.rayleigh, block, v, a, gains, fresh, x, place, diagonal, lower)
-    if problem.floating.body.size:
-        add_floating(
-            problem.floating, width, problem.dimension, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
-            fresh, x, place, diagonal, lower,
-        )  # fmt: skip
+    add_floating(
+        problem.floating, width, problem.dimension, problem.rayleigh, block, amplitudes[0], share, q, v, a, gains,
+        fresh, x, place, diagonal, lower,
+    )  # fmt: skip
     if problem.actions.laws.size:
         of_actions = turns[problem.angles.dofs.shape[0] :]
         add_actions(

@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
 from pgmp_petsc.dynamics.body_damping import BodyDampings
-from pgmp_petsc.dynamics.full_floating import FloatingBodies, body_tables, places_of
+from pgmp_petsc.dynamics.floating_layout import FloatingBodies, body_tables, n_pose_of, places_of
 from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
 from pgmp_petsc.dynamics.full_kernel import Elements, FullProblem, Lumps
 from pgmp_petsc.dynamics.full_solids import Solids
@@ -72,7 +72,9 @@ class Share(NamedTuple):
 
 
 def placed(part, pattern: Pattern, layout: Layout):
-    """Return a part in the numbering of a layout."""
+    """Return a part in the numbering of a layout; None where there is none."""
+    if part is None:
+        return None
     return part._replace(dofs=layout.unknowns(part.dofs), positions=layout.positions(*pattern))
 
 
@@ -224,8 +226,9 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
 
 def floating_bodies(
     share: Share, unknowns: Unknowns, gravity: Sequence[tuple[int, Gravity]]
-) -> tuple[FloatingBodies, Pattern]:
-    """Return the flexible bodies in floating frames; `gravity` are effects with the numbers of their loads."""
+) -> tuple[FloatingBodies | None, Pattern]:
+    """Return the flexible bodies in floating frames, None without any; `gravity` are effects with the numbers of their
+    loads."""
     d, n_samples = unknowns.dimension, share.blocks.n_samples
     firsts, numbers, dofs, tables = [np.zeros(3, dtype=int)], [], [np.zeros(0, dtype=int)], [np.zeros((0, n_samples))]
     rows, columns, counted = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)], []
@@ -237,21 +240,26 @@ def floating_bodies(
         if not share.touches(own)[0]:
             continue
         moments, stiffness = share.evaluate(body.floating.moments), share.evaluate(body.floating.stiffness)
+        curved = share.evaluate(body.floating.curved) if body.floating.curved else np.zeros((0, n_samples))
+        braking = np.repeat(share.damping.of_amplitudes(number, body.floating.n)[:, None], n_samples, axis=1)
         low = np.tril_indices(own.size)
         numbers.append(number)
         dofs.append(own[0])
-        tables.append(body_tables(moments, stiffness, d))
+        tables.append(body_tables(moments, stiffness, braking, curved, d))
         rows.append(own[0, low[0]])
         columns.append(own[0, low[1]])
         counted.append(share.owns(own)[0, 0])
         firsts.append(firsts[-1] + [own.size, len(tables[-1]), low[0].size])
+    pattern = np.concatenate(rows), np.concatenate(columns)
+    if not numbers:
+        return None, pattern
     falls = [np.multiply.outer(effect.direction, share.quantity(effect.acceleration)) for _, effect in gravity]
     part = FloatingBodies(
         np.concatenate(dofs), np.array(firsts), np.array(numbers, dtype=int), share.blocks.pack(np.concatenate(tables)),
         share.blocks.pack(np.array(falls).reshape(len(falls), d, n_samples)),
         np.array([load for load, _ in gravity], dtype=int), np.zeros(0, dtype=int), np.array(counted, dtype=bool),
     )  # fmt: skip
-    return part, (np.concatenate(rows), np.concatenate(columns))
+    return part, pattern
 
 
 def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
@@ -267,7 +275,7 @@ def mass_on_diagonal(problem: FullProblem) -> np.ndarray:
     line = beams.section[:, beams.body[beams.counted], N_SECTION:]
     total += np.einsum("kebl,e->kl", line, 2.0 * beams.length[beams.counted])
     total += 3.0 * np.einsum("keiil->kl", masses.density[:, masses.counted])
-    for k in np.flatnonzero(problem.floating.counted):
+    for k in np.flatnonzero(problem.floating.counted) if problem.floating is not None else ():
         total += _mass_of_floating(problem, k)
     return total
 
@@ -276,8 +284,7 @@ def _mass_of_floating(problem: FullProblem, k: int) -> np.ndarray:
     """Return the sum of the diagonal of the mass matrix of a body in a floating frame, shape (n_blocks, n_lanes)."""
     d, (first, last) = problem.dimension, problem.floating.firsts[k : k + 2]
     table = problem.floating.table[:, first[1] : last[1]]
-    n_pose = 3 if d == 2 else 12
-    n = last[0] - first[0] - n_pose
+    n = last[0] - first[0] - n_pose_of.py_func(d)
     at = places_of.py_func(d, n)
     turning = table[:, at.squares : at.fields : d + 1].sum(axis=1)
     own = table[:, at.mass : at.stiffness : n + 1].sum(axis=1)

@@ -90,7 +90,7 @@ class FullEquations:
 
     Attributes
     ----------
-    initial
+    initial, values
         As given.
     unknowns
         The numbering.
@@ -119,7 +119,7 @@ class FullEquations:
     ) -> None:
         mechanism = kinematics.mechanism
         unknowns = self.unknowns = Unknowns(mechanism)
-        self._kinematics, self.initial = kinematics, initial
+        self._kinematics, self.initial, self.values = kinematics, initial, dict(values)
         self.constraints = ConstraintSet(unknowns).independent(self.start()[0])
         self.n_dofs, n_all = unknowns.n_dofs, unknowns.n_dofs + self.constraints.n_constraints
         rows = self.rows = range(self.n_dofs) if owned is None else owned
@@ -191,6 +191,11 @@ class FullEquations:
         still = np.zeros(theta.shape[1])
         of_actions = [theta[action.coordinate] if action.coordinate >= 0 else still for action in self.actions]
         return np.array([*theta, *of_actions])
+
+    @property
+    def moving_constraints(self) -> bool:
+        """Whether constraints turn with the mechanism or follow motions, rather than being always the same."""
+        return not self.constraints.linear or self.constraints.n_driven > 0
 
     @property
     def edges(self) -> list[int]:

@@ -17,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pgmp_petsc.dynamics.full_forces import add_entry
-from pgmp_petsc.dynamics.part_reference import loaded
+from pgmp_petsc.dynamics.curved_ties import Curved, CurvedParts, add_curved_ties
+from pgmp_petsc.dynamics.full_forces import add_entry, add_entry_of_lane
 from pgmp_petsc.runtime.lane_items import items
 from pgmp_petsc.dynamics.layout import Layout
+from pgmp_petsc.dynamics.part_reference import loaded
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.frame_ties import PHI, Arms, Products, director
 from pgmp_petsc.mechanism.node_statements import scratch_of, state
@@ -40,6 +41,8 @@ class Ties(NamedTuple):
     positions
         Where the matrix stores what is linear, the products' derivatives in the position and in the frame, the mixed
         second ones, in the plane the second ones in the angle, and the first and second derivatives of arms.
+    curved
+        What is of second order in the deformation of bodies in floating frames.
     """
 
     linear: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -47,6 +50,7 @@ class Ties(NamedTuple):
     arms: Arms
     turning: np.ndarray
     positions: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    curved: Curved
 
 
 class NodeConstraints(NamedTuple):
@@ -140,6 +144,7 @@ class ConstraintParts:
         multipliers = self._n_dofs + np.append(self._chosen, 0)[self._tie_places]  # of a tie elsewhere, not looked at
         of_products, turning, positions = multipliers[products.rows[there]], turning[there], products.positions[there]
         of_arms = arms.frames[near] + PHI
+        self._curved = CurvedParts(self._ties.curved, self._tie_places, multipliers)
         return [
             (multipliers[row[here]], unknown[here]),
             (of_products, positions),
@@ -148,6 +153,7 @@ class ConstraintParts:
             (turning, turning),
             (multipliers[arms.rows[near]], of_arms),
             (of_arms, of_arms),
+            *self._curved.entries,
         ]
 
     def placed(self, layout: Layout, owned: np.ndarray) -> NodeConstraints:
@@ -173,7 +179,8 @@ class ConstraintParts:
             placed,
             arms,
             layout.unknowns(self._ties.turning[self._products_here]),
-            tuple(layout.positions(*entries) for entries in self._tie_entries),
+            tuple(layout.positions(*entries) for entries in self._tie_entries[: -len(self._curved.entries)]),
+            self._curved.placed(layout),
         )
         return NodeConstraints(
             rows, own.places, own.wanted, own.motions, linear, self._weights, layout.positions(*self._jacobian),
@@ -268,20 +275,14 @@ def _add_curved(constraints, driven, residual, q, multipliers, scale, gain_k, fr
                         lower[constraints.positions[entry], lane] += g[i] * scale[lane]
                 for entry in range(curved_starts[k], curved_starts[k + 1] if fresh else 0):
                     bent = gain_k * multipliers[number, lane] * h[one[entry], other[entry]]
-                    _add(constraints.curved_positions[entry], lane, bent, diagonal, lower)
+                    add_entry_of_lane(constraints.curved_positions[entry], lane, bent, diagonal, lower)
                 for pair in range(pair_starts[k], pair_starts[k + 1] if fresh else 0):
                     product = g[columns[first[pair]]] * g[columns[second[pair]]]
-                    _add(pair_positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower)
+                    add_entry_of_lane(
+                        pair_positions[pair], lane, constraints.weights[k] * scale[lane] * product, diagonal, lower
+                    )
                 if itself:
                     x[place[n_dofs + number], lane] += scale[lane] * missed
-
-
-@njit(inline="always")
-def _add(position, lane, value, diagonal, lower):
-    if position < 0:
-        diagonal[-1 - position, lane] += value
-    else:
-        lower[position, lane] += value
 
 
 @njit(cache=True, error_model="numpy")
@@ -289,7 +290,7 @@ def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, p
     """Add what ties of frames give; see `add_constraints` and `FrameTies`."""
     n_dofs, n_lanes = q.shape
     rows, unknowns, factors = ties.linear
-    products, arms = loaded(ties.products), loaded(ties.arms)
+    products, arms, curved = loaded(ties.products), loaded(ties.arms), loaded(ties.curved)
     of_linear, of_position, of_turn, mixed, twice, of_arm, bent = ties.positions
     scales, of_x, of_q, forces = items(scale, width)[()], items(x, width), items(q, width), items(multipliers, width)
     of_diagonal, entries = items(diagonal, width), items(lower, width)
@@ -320,9 +321,9 @@ def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, p
             if fresh:
                 lower[of_position[e], lane] += scale[lane] * factor * along
                 lower[of_turn[e], lane] += scale[lane] * factor * slope * far
-                _add(mixed[e], lane, gain_k * factor * slope * force, diagonal, lower)
+                add_entry_of_lane(mixed[e], lane, gain_k * factor * slope * force, diagonal, lower)
                 if d == 2:  # d2 d_k / d phi2 = -d_k
-                    _add(twice[e], lane, -gain_k * factor * along * far * force, diagonal, lower)
+                    add_entry_of_lane(twice[e], lane, -gain_k * factor * along * far * force, diagonal, lower)
     for e in range(arms.rows.size):
         number, turning, factor = arms.rows[e], arms.frames[e] + PHI, arms.factors[e]
         row, at_turn = place[n_dofs + number], place[turning]
@@ -333,5 +334,7 @@ def _add_ties(ties, width, d, itself, q, multipliers, scale, gain_k, fresh, x, p
             if itself:
                 x[row, lane] += scale[lane] * factor * along
             if fresh:
-                _add(of_arm[e], lane, scale[lane] * factor * slope, diagonal, lower)
-                _add(bent[e], lane, -gain_k * factor * along * force, diagonal, lower)
+                add_entry_of_lane(of_arm[e], lane, scale[lane] * factor * slope, diagonal, lower)
+                add_entry_of_lane(bent[e], lane, -gain_k * factor * along * force, diagonal, lower)
+    if curved.rows.size:
+        add_curved_ties(curved, d, itself, q, multipliers, scale, gain_k, fresh, x, place, diagonal, lower)

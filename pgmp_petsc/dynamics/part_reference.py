@@ -7,8 +7,8 @@ and shapes, which compiled code reads by the names of the tuples' fields::
     reference = Reference(problem)  # in Python
     reference.elements.length[e]    # in a compiled function
 
-What is nested is a reference in its turn; `loaded` gives it by value. Arrays are contiguous, and are not counted as
-in use: the object in Python keeps them.
+What is not there is None, for which compiled code is left out. What is nested is a reference in its turn; `loaded`
+gives it by value. Arrays are contiguous, and are not counted as in use: the object in Python keeps them.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ def _words(part: Any) -> Iterator[int]:
             yield from _words(one)
     elif isinstance(part, np.ndarray):
         yield from (part.ctypes.data, *part.shape)
+    elif part is None:
+        yield 0
     elif isinstance(part, float):
         yield np.float64(part).view(np.int64)
     else:
@@ -133,6 +135,8 @@ def _value(context: Any, builder: ir.IRBuilder, of: types.Type, table: ir.Value,
         data = builder.inttoptr(word, context.get_data_type(of.dtype).as_pointer())
         populate_array(array, data, shape, strides[-of.ndim :] if of.ndim else [], size, None, None)
         return array._getvalue()
+    if isinstance(of, types.NoneType):
+        return context.get_dummy_value()
     if isinstance(of, types.Boolean):
         return builder.icmp_signed("!=", word, _WORD(0))
     return builder.bitcast(word, ir.DoubleType()) if isinstance(of, types.Float) else word

@@ -80,6 +80,11 @@ class ReducedSystem:
         self._bounds = np.array(bounds, dtype=float)
 
     @property
+    def values(self) -> Mapping[str, np.ndarray]:
+        """Parameter values of the samples, each of shape (n_samples,)."""
+        return self._values
+
+    @property
     def n_eta(self) -> int:
         """Number of reduced coordinates."""
         return self.tables.n_coordinates + self.tables.n_modes

@@ -8,6 +8,9 @@ mean of their directors. That of a body on a mesh is the one that brings the pla
 are, ``int rho x X'^T dV = R U`` (polar decomposition, with X' the places less their centre of mass). The forces are
 those of `dynamics.full_modal`.
 
+The amplitudes of a body in a floating frame are those of its elastic modes at the nominal parameters, the first ones
+exact: each is damped by itself, ``2 zeta_i omega_i m_i xi_i'``, and the frame is R.
+
 In space a node has a position and three directors. Its angular velocity is ``1/2 sum_k d_k x d_k'``, so that a couple m
 acts on its director d_k with the force ``1/2 m x d_k``.
 """
@@ -24,6 +27,7 @@ from pgmp_petsc.bodies.free_modes import free_modes, own_unknowns
 from pgmp_petsc.effects.effect import Effect
 from pgmp_petsc.effects.structural_damping import StructuralDamping
 from pgmp_petsc.mechanism.space import SPATIAL
+from pgmp_petsc.runtime.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class ModalDamping:
 def modal_damping(
     effects: Sequence[Effect], bodies: Sequence[Body], nominal: Mapping[str, float]
 ) -> tuple[ModalDamping, ...]:
-    """Return the modal damping of all bodies that have one, for bodies as the unknowns are numbered.
+    """Return the modal damping of all bodies on their meshes that have one, for bodies as the unknowns are numbered.
 
     Raises
     ------
@@ -66,9 +70,39 @@ def modal_damping(
     for effect in effects:
         if isinstance(effect, StructuralDamping):
             for number, damping in effect.of_body.items():
-                if any(damping.ratios):
+                if any(damping.ratios) and bodies[number].floating is None:
                     found.append(_of_body(effect.name, number, bodies[number], damping.ratios, nominal))
     return tuple(found)
+
+
+def amplitude_damping(
+    effects: Sequence[Effect], bodies: Sequence[Body], nominal: Mapping[str, float]
+) -> dict[int, tuple[str, np.ndarray]]:
+    """Return, by the number of the body, the effect and ``2 zeta_i omega_i m_i`` of every amplitude, shape (n,), N s/m,
+    of bodies in floating frames.
+
+    Raises
+    ------
+    InputError
+        If a body has fewer component modes than ratios are given.
+    """
+    found = {}
+    for effect in effects:
+        if isinstance(effect, StructuralDamping):
+            for number, damping in effect.of_body.items():
+                floating, n = bodies[number].floating, len(damping.ratios)
+                if floating is None or not any(damping.ratios):
+                    continue
+                if n > floating.n:
+                    raise InputError(
+                        f"effects.{effect.name}.ratios: {n} modes of {bodies[number].name} are asked for; it has "
+                        f"{floating.n} component modes; take more reduction.modes"
+                    )
+                mass, stiffness = floating.modal(nominal)
+                coefficients = np.zeros(floating.n)
+                coefficients[:n] = 2.0 * np.array(damping.ratios) * np.sqrt(stiffness * mass)[:n]
+                found[number] = effect.name, coefficients
+    return found
 
 
 def _of_body(

@@ -29,7 +29,13 @@ from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import (
+    CURE,
+    absence_of_estimates,
+    is_indicated,
+    truncated_stresses,
+    why_not_of_full_order,
+)
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
@@ -167,7 +173,7 @@ def _with_outputs(
     if not fine.size:
         return done
     with np.errstate(all="ignore"):
-        found = model.outputs.evaluate(model.output_frames(system, done.state)[..., fine])
+        found = model.outputs.evaluate(model.observed(system, done.state)[..., fine])
     lost = fine[~np.all([np.isfinite(values) for values in found.values()] or [np.ones(fine.size)], axis=0)]
     status, failure_time = done.status.copy(), done.failure_time.copy()
     status[lost], failure_time[lost] = Status.NOT_FINITE, end
@@ -203,7 +209,8 @@ def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], st
     scene = model.scene
     if not isinstance(model, ReducedModel):
         return why_not_of_full_order(model)
-    remarks = [*absence_of_estimates(scene, ensemble=True), *remarks_of(scene, estimates["validity"])]
+    absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+    remarks = [*absent, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(scene.ensemble.checked_share, status.size):

@@ -17,17 +17,34 @@ import h5py
 import numpy as np
 
 from pgmp_petsc import __version__
-from pgmp_petsc.results.trajectory import frame_name
+from pgmp_petsc.results.layout import frame_name
+from pgmp_petsc.results.stress_fields import GROUP, SHAPE
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take
+
+#: XDMF's topologies by meshio's names of cells, whose order of nodes it shares.
+TOPOLOGY = {
+    "line": {"TopologyType": "Polyline", "NodesPerElement": "2"},
+    "triangle": {"TopologyType": "Triangle"},
+    "triangle6": {"TopologyType": "Tri_6"},
+    "quad": {"TopologyType": "Quadrilateral"},
+    "quad8": {"TopologyType": "Quad_8"},
+    "quad9": {"TopologyType": "Quad_9"},
+    "tetra": {"TopologyType": "Tetrahedron"},
+    "tetra10": {"TopologyType": "Tet_10"},
+    "hexahedron": {"TopologyType": "Hexahedron"},
+    "hexahedron20": {"TopologyType": "Hex_20"},
+    "hexahedron27": {"TopologyType": "Hex_27"},
+}
 
 
 def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.PathLike[str]) -> int:
     """Write the XDMF description of a trajectory's frames and return their number; by one process only.
 
     Every frame holds the positions of all nodes at that instant, the line cells, and on the nodes the
-    displacement from the first frame (m), the rotation (rad) and the number of the body.
+    displacement from the first frame (m), the rotation (rad) and the number of the body. A body that a stress output
+    names has a series of its own beside this one, with its cells and the stresses on their nodes.
 
     Raises
     ------
@@ -88,7 +105,28 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
             data = file[f"frames/{attribute}/{name}"]
             _refer(_attribute(grid, attribute, "Scalar" if data.ndim == 1 else "Vector"), data, heavy)
         _refer(_attribute(grid, "body", "Scalar"), file["mesh/body"], heavy)
+    for body, group in file.get(GROUP, {}).items():
+        _add_stresses(domain, body, group, time, heavy)
     return ElementTree.ElementTree(root), len(time)
+
+
+def _add_stresses(domain: ElementTree.Element, body: str, group: h5py.Group, time: np.ndarray, heavy: str) -> None:
+    """Add the series of a body with stresses."""
+    name = f"stress {body}"
+    series = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
+    cells, quantities = group["cells"], [name for name in group if name not in SHAPE]
+    for number, instant in enumerate(time):
+        frame = frame_name(number)
+        grid = ElementTree.SubElement(series, "Grid", Name=f"frame {frame}", GridType="Uniform")
+        ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
+        topology = ElementTree.SubElement(
+            grid, "Topology", NumberOfElements=str(len(cells)), **TOPOLOGY[str(cells.attrs["kind"])]
+        )
+        _refer(topology, cells, heavy)
+        geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
+        _refer(geometry, group[f"points/{frame}"], heavy)
+        for quantity in quantities:
+            _refer(_attribute(grid, quantity, "Scalar"), group[f"{quantity}/{frame}"], heavy)
 
 
 def _attribute(grid: ElementTree.Element, name: str, kind: str) -> ElementTree.Element:

@@ -10,7 +10,9 @@ from matplotlib.patches import Patch
 
 from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.style import (
+    COMPONENT_COLOUR,
     FULL_COLOUR,
+    MODELS,
     PALETTE,
     PLAIN,
     QUIET,
@@ -24,18 +26,20 @@ from pgmp_petsc.figures.style import (
 from pgmp_petsc.results import Tradeoff
 from pgmp_petsc.results.tradeoff import pareto_front
 
-SURFACE_COLOUR = PALETTE[0]
+SURFACE_COLOUR = PALETTE[3]
 SECOND_ORDER_COLOUR = PALETTE[2]
 COLUMNS = 3
 FLOOR = 1e-10  # %, shown for errors that are zero
 RIGHT = 0.6  # share of an axis beyond which labels stand to the left of their points
 # Names of the keys, in their order, and of those whose points are connected the line.
 KINDS = (
-    "the scene as it is", "reduced", "static modes", "second order", "second order, static modes", "full order",
-    "full order, more cells", "response surface (runs)",
+    "the scene as it is", "reduced", "static modes", "second order", "second order, static modes",
+    "component modes", "full order", "full order, more cells", "response surface (runs)",
 )  # fmt: skip
 CONNECTED = {"full order": "-", "full order, more cells": ":", "response surface (runs)": "-"}
 CLOSE = 1.3  # ratio of errors whose points share a label
+#: Models that have a front each, by its colour.
+FRONTS = {REDUCED_COLOUR: "reduced", COMPONENT_COLOUR: "components", FULL_COLOUR: "full"}
 _DASHED = {"linestyle": (0, (4, 2)), "markerfacecolor": "white"}
 _MESH = {"color": QUIET, "linestyle": (0, (5, 3)), "linewidth": 1.0, "zorder": 1}
 
@@ -63,12 +67,13 @@ def mesh_costs(study: Tradeoff) -> Figure:
     cells, reduced = study.mesh.cells, _over_meshes(study, "reduced")
     for column, colour in enumerate(distinct_colours(len(study.outputs))):
         _draw_known(errors, cells, 100 * study.mesh.errors[:, column], color=colour, marker="o")
-        own = cells[0] * study.columns["refinement"][reduced]
+        own = cells[:1] * study.columns["refinement"][reduced]
         _draw_known(errors, own, 100 * study.errors[reduced, column], color=colour, marker="o", **_DASHED)
-    errors.set_title(f"largest error (%); of meshes against {cells[-1]} cells")
+    against = f"; of meshes against {cells[-1]} cells" if cells.size else ""
+    errors.set_title(f"largest error (%){against}")
     for family, colour, marker in (("full", FULL_COLOUR, "s"), ("reduced", REDUCED_COLOUR, "o")):
         rows = _over_meshes(study, family)
-        at = cells[0] * study.columns["refinement"][rows]
+        at = cells[:1] * study.columns["refinement"][rows]
         _draw_known(costs, at, 1e3 * study.times.batch[rows], color=colour, marker=marker)
         _draw_known(costs, at, 1e3 * study.times.single[rows], color=colour, marker=marker, linestyle=":")
     costs.set_title(f"{_clock(study)} of a sample (ms)")
@@ -76,7 +81,8 @@ def mesh_costs(study: Tradeoff) -> Figure:
         axes.set_xscale("log", base=2)
         axes.set_xticks(cells, [str(number) for number in cells])
         axes.minorticks_off()
-        axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
+        if cells.size:
+            axes.set_xlim(cells[0] / 2**0.25, cells[-1] * 2**0.25)
         axes.yaxis.set_major_formatter(PLAIN)
         axes.set_xlabel("cells of all bodies")
     for axes, keys in ((errors, _keys_of_errors(study)), (costs, _keys_of_times(study))):
@@ -146,7 +152,7 @@ def _work_precision(study: Tradeoff, cost: np.ndarray, label: str, title: str) -
         arrowprops={"arrowstyle": "->", "color": QUIET, "shrinkA": 0.0},
     )
     known = np.array([_known(study, cost, column) for column in range(len(study.outputs))]).any(axis=0)
-    top_legend(figure, _keys(study, known), heading(title, study.record), _notes(study))
+    top_legend(figure, _keys(study, known, cost), heading(title, study.record), _notes(study))
     return figure
 
 
@@ -158,7 +164,9 @@ def _draw_output(axes: Axes, study: Tradeoff, cost: np.ndarray, column: int) -> 
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(PLAIN)
-    _draw_front(axes, cost, error, known & study.simulated & study.own_mesh)
+    for colour, family in FRONTS.items():
+        rows = _front(study, cost, column, family)
+        axes.step(cost[rows], error[rows], where="post", color=colour, linewidth=5.0, alpha=0.22, zorder=1.5)
     step = study.columns["step"]
     for rows, colour, order in (
         (_rows(known, study, "full", own_mesh=True), FULL_COLOUR, step),
@@ -182,12 +190,13 @@ def _known(study: Tradeoff, cost: np.ndarray, column: int) -> np.ndarray:
     return np.isfinite(study.errors[:, column]) & np.isfinite(cost) & (cost > 0.0) & shown
 
 
-def _draw_front(axes: Axes, cost: np.ndarray, error: np.ndarray, among: np.ndarray) -> None:
-    """Draw the front of the simulations as a staircase: the least error that a cost buys."""
-    rows = np.flatnonzero(among)
+def _front(study: Tradeoff, cost: np.ndarray, column: int, family: str) -> np.ndarray:
+    """Return the settings on the front of a model, the cheapest first: the least error that a cost buys; none where one
+    setting is cheaper and better than all."""
+    error = np.maximum(100 * study.errors[:, column], FLOOR)
+    rows = _rows(_known(study, cost, column), study, family, own_mesh=True)
     rows = rows[pareto_front(cost[rows], error[rows])]
-    rows = rows[np.argsort(cost[rows])]
-    axes.step(cost[rows], error[rows], where="post", color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, zorder=1.5)
+    return rows[np.argsort(cost[rows])] if rows.size > 1 else rows[:0]
 
 
 def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
@@ -203,7 +212,7 @@ def _draw_limits(axes: Axes, study: Tradeoff, column: int) -> None:
 
 def _has_mesh_error(study: Tradeoff, column: int) -> bool:
     """Tell whether the error of the scene's mesh is known and can be shown on a logarithmic axis."""
-    return bool(np.isfinite(study.mesh.errors[0, column]) and study.mesh.errors[0, column] > 0.0)
+    return bool(np.any(study.mesh.errors[:1, column] > 0.0))
 
 
 def _unsettled(study: Tradeoff, column: int) -> float:
@@ -252,6 +261,8 @@ def _marker(study: Tradeoff, row: int) -> dict:
     look = {"linestyle": "none", "markersize": 5.5, "markeredgewidth": 1.1, "zorder": 3}
     if family == "surface":
         return look | {"marker": "^", "color": SURFACE_COLOUR}
+    if family == "components":
+        return look | {"marker": "D", "color": COMPONENT_COLOUR, "markersize": 5.0}
     if family == "full":
         return look | {"marker": "s", "color": FULL_COLOUR, "markersize": 5.0} | _hollow(at["refinement"][row] > 1)
     colour = SECOND_ORDER_COLOUR if at["second_order"][row] else REDUCED_COLOUR
@@ -265,7 +276,7 @@ def _hollow(yes: bool) -> dict:
     return {"markerfacecolor": "white"} if yes else {}
 
 
-def _keys(study: Tradeoff, drawn: np.ndarray) -> list[Line2D | Patch]:
+def _keys(study: Tradeoff, drawn: np.ndarray, cost: np.ndarray) -> list[Line2D | Patch]:
     """Return the keys of what is drawn, shape (n,) of bool: of every mark one, and of nothing else."""
     rows: dict[str, list[int]] = {}
     for row in np.flatnonzero(drawn):
@@ -280,8 +291,10 @@ def _keys(study: Tradeoff, drawn: np.ndarray) -> list[Line2D | Patch]:
             look["linestyle"] = CONNECTED[label]
         keys.append(Line2D([], [], label=label, **look))
     columns = range(len(study.outputs))
-    if np.any(drawn & study.simulated & study.own_mesh):
-        keys.append(Line2D([], [], color=REDUCED_COLOUR, linewidth=5.0, alpha=0.22, label="best for the time"))
+    for colour, family in FRONTS.items():
+        if any(_front(study, cost, column, family).size for column in columns):
+            label = f"best for the time, {MODELS[family]}"
+            keys.append(Line2D([], [], color=colour, linewidth=5.0, alpha=0.22, label=label))
     if any(_has_mesh_error(study, column) for column in columns):
         keys.append(Line2D([], [], label="error of the mesh itself", **_MESH))
     if any(_unsettled(study, column) for column in columns):
@@ -296,6 +309,8 @@ def _kind(study: Tradeoff, row: int) -> str:
         return "the scene as it is"
     if study.families[row] == "surface":
         return "response surface (runs)"
+    if study.families[row] == "components":
+        return "component modes"
     if study.families[row] == "full":
         return "full order, more cells" if at["refinement"][row] > 1 else "full order"
     if at["second_order"][row]:
@@ -337,8 +352,8 @@ def _over_meshes(study: Tradeoff, family: str) -> np.ndarray:
 
 def _notes(study: Tradeoff) -> list[str]:
     """Return what has to be known besides: settings that failed and are not drawn, and warnings."""
-    n_failed = int(np.count_nonzero(np.isnan(study.errors).all(axis=1)))
-    failed = (
-        [f"{n_failed} of {len(study.families)} settings failed and are not drawn: see pgmp info"] if n_failed else []
-    )
+    unknown, timed = np.isnan(study.errors).all(axis=1), np.isfinite(study.times.batch)
+    counts = {"failed": int(np.sum(unknown & ~timed)), "have times alone": int(np.sum(unknown & timed))}
+    n = len(study.families)
+    failed = [f"{k} of {n} settings {what} and are not drawn: see pgmp info" for what, k in counts.items() if k]
     return [*failed, *cautions.of_records([study.record])]

@@ -57,6 +57,22 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     return ()
 
 
+def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:
+    """Return what a reduced basis leaves out of stresses, where outputs ask for these; nothing where it has it all."""
+    keys = [key for key in ("static_modes", "inertia_modes") if not getattr(scene.reduction, key)]
+    names = [f"outputs.{name}" for name, output in scene.outputs.items() if output.type == "stress"]
+    if not (keys and names):
+        return ()
+    missing = {"static_modes": "loads", "inertia_modes": "inertia forces"}
+    return (
+        note(
+            f"{', '.join(names)}: stresses of {scene.reduction.modes} modes lack the static answers to "
+            f"{' and '.join(missing[key] for key in keys)} beyond these; build with "
+            f"{' and '.join(f'reduction.{key} = true' for key in keys)}"
+        ),
+    )
+
+
 def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
     """Return that the errors of full-order and component runs are not estimated, and what measures them."""
     scene = model.scene
@@ -67,10 +83,8 @@ def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
                 f"errors of the component modes ({counts}) and of the time step were not estimated; take more "
                 "reduction.modes and a smaller simulation.step, or compare with pgmp simulate SCENE --full"
             ),
-            note(
-                "left out: what is of second order in the deformation of a body in its floating frame (stiffening by "
-                "loads, foreshortening); a full-order run has it"
-            ),
+            note(_left_out(scene)),
+            *_condensed_alone(model),
         )
     cure = "pgmp tradeoff measures those of the reduced one and of the step"
     if any(body.element != "beam2d" for body in scene.bodies.values()):
@@ -79,6 +93,30 @@ def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
         note(
             "errors of mesh and time step were not estimated: the full-order model is what reduced runs are compared "
             f"with; {cure}"
+        ),
+    )
+
+
+def _left_out(scene: Scene) -> str:
+    """Return what of second order in the deformation component modes leave out, and the cure."""
+    what = "left out: what is of second order in the deformation of a body in its floating frame"
+    if scene.static_stretching:
+        return f"{what}, but for the foreshortening of beams that bend and what follows from it (geometric_stiffening)"
+    cure = "the effects geometric_stiffening and mode_inertia add it for beams in the plane; a full-order run has it"
+    return f"{what} (stiffening by loads, foreshortening); {cure}"
+
+
+def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
+    """Return that ranks did not share bodies, where there were several ranks."""
+    n_bodies = len(model.n_amplitudes)
+    if model.n_ranks == 1:
+        return ()
+    idle = max(0, model.n_ranks - n_bodies)
+    waited = f", and {idle} of {model.n_ranks} ranks had none" if idle else ""
+    return (
+        note(
+            f"each of the {n_bodies} flexible bodies was condensed by one rank in its own memory{waited}; bodies too "
+            "large for that need pgmp build, which shares each of them"
         ),
     )
 

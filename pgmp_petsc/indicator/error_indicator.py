@@ -35,6 +35,7 @@ from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_inter
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.models.model import start_of
+from pgmp_petsc.models.stresses import of_frames
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -264,7 +265,7 @@ class WatchedRun:
             }
         )
         run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
-        errors = self._errors(plain, np.array(corrected))
+        errors = self._errors(plain, np.array(corrected), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
@@ -273,12 +274,20 @@ class WatchedRun:
         """Return whether schedules, given by their numbers, evaluate every step."""
         return np.array([schedule.complete for schedule in self._indicator.schedules])[numbers]
 
-    def _errors(self, plain: np.ndarray, corrected: np.ndarray) -> dict[str, np.ndarray]:
-        """Return reduced less corrected outputs, shape (n_e, n), from coordinates and frames of the outputs' nodes."""
-        outputs, shape = self._indicator.model.outputs, plain.shape[:2]
-        here = outputs.evaluate(self._indicator.model.output_frames_of(plain.reshape(-1, plain.shape[2])))
+    def _errors(
+        self, plain: np.ndarray, corrected: np.ndarray, values: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return reduced less corrected outputs, shape (n_e, n), from coordinates and frames of the outputs' nodes.
+
+        Stresses of the corrected motion are those that the full-order model has there.
+        """
+        model, shape = self._indicator.model, plain.shape[:2]
+        outputs, every_time = model.outputs, {name: np.tile(value, shape[0]) for name, value in values.items()}
+        here = outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
         frames = np.moveaxis(corrected, 0, 2)
-        there = outputs.evaluate(frames.reshape(*frames.shape[:2], shape[0] * shape[1]))
+        frames = frames.reshape(*frames.shape[:2], shape[0] * shape[1])
+        stresses = of_frames(outputs, model.kinematics.mechanism.bodies, frames, every_time)
+        there = outputs.evaluate(outputs.observed(frames, stresses))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self) -> np.ndarray:

@@ -11,7 +11,8 @@ gyration. Not known of continuum bodies.
 
 **Stiffness gained and lost**: the largest and the least share by which the forces in the bodies change the stiffness of
 a mode (`reduction.stiffness_changes`), from loads, local forces and the inertia forces of the rigid motion at that
-instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Known of beams.
+instant: what geometric stiffening does, or would do where the model has none. -1 is buckling. Of continuum bodies it is
+known where the model has terms of second order.
 
 `remarks_of` says in words what is beyond its limit, and what to do.
 """
@@ -23,8 +24,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
-from pgmp_petsc.bodies.beam3d import strain_gradients
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.spatial_rest_strains import rest_strains, strains_of
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
@@ -129,7 +130,7 @@ class BodyStrains:
         Parameter values, each a number or of shape (n,).
     curved
         Whether displacements are of second order in the deformation, so that bending shortens a beam: strains are then
-        geometrically exact. Without, the linear ones are what the model has.
+        geometrically exact, in space to second order. Without, the linear ones are what the model has.
     """
 
     def __init__(
@@ -178,10 +179,10 @@ class BodyStrains:
             )
             return strain
         ends = moved[:, body.mesh.cells]  # (n, n_elements, 2, n_dofs)
-        gradients = strain_gradients(body.mesh.lengths, body.axes)
-        strains = np.einsum("esi,nei->nes", gradients, ends.reshape(*ends.shape[:2], -1))
-        bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[..., 4:], axis=2)
-        return np.max(np.abs(strains[..., 0]) + bending, axis=1)
+        rows = rest_strains(body.mesh.lengths, body.axes)
+        strains = strains_of(np.einsum("esi,nei->sne", rows, ends.reshape(*ends.shape[:2], -1)), self._curved)
+        bending = np.resize(half_heights, (len(moved), 1)) * np.linalg.norm(strains[4:], axis=0)
+        return np.max(np.abs(strains[0]) + bending, axis=1)
 
 
 def half_height(scene: Scene, body: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
@@ -225,13 +226,17 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
     if continuum:
         remarks.append(
             note(
-                f"strain and change of stiffness are not computed with continuum bodies ({', '.join(continuum)}): "
-                "their condensed model holds no stresses; rotations are those of their frames only"
+                f"strain is not computed of continuum bodies ({', '.join(continuum)}): a stress output has the "
+                "stresses of a body; rotations are those of their frames only"
             )
         )
-    in_space = [name for name, body in scene.bodies.items() if body.element == "beam3d" and body.flexible]
-    if in_space:
-        remarks.append(note(f"change of stiffness is not computed with beams in space ({', '.join(in_space)})"))
+        if np.isnan(validity["stiffness_gained"]).all():
+            remarks.append(
+                note(
+                    f"change of stiffness is not computed with continuum bodies ({', '.join(continuum)}) in a model "
+                    "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
+                )
+            )
     by_coefficients = [
         name
         for name, body in scene.bodies.items()

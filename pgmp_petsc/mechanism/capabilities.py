@@ -32,6 +32,7 @@ class Purpose(Enum):
     MODES = "pgmp modes"
     REDUCED = "a reduced run"
     FULL = "a full-order run"
+    COMPONENTS = "a component run"
     TRADEOFF = "pgmp tradeoff"
 
 
@@ -39,7 +40,7 @@ class Purpose(Enum):
 OF_THE_REDUCTION = frozenset({Purpose.CHECK, Purpose.SIZES, Purpose.BUILD, Purpose.REDUCED, Purpose.TRADEOFF})
 EVERYWHERE = frozenset(Purpose)
 #: What goes over all configurations of the coordinates.
-OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL}
+OVER_CONFIGURATIONS = EVERYWHERE - {Purpose.CHECK, Purpose.FULL, Purpose.COMPONENTS}
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,14 @@ class Feature:
         What it is used for; for others it is without effect, and allowed.
     beams_only
         Whether continuum bodies and beams in space are refused.
+    unscaled
+        Whether bodies with a scaled cross-section are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
     flexible_body
         Whether mechanisms without any flexible body are refused.
+    why_not
+        Why it is refused for every mechanism; empty where it is not.
     cure
         What to do where it is refused.
     """
@@ -68,8 +73,10 @@ class Feature:
     entries: Callable[[Scene], Iterator[str]]
     purposes: frozenset[Purpose]
     beams_only: bool = False
+    unscaled: bool = False
     one_coordinate: bool = False
     flexible_body: bool = False
+    why_not: str = ""
     cure: str = "leave it out"
 
 
@@ -80,6 +87,12 @@ def _reduction(key: str) -> Callable[[Scene], Iterator[str]]:
 def _given(entry: str, value: float | bool | None) -> Iterator[str]:
     if value:
         yield f"{entry} = {'true' if value is True else format(value, 'g')}"
+
+
+def _stretching_by_itself(scene: Scene) -> Iterator[str]:
+    for name, effect in scene.effects.items():
+        if effect.type == "geometric_stiffening" and effect.stretching != "static":
+            yield f'effects.{name}.stretching = "{effect.stretching}"'
 
 
 def _automatic(scene: Scene) -> Iterator[str]:
@@ -96,39 +109,42 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 
 FEATURES = (
-    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, beams_only=True),
+    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, unscaled=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
-    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION, True, True),
+    Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
         "choice of the step by a tolerance",
         lambda scene: _given("simulation.tolerance", scene.simulation.tolerance),
         EVERYWHERE - {Purpose.MODES},
-        True,
-        True,
-        True,
+        flexible_body=True,
         cure="leave it out, and give simulation.step",
     ),
-    Feature("choice of effects", _automatic, OF_THE_REDUCTION, beams_only=True),
+    Feature("choice of effects", _automatic, OF_THE_REDUCTION, unscaled=True),
     Feature(
         "stiffness by loads, inertia of changing modes",
         _effects_of("geometric_stiffening", "mode_inertia"),
         OF_THE_REDUCTION,
+        unscaled=True,
+    ),
+    Feature(
+        "stiffness by loads in floating frames",
+        _effects_of("geometric_stiffening", "mode_inertia"),
+        frozenset({Purpose.COMPONENTS}),
         beams_only=True,
+    ),
+    Feature(
+        "stretching with its inertia",
+        _stretching_by_itself,
+        frozenset({Purpose.COMPONENTS}),
+        why_not="bodies in floating frames follow their shortening at once",
+        cure='take "static", or pgmp simulate --full',
     ),
     Feature(
         "sizes of effects",
         _command(Purpose.SIZES),
         frozenset({Purpose.SIZES}),
-        beams_only=True,
+        unscaled=True,
         cure="take pgmp check without --effects",
-    ),
-    Feature(
-        "cost of accuracy",
-        _command(Purpose.TRADEOFF),
-        frozenset({Purpose.TRADEOFF}),
-        True,
-        True,
-        cure="compare pgmp simulate ROM.h5 with pgmp simulate SCENE --full instead",
     ),
 )
 
@@ -158,10 +174,14 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
     for feature in FEATURES:
         if purpose in feature.purposes:
             for entry in feature.entries(scene):
+                if feature.why_not:
+                    raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
                 if feature.flexible_body and not flexible:
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
                 if feature.beams_only:
                     _check_beams(scene, entry, feature.cure)
+                if feature.unscaled:
+                    _check_unscaled(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
 
@@ -175,6 +195,15 @@ def _check_beams(scene: Scene, what: str, cure: str) -> None:
     if scene.dimension == 3:
         names = ", ".join(scene.bodies)
         raise InputError(f"{what}: for mechanisms of beams in the plane only, but {names} move in space; {cure}")
+
+
+def _check_unscaled(scene: Scene, what: str, cure: str) -> None:
+    scaled = [f"bodies.{name}.section_scale" for name, body in scene.bodies.items() if body.section_scale is not None]
+    if scaled:
+        raise InputError(
+            f"{what}: not known of scaled cross-sections, of which the third derivative of the strain energy has other "
+            f"powers of the scale, but there is {', '.join(scaled)}; {cure}"
+        )
 
 
 def _check_single(scene: Scene, what: str, cure: str) -> None:

@@ -120,6 +120,15 @@ class ConstraintSet:
         shares = np.split(everywhere, self._first[1:-1])
         return np.concatenate([part.curvature_values(q, share) for part, share in zip(self._parts, shares)])
 
+    def rates(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Return ``dc/dt = C v``, shape (n_constraints, ...); `driven` are the angular velocities of the driven joints,
+        shape (n_driven,), rad/s."""
+        (rows, columns), found = self.jacobian_pattern, np.zeros((self.n_constraints, *q.shape[1:]))
+        np.add.at(found, rows, self.jacobian_values(q) * v[columns])
+        if self.n_driven:
+            found[-self.n_driven :] -= _against(driven, q)
+        return found
+
     def drift(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
         """Return ``(dC/dt) v``, shape (n_constraints, ...): what is left of c'' at zero acceleration.
 

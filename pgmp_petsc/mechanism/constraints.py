@@ -98,16 +98,34 @@ class ConstraintHessian:
 
 
 def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
-    """Return the second derivatives of joints in the plane that are not linear, at poses (n_bodies, 3)."""
-    hessians, q = [], mechanism.place(poses)
+    """Return the second derivatives of joints that are not linear, at poses (n_bodies, n_pose).
+
+    With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
+    gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
+    """
+    space, hessians = mechanism.space, []
     for connection in mechanism.connections:
         parts = connection.joint.statements
-        rows = StatementRows(parts, [connection.sides] * len(parts), mechanism.node_dofs, mechanism.space.dimension)
-        if rows.curvature_pattern[0].size:
-            moving = np.repeat([not side.on_ground for side in connection.sides], mechanism.space.n_dofs)
-            turn = block_diag(
-                *(mechanism.space.rotation(poses[side.body]) for side in connection.sides if not side.on_ground)
-            )
-            values = rows.hessians(q)[:, moving][:, :, moving]
-            hessians.append(ConstraintHessian(connection.rows, rows.dofs[0, moving], turn.T @ values @ turn))
+        moving = [side for side in connection.sides if not side.on_ground]
+        numbers = {side.node: space.n_pose * k for k, side in enumerate(moving)}
+        rows = StatementRows(
+            parts,
+            [connection.sides] * len(parts),
+            lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(space.n_pose),
+            space.dimension,
+        )
+        if not (rows.curvature_pattern[0].size or space.n_tied):
+            continue
+        at = [poses[side.body] for side in moving]
+        places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, moving)]
+        q = np.concatenate(places)
+        felt = np.repeat([not side.on_ground for side in connection.sides], space.n_pose)
+        slopes, values = rows.gradients(q)[:, felt], rows.hessians(q)[:, felt][:, :, felt]
+        turn = block_diag(*(space.frame_gradient(pose) for pose in at))
+        curved = turn.T @ values @ turn
+        for k, pose in enumerate(at):
+            own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
+            curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
+        dofs = np.concatenate([mechanism.node_dofs(side.node) for side in moving])
+        hessians.append(ConstraintHessian(connection.rows, dofs, curved))
     return hessians

@@ -16,7 +16,7 @@ D_d) at X in it (`bodies.floating`),
     P - p - sum_k d_k (X + A xi)_k = 0,    1/2 (D_k.d_l - D_l.d_k) - (Theta xi)_m = 0,
 
 with k, l, m in cyclic order, in the plane ``Phi - phi - Theta xi = 0``: products of directors with amplitudes and with
-each other, and in the plane arms, ``f d_k``.
+each other, and in the plane arms, ``f d_k``. What bodies that follow their foreshortening add is in `curved_ties`.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.mechanism.curved_ties import PHI, CurvedTies, Quadratics
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.runtime.compiled import njit
 
 PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}  # of rotations, in their order
-PHI = 2  # a frame's rotation in the plane
 
 
 class Products(NamedTuple):
@@ -71,13 +71,19 @@ class Arms(NamedTuple):
 
 class FrameTies:
     """The ties of all frames that hold bodies on meshes and in floating frames; the interface is that of
-    `StatementRows`."""
+    `StatementRows`.
+
+    Attributes
+    ----------
+    curved
+        What is of second order in the deformation of bodies in floating frames.
+    """
 
     def __init__(self, unknowns: Unknowns) -> None:
         self._d, self.n = unknowns.dimension, 0
         empty = np.zeros(0, dtype=np.int64)
         linear, products = [(empty, empty, np.zeros(0))], [(empty,) * 4 + (np.zeros(0),)]
-        arms = [(empty,) * 3 + (np.zeros(0),)]
+        arms, curved = [(empty,) * 3 + (np.zeros(0),)], []
         for frame, positions, faces in _faces_of(unknowns):
             linear.append(_means(self.n, frame, positions, faces))
             products.append(_rotations(self.n + self._d, frame[0], positions, faces))
@@ -85,7 +91,9 @@ class FrameTies:
         for held in _held_by_floating(unknowns):
             for parts, found in zip((linear, products, arms), held.ties(self.n)):
                 parts.append(found)
+            curved.append(Quadratics.of(self.n, held.floating[0], held.amplitudes, held.bent))
             self.n += held.shape.shape[0]
+        self.curved = CurvedTies(curved, self._d, self.n)
         self._linear, self._products, self._arms = _joined(linear), Products(*_joined(products)), Arms(*_joined(arms))
         self._find_patterns(unknowns.n_dofs)
 
@@ -111,19 +119,20 @@ class FrameTies:
 
     def values(self, q: np.ndarray) -> np.ndarray:
         """Return what is to be zero, shape (n, ...), m and rad, for unknowns (n_dofs, ...)."""
-        return self._filled(_values, self.n, q)
+        return self._filled(_values, self.n, q) + self.curved.values(q)
 
     def jacobian_values(self, q: np.ndarray) -> np.ndarray:
         """Return the first derivatives on `jacobian_pattern`, shape (n_entries, ...)."""
-        return self._filled(_jacobian, self.jacobian_pattern[0].size, q)
+        return np.concatenate([self._filled(_jacobian, self._sizes[0], q), self.curved.jacobian_values(q)])
 
     def curvature_values(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Return the sum of multipliers (n, ...) times second derivatives on `curvature_pattern`."""
-        return self._filled(_curvature, self.curvature_pattern[0].size, q, multipliers)
+        own = self._filled(_curvature, self._sizes[1], q, multipliers)
+        return np.concatenate([own, self.curved.curvature_values(q, multipliers)])
 
     def drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return what the velocities do to the rates of the ties, shape (n, ...)."""
-        return self._filled(_drift, self.n, q, v)
+        return self._filled(_drift, self.n, q, v) + self.curved.drift(q, v)
 
     def _filled(self, fill, size: int, *arrays: np.ndarray) -> np.ndarray:
         trailing = arrays[0].shape[1:]
@@ -138,12 +147,14 @@ class FrameTies:
         turning, of_arms = self.turning, arms.frames + PHI
         entries = (row, column), (p.rows, p.positions), (p.rows, turning), (arms.rows, of_arms)
         unique, at = np.unique(np.concatenate([i * n_dofs + j for i, j in entries]), return_inverse=True)
-        self.jacobian_pattern = unique // n_dofs, unique % n_dofs
+        self.jacobian_pattern = _joined([(unique // n_dofs, unique % n_dofs), self.curved.jacobian_pattern])
+        n_entries = unique.size
         of_linear, of_position, of_director, of_arm = np.split(at, np.cumsum([i.size for i, _ in entries])[:-1])
         pairs = [(np.maximum(turning, p.positions), np.minimum(turning, p.positions))]
         pairs += [(turning, turning), (of_arms, of_arms)] if self._d == 2 else []
         unique, at = np.unique(np.concatenate([i * n_dofs + j for i, j in pairs]), return_inverse=True)
-        self.curvature_pattern = unique // n_dofs, unique % n_dofs
+        self.curvature_pattern = _joined([(unique // n_dofs, unique % n_dofs), self.curved.curvature_pattern])
+        self._sizes = n_entries, unique.size
         mixed, twice, bent = at[: p.rows.size], at[p.rows.size : 2 * p.rows.size], at[2 * p.rows.size :]
         self._places = of_linear, of_position, of_director, of_arm, mixed, twice, bent
 
@@ -171,6 +182,8 @@ class _Held(NamedTuple):
         X, shape (d,), m.
     shape
         A and Theta, shape (3, n), in space (6, n).
+    bent
+        What is of second order in the displacement, shape (d, n, n).
     """
 
     frame: np.ndarray
@@ -178,6 +191,7 @@ class _Held(NamedTuple):
     amplitudes: np.ndarray
     centre: np.ndarray
     shape: np.ndarray
+    bent: np.ndarray
 
     def ties(self, first_row: int) -> tuple[tuple[np.ndarray, ...], ...]:
         """Return what is linear, the products and the arms, rows from a first one on."""
@@ -216,8 +230,9 @@ def _held_by_floating(unknowns: Unknowns) -> Iterator[_Held]:
         if body.floating is not None:
             last = body.first_node + body.n_nodes - 1
             amplitudes = body.first_internal + np.arange(body.floating.n)
-            for number, (centre, shape) in enumerate(zip(body.floating.centres, body.floating.shapes)):
-                yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, centre, shape)
+            floating = body.floating
+            for number, parts in enumerate(zip(floating.centres, floating.shapes, floating.bent)):
+                yield _Held(unknowns.frame(body.first_node + number), unknowns.frame(last), amplitudes, *parts)
 
 
 def _means(first_row: int, frame: np.ndarray, positions: np.ndarray, faces: FaceFrame) -> tuple[np.ndarray, ...]:

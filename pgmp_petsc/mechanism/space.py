@@ -70,6 +70,10 @@ class Space(Protocol):
     def frame_gradient(self, pose: np.ndarray) -> np.ndarray:
         """Return the change of a frame with its displacement in the body's frame, shape (n_pose, n_dofs)."""
 
+    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return the second derivatives (n, n_dofs, n_dofs) of what has the slopes (n, n_pose) in a frame and is linear
+        in it; rotations in space are rotation vectors."""
+
     def natural(self, frame: np.ndarray) -> np.ndarray:
         """Return position and directors (d (d + 1), ...) of a frame (n_pose or more, ...), as `statements` take it."""
 
@@ -122,6 +126,10 @@ class Plane:
         return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
     frame_gradient = rotation
+
+    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return zeros: a frame is linear in its displacement."""
+        return np.zeros((len(slopes), 3, 3))
 
     def to_body(self, pose: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Turn vectors back."""
@@ -200,6 +208,13 @@ class Spatial:
             gradient[3 + 3 * k : 6 + 3 * k, 3:] = -turn @ cross_matrix(axis)
         return gradient
 
+    def frame_curvature(self, pose: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Return the part of ``exp(phi) e_k`` of second order, ``1/2 phi x (phi x e_k)``, times the slopes."""
+        found = np.zeros((len(slopes), 6, 6))
+        along = np.einsum("nkc,cj->nkj", slopes[:, 3:].reshape(-1, 3, 3), directors(pose))  # slopes of d_k, on d_j
+        found[:, 3:, 3:] = turning_of_second_order(along.swapaxes(1, 2))
+        return found
+
     def natural(self, frame: np.ndarray) -> np.ndarray:
         """Return the frame without what follows it."""
         return frame[: self.n_pose]
@@ -251,6 +266,13 @@ def cross_matrix(vector: np.ndarray) -> np.ndarray:
     """Return the matrix (3, 3) of ``vector x``."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def turning_of_second_order(columns: np.ndarray) -> np.ndarray:
+    """Return the matrices Q (..., 3, 3) with ``phi.Q phi = sum_k g_k . (phi x (phi x e_k))``, g_k the columns of
+    matrices (..., 3, 3): their symmetric part less their trace."""
+    trace = np.trace(columns, axis1=-2, axis2=-1)[..., None, None]
+    return 0.5 * (columns + np.swapaxes(columns, -1, -2)) - trace * np.eye(3)
 
 
 def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -150,6 +150,11 @@ def shape_gradients(kind: str, points: np.ndarray) -> np.ndarray:
     return _tabulated(kind, reference_element(kind).nodes, points)[1]
 
 
+def shape_values(kind: str, points: np.ndarray) -> np.ndarray:
+    """Return an element's shape functions at points, shape (n_points, n_nodes); `points` as for `shape_gradients`."""
+    return _tabulated(kind, reference_element(kind).nodes, points)[0]
+
+
 def _nodes(shape: _Shape, middles: tuple[str, ...]) -> np.ndarray:
     corners = np.array(shape.corners, dtype=float)
     groups = {"edges": shape.edges, "faces": shape.faces, "cell": (tuple(range(len(corners))),)}

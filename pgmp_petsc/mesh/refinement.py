@@ -29,4 +29,4 @@ def refined(mesh: LineMesh, parts: int) -> LineMesh:
     numbers = mesh.n_nodes + np.arange(mesh.n_cells * (parts - 1)).reshape(mesh.n_cells, parts - 1)
     chain = np.hstack([mesh.cells[:, :1], numbers, mesh.cells[:, 1:]])
     cells = np.stack([chain[:, :-1], chain[:, 1:]], axis=-1).reshape(-1, 2)
-    return LineMesh(np.vstack([mesh.nodes, inner.reshape(-1, 2)]), cells, mesh.points, mesh.groups)
+    return LineMesh(np.vstack([mesh.nodes, inner.reshape(-1, mesh.nodes.shape[1])]), cells, mesh.points, mesh.groups)

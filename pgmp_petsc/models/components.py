@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.models.full import FullModel
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 
@@ -19,24 +19,29 @@ class ComponentModel(FullModel):
         The scene.
     shapes
         Of the bodies, the flexible ones as `components.floating_frames` makes them.
-
-    Raises
-    ------
-    InputError
-        If the scene has modal damping, which component modes do not have.
+    kinematics
+        Of the same mechanism, where they are at hand.
+    n_ranks
+        Ranks that condensed the bodies, each on one.
     """
 
     name = "components"
     title = "component"
 
-    def __init__(self, scene: Scene, shapes: Mapping[str, BodyShape]) -> None:
-        for name, effect in scene.effects.items():
-            if effect.type == "structural_damping" and any(effect.ratios):
-                raise InputError(
-                    f"effects.{name}.ratios = {list(effect.ratios)}: bodies in floating frames have no modal damping; "
-                    "take stiffness and mass of structural_damping, or pgmp simulate --full"
-                )
-        super().__init__(scene, shapes)
+    def __init__(
+        self,
+        scene: Scene,
+        shapes: Mapping[str, BodyShape],
+        kinematics: RigidKinematics | None = None,
+        n_ranks: int = 1,
+    ) -> None:
+        super().__init__(scene, shapes, kinematics)
+        self.n_ranks = n_ranks
+
+    @property
+    def _scaling(self) -> set[str | None]:
+        """None: cross-sections that scale are weights of moments and stiffness as all parameters are."""
+        return set()
 
     @property
     def n_amplitudes(self) -> dict[str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Self
 
@@ -24,6 +24,8 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
+from pgmp_petsc.models.stress_fields import FieldPoints, Fields
+from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.petsc import has_options
@@ -55,9 +57,11 @@ class FullModel:
         self._effects, self._motions = effects_of(scene, mechanism), motions_of(scene, mechanism)
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
+        self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
 
     def with_loads(self, scene: Scene) -> Self:
-        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        """Return the model under the loads of a scene that differs in torques and forces over time, and in the
+        simulation, alone."""
         other = copy(self)
         other.scene, other._effects = scene, effects_of(scene, self.kinematics.mechanism)
         return other
@@ -66,7 +70,7 @@ class FullModel:
     def largest_batch(self) -> int:
         """Most samples that a batch may have; of large meshes, or where meshes differ, it is one."""
         drawn = {name for name, parameter in self.scene.parameters.items() if parameter.distribution is not None}
-        own_meshes = drawn & {body.section_scale for body in self.scene.bodies.values()}
+        own_meshes = drawn & self._scaling
         return self.scene.ensemble.batch if self._in_lanes and not own_meshes else 1
 
     @property
@@ -143,18 +147,55 @@ class FullModel:
             each[0].free,
         )
 
+    @property
+    def _scaling(self) -> set[str | None]:
+        """Parameters that scale cross-sections, each value with a mesh of its own."""
+        return {body.section_scale for body in self.scene.bodies.values()}
+
     def _sized(self, values: Mapping[str, float]) -> Self:
         """Return the model whose meshes have the cross-sections that parameter values give."""
-        scaling = {body.section_scale for body in self.scene.bodies.values()} & set(values)
+        scaling = self._scaling & set(values)
         if all(values[name] == self.scene.values[name] for name in scaling):
             return self
         parameters = self.scene.parameters
         changed = {name: parameters[name].model_copy(update={"value": float(values[name])}) for name in scaling}
         return type(self)(self.scene.model_copy(update={"parameters": parameters | changed}), self.meshes)
 
-    def output_frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
-        """Return the frames of ``outputs.nodes``. Collective on the system's communicator."""
-        return self.frames(system, state)[list(self.outputs.nodes)]
+    def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's
+        communicator."""
+        return self.observed_over(system, [state], self.frames(system, state))
+
+    def observed_over(
+        self, system: FullBatch | FullDistributed, states: Sequence[State], frames: np.ndarray
+    ) -> np.ndarray:
+        """Return what the outputs are made of in one state, or in several ones of the only sample.
+
+        Collective on the system's communicator.
+
+        Parameters
+        ----------
+        frames
+            Of all nodes in these states, shape (n_nodes, n_frame, n).
+
+        Returns
+        -------
+        ndarray, shape (n_observed, n)
+        """
+        stresses = np.empty((0, frames.shape[2]))
+        if self._stresses is not None:
+            q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
+            stresses = self._stresses.of(q, system.values)
+        return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
+
+    @property
+    def stress_points(self) -> dict[str, FieldPoints]:
+        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
+        return {} if self._stresses is None else self._stresses.points
+
+    def stress_fields(self, system: FullBatch | FullDistributed, state: State) -> Fields:
+        """Return the stresses over whole bodies of the only sample. Collective on the system's communicator."""
+        return {} if self._stresses is None else self._stresses.fields(system.unpack(state.q), system.values)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""

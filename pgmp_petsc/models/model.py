@@ -43,8 +43,8 @@ class Model(Protocol):
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> SecondOrderSystem:
         """Return a system of n_samples samples on this rank; values have shape (n_samples,)."""
 
-    def output_frames(self, system: SecondOrderSystem, state: State) -> np.ndarray:
-        """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
+    def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
+        """Return what ``outputs.evaluate`` takes, shape (n_observed, n_samples)."""
 
 
 def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:

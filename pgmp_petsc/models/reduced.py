@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -19,6 +20,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
+from pgmp_petsc.models.stress_fields import FieldPoints, Fields
+from pgmp_petsc.models.stresses import ReducedStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -74,6 +77,9 @@ class ReducedModel:
             actions_of(self.effects), self.kinematics, rom, scheme, self.start[0], self.terms.parts
         )
         self._of_outputs = Reconstruction(self.kinematics, rom, scheme, self.outputs.nodes)
+        self._stresses = None
+        if self.outputs.stresses:
+            self._stresses = ReducedStresses(scene, self.outputs, self.kinematics, rom)
         self._angles = JointAngles(self.kinematics, rom, scheme, self.terms.scale)
         self.stiffness_changes = rom.stiffness_changes
         self._of_all = Reconstruction(self.kinematics, rom, scheme, range(mechanism.n_nodes))
@@ -87,9 +93,11 @@ class ReducedModel:
                 )
 
     def with_loads(self, scene: Scene) -> Self:
-        """Return the model under the loads of a scene that differs in tables of torques and the simulation alone."""
+        """Return the model under the loads of a scene that differs in torques and forces over time, and in the
+        simulation, alone."""
         other = copy(self)
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
+        other._actions = replace(self._actions, actions=actions_of(other.effects))
         return other
 
     @property
@@ -107,9 +115,26 @@ class ReducedModel:
             system.settle(settle(statics, theta, search_of(self.scene, self.kinematics.mechanism)))
         return system
 
-    def output_frames(self, system: ReducedSystem, state: State) -> np.ndarray:
-        """Return the frames of ``outputs.nodes``, shape (n_nodes, 3, n_samples)."""
-        return self._of_outputs.frames(state.q)
+    def observed(self, system: ReducedSystem, state: State) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n_samples)."""
+        return self.observed_of(state.q, system.values)
+
+    def observed_of(self, eta: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return what the outputs are made of, shape (n_observed, n), for reduced coordinates (n, n_eta).
+
+        Parameter values are numbers, or of shape (n,).
+        """
+        stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
+        return self.outputs.observed(self.output_frames_of(eta), stresses)
+
+    @property
+    def stress_points(self) -> dict[str, FieldPoints]:
+        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
+        return {} if self._stresses is None else self._stresses.points
+
+    def stress_fields_of(self, eta: np.ndarray, values: Mapping[str, float]) -> list[Fields]:
+        """Return the stresses over whole bodies for every row of reduced coordinates (n, n_eta)."""
+        return [{} if self._stresses is None else self._stresses.fields(row[None], values) for row in eta]
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""

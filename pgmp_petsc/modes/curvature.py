@@ -9,10 +9,11 @@ static modes the loads that they were made of. chi continues this answer to seco
 
     K chi_ij + K3[psi_i, psi_j] + (mu_i.c'') psi_j + (mu_j.c'') psi_i + C^T nu_ij = 0,    C chi_ij = -c''[psi_i, psi_j],
 
-with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero but
-for joints that turn with a body). So the manifold holds, to second order, the nonlinear static answers to all loads
-that Psi answers to first order. What is left open, multiples of the rigid motion and of Psi, is deflated: chi is
-M-orthogonal to both, so that delta is the part of the motion along Psi to second order too.
+with K3 the third derivative of the strain energy at rest and c'' the second derivatives of the constraints (zero in the
+plane but for joints that turn with a body; in space rotations are rotation vectors). So the manifold holds, to second
+order, the nonlinear static answers to all loads that Psi answers to first order. What is left open, multiples of the
+rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
+(`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
 
 Where a vector of Psi stretches the bodies, chi may keep its part (`static_stretching`): bending shortens a beam without
 stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy,
@@ -32,6 +33,7 @@ from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
+from pgmp_petsc.modes.rotary_curvature import RotaryCurvature
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,7 @@ class CurvatureProblem:
         self._problem = problem
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
+        self.rotary = RotaryCurvature(problem.mechanism)
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
@@ -85,25 +88,76 @@ class CurvatureProblem:
         RunError
             If the refinement of an answer does not converge.
         """
-        problem = self._problem
+        problem, pairs = self._problem, np.tril_indices(shape.shape[1])
         everywhere = problem.all_rows(shape)
-        third = self._third.times(everywhere, np.tril_indices(shape.shape[1]))
-        forces = sum(float(monomial.evaluate(problem.values)) * part for monomial, part in third.items())
+        third = self._third.times(everywhere, pairs)
+        forces = np.zeros((len(problem.rows), pairs[0].size))
+        for weight, part in third.items():
+            forces += float(weight.evaluate(problem.values)) * part
+        where = problem.kinematics.describe(modes.theta)
+        what = f"static modal derivatives at {where}"
+        chi = self._answers(modes, modes.eigenvectors, shape, answered, pairs, forces, what)
+        momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
+        rigid = modes.rigid[:, modes.free]
+        if self._axial is None:
+            return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
+        chi = chi - self._along(rigid, chi, momenta)
+        part = problem.inner(shape, problem.times_mass(chi) + momenta)
+        return Curvature(chi - shape @ self._bent_part(shape, part), third)
+
+    def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
+        """Return what tells how a load changes the stiffness of each mode, local rows, shape (n_local, n_modes).
+
+        Under a static load f the eigenvalue of psi_k changes by ``h_k.f``, and under accelerations of the mechanism by
+        the work of their inertia forces on h_k. With the static answer u, ``K u + C^T mu = f``, the change is
+
+            psi_k.K3[u] psi_k + mu.c''[psi_k, psi_k] + 2 mu_k.c''[u, psi_k] = - f.chi_kk,
+
+        so that h is ``-chi_kk``, chi deflated of the rigid motion alone.
+
+        Raises
+        ------
+        RunError
+            If the refinement of an answer does not converge.
+        """
+        problem, flexible = self._problem, modes.flexible
+        each = (np.arange(flexible.shape[1]),) * 2
+        everywhere = problem.all_rows(flexible)
+        forces = self._third.weighted(everywhere, each, problem.values)
+        answered = modes.eigenvalues * problem.times_mass(flexible)
+        rigid, what = modes.rigid[:, modes.free], "influence of loads on the stiffness"
+        chi = self._answers(modes, rigid, flexible, answered, each, forces, what)
+        momenta = self.rotary.momenta(everywhere, each, problem.values)[problem.rows.start : problem.rows.stop]
+        return self._along(rigid, chi, momenta) - chi
+
+    def _answers(
+        self,
+        modes: ModeSet,
+        kept: np.ndarray,
+        shape: np.ndarray,
+        answered: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+        forces: np.ndarray,
+        what: str,
+    ) -> np.ndarray:
+        """Return chi for pairs of vectors but for multiples of kept eigenvectors, given ``K3[psi_i, psi_j]``."""
+        problem = self._problem
         chi = np.zeros_like(forces)
         poses = problem.kinematics.motion(modes.theta).poses
         hessians = constraint_hessians(problem.mechanism, poses)
         if hessians:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
-            joints = _TurningJoints(problem.constraints_at(poses), hessians, everywhere)
+            joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs)
             own = slice(problem.rows.start, problem.rows.stop)
             chi = joints.displacements()[own]
             forces = forces + joints.forces(reactions)[own] + problem.times_stiffness(chi)
-        where = problem.kinematics.describe(modes.theta)
-        chi = chi + problem.static_answers(modes.eigenvectors, -forces, f"static modal derivatives at {where}")
-        if self._axial is None:
-            return Curvature(chi - problem.onto(np.hstack([modes.rigid[:, modes.free], shape]), chi), third)
-        chi = chi - problem.onto(modes.rigid[:, modes.free], chi)
-        return Curvature(chi - shape @ self._bent_part(shape, problem.inner(shape, problem.times_mass(chi))), third)
+        return chi + problem.static_answers(kept, -forces, what)
+
+    def _along(self, basis: np.ndarray, chi: np.ndarray, momenta: np.ndarray) -> np.ndarray:
+        """Return the combinations of a basis that have chi's momenta and given ones along the basis."""
+        problem = self._problem
+        gram = problem.inner(basis, problem.times_mass(basis))
+        return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
     def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
         """Return of components along Psi (m, n_pairs) those that bend bodies; what only stretches them is left to chi.
@@ -156,14 +210,22 @@ class _TurningJoints:
         Second derivatives of the joints that are not linear.
     shape
         Psi in body frames, shape (n_dofs, m).
+    pairs
+        Numbers i and j of the vectors of every pair, shape (n_pairs,) each.
     """
 
-    def __init__(self, jacobian: sp.csr_matrix, hessians: list[ConstraintHessian], shape: np.ndarray) -> None:
+    def __init__(
+        self,
+        jacobian: sp.csr_matrix,
+        hessians: list[ConstraintHessian],
+        shape: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
+    ) -> None:
         self._touched = np.unique(jacobian.indices)
         self._jacobian = jacobian[:, self._touched].toarray()
         self._hessians = hessians
         self._shape = shape
-        self._pairs = np.tril_indices(shape.shape[1])
+        self._pairs = pairs
 
     def displacements(self) -> np.ndarray:
         """Return some vectors with ``C x_ij = -c''[psi_i, psi_j]``, shape (n_dofs, n_pairs)."""

@@ -1,7 +1,9 @@
 """Outputs: what a user sees of a motion.
 
-All outputs are functions of the frames of some nodes, whichever model moved them: ``(x, y, phi)`` in the plane, and in
-space position, directors and the rigid coordinates, which say how often a joint has turned. A deformation is the
+All outputs but stresses are functions of the frames of some nodes, whichever model moved them: ``(x, y, phi)`` in the
+plane, and in space position, directors and the rigid coordinates, which say how often a joint has turned. Stresses
+depend on what else a model knows of a body, and on parameters; each model evaluates them in its own way
+(`models.stresses`), and they stand behind the frames in what it observes. A deformation is the
 position less that of the rigid mechanism at the same measured coordinates, e.g. the same rotation of the hinge node,
 which in a free-free basis is not theta itself. It is not a number (NaN) where a measured coordinate is far outside a
 limited range, because the rigid mechanism may not exist there.
@@ -14,10 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.statements import Statement, along, distance
+from pgmp_petsc.outputs.stress import StressOutput
 from pgmp_petsc.scene import Scene
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -34,18 +38,34 @@ class OutputSet:
         Global node numbers whose frames are needed, increasing.
     units
         Unit of every output.
+    n_frame
+        Numbers of a frame: 3 in the plane, in space 12 and the coordinates.
     functions
-        From frames to the values of an output, each of shape (n,).
+        From frames to the values of an output, each of shape (n,); None of a stress.
+    stresses
+        Stress outputs, in the order in which models observe them.
     """
 
     nodes: tuple[int, ...]
     units: dict[str, str]
-    functions: dict[str, Callable[[Frames], np.ndarray]]
+    n_frame: int
+    functions: dict[str, Callable[[Frames], np.ndarray] | None]
+    stresses: tuple[StressOutput, ...] = ()
 
-    def evaluate(self, frames: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the outputs, each of shape (n,), for frames of `nodes`, shape (n_nodes, 3, n)."""
-        by_node = dict(zip(self.nodes, frames))
-        return {name: function(by_node) for name, function in self.functions.items()}
+    def observed(self, frames: np.ndarray, stresses: np.ndarray) -> np.ndarray:
+        """Return what `evaluate` takes, shape (n_observed, n), of frames of `nodes` (n_nodes, n_frame, n) and stresses
+        (n_stresses, n)."""
+        return np.concatenate([frames.reshape(len(self.nodes) * self.n_frame, stresses.shape[1]), stresses])
+
+    def evaluate(self, observed: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the outputs, each of shape (n,), for what a model observes, shape (n_observed, n)."""
+        n_rows = len(self.nodes) * self.n_frame
+        by_node = dict(zip(self.nodes, observed[:n_rows].reshape(len(self.nodes), self.n_frame, observed.shape[1])))
+        of_stresses = dict(zip((stress.name for stress in self.stresses), observed[n_rows:]))
+        return {
+            name: of_stresses[name] if function is None else function(by_node)
+            for name, function in self.functions.items()
+        }
 
     @classmethod
     def of(cls, scene: Scene, kinematics: RigidKinematics, start: np.ndarray | None = None) -> OutputSet:
@@ -60,7 +80,7 @@ class OutputSet:
         Raises
         ------
         InputError
-            If an output names a point that the mesh does not have.
+            If an output names a point that the mesh does not have, or a stress that is not known there.
         """
         makers = {
             "angle": _angle,
@@ -74,12 +94,30 @@ class OutputSet:
         if start is None:
             start = np.array([scene.initial_state(c.name).position for c in kinematics.mechanism.coordinates])
         nodes: set[int] = set()
-        functions, units = {}, {}
+        functions, units, stresses = {}, {}, []
         for name, entry in scene.outputs.items():
+            if entry.type == "stress":
+                stresses.append(_stress(name, scene, kinematics))
+                functions[name], units[name] = None, stresses[-1].unit
+                nodes |= _nodes_of_beams(kinematics.mechanism.bodies[stresses[-1].body])
+                continue
             function, needed, unit = makers[entry.type](f"outputs.{name}", entry, start, kinematics)
             functions[name], units[name] = function, unit
             nodes |= needed
-        return cls(tuple(sorted(nodes)), units, functions)
+        mechanism = kinematics.mechanism
+        n_frame = mechanism.space.n_pose + (len(mechanism.coordinates) if mechanism.space is SPATIAL else 0)
+        return cls(tuple(sorted(nodes)), units, n_frame, functions, tuple(stresses))
+
+
+def _stress(name: str, scene: Scene, kinematics: RigidKinematics) -> StressOutput:
+    bodies = kinematics.mechanism.bodies
+    number = next(k for k, body in enumerate(bodies) if body.name == scene.outputs[name].body)
+    return StressOutput.of(name, scene, number, bodies[number])
+
+
+def _nodes_of_beams(body: Body) -> set[int]:
+    """Return the nodes of a body of beams, whose frames say all of its strains."""
+    return set(range(body.nodes.start, body.nodes.stop)) if body.is_beam else set()
 
 
 def _frame(side: Attachment, frames: Frames, n: int) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.matrices import assemble, assemble_mass, owned_rows
+from pgmp_petsc.bodies.third_derivative import is_known_of
 from pgmp_petsc.components.condensing import angle_group, condensed
 from pgmp_petsc.effects import Action, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.effects.springs import spring_remarks
@@ -28,6 +29,7 @@ from pgmp_petsc.reduction.compression import Compression
 from pgmp_petsc.reduction.continuous_basis import ContinuousBasis, compression_of
 from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
+from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.interpolation import samples_for
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
@@ -40,7 +42,7 @@ from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.second_order import SecondOrderTables
 from pgmp_petsc.reduction.snapshots import ParameterSnapshots
 from pgmp_petsc.reduction.static_loads import StaticLoads
-from pgmp_petsc.reduction.stiffness_changes import InfluenceProbe, StiffnessChanges
+from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.reduction.store import SampleStore
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import RunError
@@ -257,9 +259,9 @@ class _Sampling:
 
 
 def _probe(problem: ModalProblem, actions: tuple[Action, ...]) -> InfluenceProbe | None:
-    """Return what probes the modes' stiffness; None with others than beams in the plane, whose K3 is not known."""
-    beams = all(body.is_planar_beam or not body.flexible for body in problem.mechanism.bodies)
-    return InfluenceProbe(problem, actions) if beams else None
+    """Return what probes the modes' stiffness; None where K3 of a body is not known."""
+    known = all(is_known_of(body) for body in problem.mechanism.bodies)
+    return InfluenceProbe(problem, actions) if known else None
 
 
 def _stiffness_changes(samples: SampleGrid, joined: JoinedSamples, basis: ContinuousBasis) -> StiffnessChanges | None:

@@ -18,7 +18,10 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.large_deformation import LargeDeformation
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.reduction.sampler import Sample
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -30,9 +33,11 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 3
+FORMAT = 4
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
+NAMED = ("groups", "regions")  # of a mesh
+OF_COMPONENT, OF_LARGE = ("mass", "stiffness"), ("third", "moments", "stretching")  # terms by weight
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
 
@@ -94,9 +99,14 @@ class BuildCheckpoint:
         arrays |= {"n_mesh_dofs": np.array(component.n_mesh_dofs), "error": np.array(component.error)}
         if component.rigid:
             arrays["centre_of_mass"] = component.centre_of_mass
-        for kind in ("mass", "stiffness"):
-            terms = getattr(component, kind)
-            arrays |= {kind: np.array(list(terms.values())), f"{kind}_weights": np.array([str(w) for w in terms])}
+        if component.recovery is not None:
+            arrays |= _of_recovery(component.recovery)
+        terms = {kind: getattr(component, kind) for kind in OF_COMPONENT}
+        if component.large is not None:
+            terms |= {kind: getattr(component.large, kind) for kind in OF_LARGE}
+            arrays["slenderness"] = np.array(component.large.slenderness)
+        for kind, own in terms.items():
+            arrays |= {kind: np.array(list(own.values())), f"{kind}_weights": np.array([str(w) for w in own])}
         self._folder.put(f"component-{name}", arrays)
 
     def sample(self, theta: np.ndarray, problem: ModalProblem) -> Sample | None:
@@ -173,10 +183,16 @@ def _samples(arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarr
 
 def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
     """Return a condensed body by its name."""
-    terms = {
-        kind: {Monomial.parse(str(w)): matrix for w, matrix in zip(arrays[f"{kind}_weights"], arrays[kind])}
-        for kind in ("mass", "stiffness")
-    }
+
+    def terms(kinds: tuple[str, ...]) -> dict[str, dict[Monomial, np.ndarray]]:
+        return {
+            kind: {Monomial.parse(str(w)): term for w, term in zip(arrays[f"{kind}_weights"], arrays[kind])}
+            for kind in kinds
+        }
+
+    large = None
+    if "slenderness" in arrays:
+        large = LargeDeformation(slenderness=float(arrays["slenderness"]), **terms(OF_LARGE))
     component = Component(
         frames={str(name): int(number) for name, number in zip(arrays["frames"], arrays["numbers"])},
         centres=arrays["centres"],
@@ -185,6 +201,28 @@ def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
         n_mesh_dofs=int(arrays["n_mesh_dofs"]),
         error=float(arrays["error"]),
         centre_of_mass=arrays["centre_of_mass"] if "centre_of_mass" in arrays else None,
-        **terms,
+        recovery=_recovery(arrays) if "mesh_kind" in arrays else None,
+        large=large,
+        **terms(OF_COMPONENT),
     )
     return {str(arrays["body"]): component}
+
+
+def _of_recovery(recovery: Recovery) -> dict[str, np.ndarray]:
+    """Return the arrays of the mesh of a condensed body and of its displacements there."""
+    mesh = recovery.carrier
+    arrays = {"mesh_kind": np.array(mesh.kind), "mesh_nodes": mesh.nodes, "mesh_cells": mesh.cells}
+    arrays["mesh_shapes"] = recovery.shapes
+    for name in NAMED:
+        table = getattr(mesh, name)
+        arrays[f"mesh_{name}"] = np.array(list(table), dtype=str)
+        arrays |= {f"mesh_{name}_{k}": numbers for k, numbers in enumerate(table.values())}
+    return arrays
+
+
+def _recovery(arrays: Mapping[str, np.ndarray]) -> Recovery:
+    named = {
+        name: {str(key): arrays[f"mesh_{name}_{k}"] for k, key in enumerate(arrays[f"mesh_{name}"])} for name in NAMED
+    }
+    mesh = SolidMesh(str(arrays["mesh_kind"]), arrays["mesh_nodes"], arrays["mesh_cells"], **named)
+    return Recovery(mesh, arrays["mesh_shapes"])

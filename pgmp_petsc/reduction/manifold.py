@@ -72,6 +72,10 @@ class Manifold:
         k, j = np.tril_indices(modes.rigid.shape[1])
         accelerations = modes.rigid_curvature[:, k, j]
         inertia = np.array([problem.inner(accelerations, term @ everywhere) for term in mass])
+        fields = problem.kinematics.motion(theta).accelerations[:, :, k, j]
+        vectors, pairs = problem.all_rows(shape), np.tril_indices(shape.shape[1])
+        for term, weight in zip(inertia, problem.mechanism.mass_weights):
+            term += self._curvature.rotary.work(fields, vectors, pairs, weight)
         return curvature.chi, SecondOrderTables(
             cubic=symmetric(3.0 * unpacked(np.array(thirds)))[None],
             curved_load=unpacked(problem.inner(self._loads.at(theta), curvature.chi))[None],

@@ -1,7 +1,8 @@
 """How modes change with theta: the kinetic energy of ``D_k = d(R Psi)/d theta_k``, left out by eq. (7) of the paper.
 
 A flexible mode moves with the velocity ``sum_k theta_k' D_k delta`` even where delta is constant. In body frames
-``D_k = d_k Psi + w_k x Psi``, with d_k Psi from the interpolated projection, w_k the body's spin per unit of theta_k.
+``D_k = d_k Psi + W_k Psi``, with d_k Psi from the interpolated projection and W_k = R^T d_k R the body's spin per unit
+of theta_k, which turns its points (`bodies.inertia_moments`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
+from pgmp_petsc.bodies.inertia_moments import Moments, inertia_moments, turned
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sample_grid import SampleGrid
@@ -43,7 +44,7 @@ def mode_changes(
     projection: np.ndarray,
     scheme: str,
 ) -> ModeChanges:
-    """Return the tables of changing modes, in the plane.
+    """Return the tables of changing modes.
 
     Parameters
     ----------
@@ -55,25 +56,44 @@ def mode_changes(
         Interpolation over the samples.
     """
     mechanism, r = kinematics.mechanism, kinematics.n_coordinates
-    rates = kinematics.rates(kinematics.poses(samples.theta))
     over = interpolant(samples, projection, scheme)
-    slopes = [over.slope(samples.theta, k) for k in range(r)]
-    n, n_dofs, m = projection.shape
+    slopes = np.array([over.slope(samples.theta, k) for k in range(r)])
+    bodies = [(body.dofs, inertia_moments(body)) for body in mechanism.bodies]
+    n, _, m = projection.shape
     n_terms, pairs = len(mechanism.mass_weights), np.tril_indices(r)
     gyroscopic, spread = np.empty((n, n_terms, r, m, m)), np.empty((n, n_terms, pairs[0].size, m, m))
     for sample in range(n):
-        shape = projection[sample].reshape(-1, DOFS_PER_NODE, m)
-        changes = np.array([slope[sample].reshape(shape.shape) for slope in slopes])
-        for number, body in enumerate(mechanism.bodies):
-            spins = rates[number, 2, :, sample][:, None, None]
-            changes[:, body.nodes, 0] -= spins * shape[body.nodes, 1]
-            changes[:, body.nodes, 1] += spins * shape[body.nodes, 0]
-        changes = changes.reshape(r, n_dofs, m)
+        shape, changes = projection[sample], slopes[:, sample]
+        spins = _spins(kinematics, samples.theta[sample])
         for t, weight in enumerate(mechanism.mass_weights):
             m_changes = [masses[weight] @ change for change in changes]
-            for k, m_change in enumerate(m_changes):
-                mixed = m_change.T @ projection[sample]
+            m_spins = [_turned(bodies, weight, [own[k] for own in spins], shape) for k in range(r)]
+            for k in range(r):
+                mixed = m_changes[k].T @ shape + m_spins[k].T @ shape
                 gyroscopic[sample, t, k] = 0.5 * (mixed - mixed.T)
             for pair, (k, j) in enumerate(zip(*pairs)):
-                spread[sample, t, pair] = changes[k].T @ m_changes[j]
+                both = _turned(bodies, weight, [own[k].T @ own[j] for own in spins], shape)
+                crossed = changes[k].T @ m_spins[j] + m_spins[k].T @ changes[j]
+                spread[sample, t, pair] = changes[k].T @ m_changes[j] + crossed + shape.T @ both
     return ModeChanges(gyroscopic, 0.5 * (spread + np.swapaxes(spread, -1, -2)))
+
+
+def _spins(kinematics: RigidKinematics, theta: np.ndarray) -> list[np.ndarray]:
+    """Return W_k of every body, each of shape (n_theta, d, d)."""
+    d = kinematics.mechanism.space.dimension
+    fields = kinematics.motion(theta).velocities[:, d:]
+    return [np.moveaxis(own.reshape(d, d, -1), -1, 0) for own in fields]
+
+
+def _turned(
+    bodies: list[tuple[np.ndarray, dict[Monomial, Moments]]],
+    weight: Monomial,
+    turns: list[np.ndarray],
+    vectors: np.ndarray,
+) -> np.ndarray:
+    """Return ``C^T m (W C v)`` of one mass term, shape (n_dofs, m), for a matrix W (d, d) of every body."""
+    result = np.zeros_like(vectors)
+    for (dofs, moments), turn in zip(bodies, turns):
+        if weight in moments:
+            result[dofs] += turned(moments[weight], turn) @ vectors[dofs]
+    return result

@@ -8,8 +8,11 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.runtime.files import put, take
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import BUILD_AGAIN, put, take
 
 if TYPE_CHECKING:
     import h5py
@@ -41,6 +44,7 @@ def take_shape(group: h5py.Group) -> LineMesh | Component:
         n_mesh_dofs=int(group.attrs["n_mesh_dofs"]),
         error=float(group.attrs["error"]),
         centre_of_mass=take(group, "centre_of_mass", 1) if "centre_of_mass" in group else None,
+        recovery=_take_recovery(group["recovery"], take(group, "fields", 2)) if "recovery" in group else None,
     )
 
 
@@ -58,6 +62,44 @@ def _put_component(group: h5py.Group, component: Component) -> None:
     group.attrs["error"] = component.error
     if component.rigid:
         put(group, "centre_of_mass", component.centre_of_mass, "m", "of a rigid body, in its frame")
+    if component.recovery is not None:
+        _put_recovery(group.create_group("recovery"), component.recovery)
+
+
+def _put_recovery(group: h5py.Group, recovery: Recovery) -> None:
+    """Write the mesh of a condensed body, and its nodes' displacements per unit of the unknowns."""
+    mesh = recovery.carrier
+    put(group, "nodes", mesh.nodes, "m", "coordinates in the body's frame")
+    put(group, "cells", mesh.cells, "1", f"nodes of the cells, {mesh.kind}")
+    group.attrs["kind"] = mesh.kind
+    put(group, "shapes", recovery.shapes, "m, 1", f"(displacement of a node, unknown): {UNKNOWNS}")
+    for name, about in (("groups", "nodes of the faces"), ("regions", "numbers of the cells")):
+        table = group.create_group(name, track_order=True)
+        table.attrs["names"] = list(getattr(mesh, name))
+        for number, numbers in enumerate(getattr(mesh, name).values()):
+            put(table, f"of_{number}", numbers, "1", about)
+
+
+def _take_recovery(group: h5py.Group, fields: np.ndarray) -> Recovery:
+    """Read back what `_put_recovery` wrote; `fields` has as many rows as there are unknowns.
+
+    Raises
+    ------
+    InputError
+        If the parts do not fit together.
+    """
+    named = {
+        name: {str(key): take(group[name], f"of_{k}", n) for k, key in enumerate(group[name].attrs["names"])}
+        for name, n in (("groups", 2), ("regions", 1))
+    }
+    mesh = SolidMesh(str(group.attrs["kind"]), take(group, "nodes", 2), take(group, "cells", 2), **named)
+    shapes, wanted = take(group, "shapes", 2), (mesh.n_nodes * mesh.dimension, len(fields))
+    if shapes.shape != wanted or mesh.cells.size and not 0 <= mesh.cells.min() <= mesh.cells.max() < mesh.n_nodes:
+        raise InputError(
+            f"file '{group.file.filename}': {group.name} has shapes {shapes.shape}, not {wanted}, or cells beyond its "
+            f"nodes; {BUILD_AGAIN}"
+        )
+    return Recovery(mesh, shapes)
 
 
 def _take_terms(group: h5py.Group, name: str) -> dict[Monomial, np.ndarray]:

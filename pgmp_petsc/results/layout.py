@@ -46,3 +46,8 @@ def take_named(file: h5py.File, group: str, n_dimensions: int) -> dict[str, np.n
 def units_of(file: h5py.File, *groups: str) -> dict[str, str]:
     """Return the unit of every array in the groups."""
     return {name: str(data.attrs["unit"]) for group in groups for name, data in file.get(group, {}).items()}
+
+
+def frame_name(number: int) -> str:
+    """Return the dataset name of a frame: ``00012``."""
+    return f"{number:05d}"

@@ -6,6 +6,9 @@ dataset or attribute            shape                     content
 ``tolerances``, ``allowed``     JSON attributes           the scene's tolerances; what each part of the error may be
 ``chosen``, ``reasons``         JSON attributes           entries that were chosen, by dotted name, and why
 ``kept``                        JSON attribute            entries that the scene gave itself
+``reference``                   JSON attribute            ``model`` that errors are against (``full``, ``components``),
+                                                          what it was predicted to take (s), why, and how far it is from
+                                                          the mesh, by output
 ``remarks``                     JSON attribute            what was not varied, what does not count, the meshes' error
 ``/selection/errors``           (n_attempts, n_outputs)   largest error of every attempt; attribute ``outputs`` (JSON)
 ``/selection/largest``          (n_attempts)              what was compared with the allowed error
@@ -22,7 +25,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -87,6 +90,7 @@ class Selection:
     values: Mapping[str, np.ndarray]
     loads: Mapping[str, str]
     remarks: tuple[str, ...]
+    reference: Mapping[str, Any] = field(default_factory=dict)
 
     def write_into(self, file: h5py.File) -> None:
         """Write the group into an open file."""
@@ -94,6 +98,7 @@ class Selection:
         for name in MAPPINGS:
             group.attrs[name] = json.dumps(dict(getattr(self, name)))
         group.attrs["remarks"] = json.dumps(self.remarks)
+        group.attrs["reference"] = json.dumps(dict(self.reference))
         group.attrs["training"] = json.dumps(dict(self.loads))
         n = len(self.attempts)
         errors = np.array([attempt.errors for attempt in self.attempts]).reshape(n, len(self.outputs))
@@ -136,6 +141,7 @@ class Selection:
                 values={name: take(group, f"training/{name}", 1) for name in group["training"]},
                 loads=json.loads(group.attrs["training"]),
                 remarks=tuple(json.loads(group.attrs["remarks"])),
+                reference=json.loads(group.attrs["reference"]),
             )
 
     def lines(self, attempts: bool = True) -> list[str]:

@@ -1,20 +1,25 @@
-"""What accuracy costs: errors and times of many settings of both models, and of response surfaces.
+"""What accuracy costs: errors and times of many settings of all models, and of response surfaces.
 
 Layout of the file (kind ``tradeoff``; root attributes ``batch``: samples that were timed together, ``repeats``: how
 often each time was taken, the least is kept, ``waiting``: wall time over processor time of these runs, ``samples``:
-number of samples that the advice is for, ``quick``: whether fewer settings were measured):
+number of samples that the advice is for, ``quick``: whether fewer settings were measured, ``reference_model``: ``full``
+or ``components``, which errors are against, ``reference``: why, and how far it is from the mesh, and
+``rigid_coordinates``, their number):
 
 =============================== ========================= ==========================================================
 dataset                         shape                     content
 =============================== ========================= ==========================================================
-``/settings/family``            (n)                       ``reduced``, ``full`` or ``surface`` (response surface)
+``/settings/family``            (n)                       ``reduced``, ``components``, ``full`` (the mesh) or
+                                                          ``surface`` (response surface)
 ``/settings/<column>``          (n)                       what was set: ``step`` (s), ``refinement`` (parts that every
                                                           cell of the scene's meshes is cut into), ``nodes`` of a
-                                                          surface, and every entry of the scene's [reduction]; 0, false
-                                                          or empty where it has no meaning; ``coordinates``: unknowns;
+                                                          surface, ``component_modes`` that bodies in floating frames
+                                                          serve, and every entry of the scene's [reduction]; 0, false or
+                                                          empty where it has no meaning; ``coordinates``: unknowns;
                                                           ``cosine`` between neighbouring spaces of modes, the smallest
 ``/settings/flags``             (n)                       options of ``pgmp`` that turn the scene into the setting
-``/settings/reason``            (n)                       why it failed; empty where it did not
+``/settings/reason``            (n)                       why it failed, or was too dear for more than its times; empty
+                                                          where it has errors
 ``/errors``                     (n, n_outputs)            largest error over time and test values, as a share of the
                                                           output's largest value; NaN where the setting failed;
                                                           attribute ``names`` (JSON): the outputs
@@ -22,14 +27,15 @@ dataset                         shape                     content
 ``/online/batch``               (n)                       wall time a sample, in a batch, s
 ``/online/single``              (n)                       wall time of one sample alone, s
 ``/processor/<time>``           (n)                       the same three, processor time of the one serial process, s
-``/pareto``                     (n, n_outputs)            1 where no setting of its kind is both cheaper online and more
-                                                          accurate; simulations and surfaces are two kinds
+``/pareto``                     (n, n_outputs)            1 where no setting of its family is both cheaper online and
+                                                          more accurate
 ``/parameters/<name>``          (n_test)                  test values
 ``/reference/refinement``       (n_references)            a reference for every mesh that settings were run on
 ``/reference/step``             (n_references)            its last step, s
 ``/reference/moved``            (n_references, n_outputs) by how much the last halving of the step moved it
 ``/reference/reason``           (n_references)            why it was not refined further
-``/mesh/refinement``, ``cells`` (n_meshes)                meshes that were compared, all with the scene's step
+``/mesh/refinement``, ``cells`` (n_meshes)                meshes that were compared, all with the scene's step; none of
+                                                          continuum cells
 ``/mesh/errors``                (n_meshes, n_outputs)     difference to the finest of them, 0 for that
 ``/advice``                     (n_sentences)             which setting to take
 =============================== ========================= ==========================================================
@@ -48,13 +54,17 @@ import numpy as np
 from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
-FAMILIES = ("reduced", "full", "surface")
+FAMILIES = ("reduced", "components", "full", "surface")
 BUSY = 1.2  # wall time over processor time above which a machine had other things to do
 # columns that settings are named by
 _NEEDED = (
-    "angles", "coordinates", "inertia_modes", "interpolation", "modes", "nodes", "parameter_modes", "refinement",
-    "second_order", "static_modes", "step",
+    "angles", "component_modes", "coordinates", "inertia_modes", "interpolation", "modes", "nodes", "parameter_modes",
+    "refinement", "second_order", "static_modes", "step",
 )  # fmt: skip
+_ATTRIBUTES = {
+    "batch": int, "repeats": int, "samples": int, "quick": bool, "waiting": float, "reference": str,
+    "reference_model": str, "rigid_coordinates": int,
+}  # fmt: skip
 _COLUMN_UNITS = {"step": "s"}
 _CLOCKS = {
     "wall": ("offline", "online/batch", "online/single"),
@@ -149,6 +159,10 @@ class Tradeoff:
         Wall time over processor time of the timed runs; 1 on a quiet machine.
     advice : tuple of str
         Which setting to take; a line that begins with ``--`` holds options to paste.
+    reference, reference_model : str
+        What errors are against, and why; ``full`` for the mesh, or ``components``.
+    rigid_coordinates : int
+        Number of rigid coordinates.
     """
 
     record: RunRecord
@@ -170,6 +184,9 @@ class Tradeoff:
     quick: bool = False
     waiting: float = 1.0
     advice: tuple[str, ...] = ()
+    reference: str = ""
+    reference_model: str = "full"
+    rigid_coordinates: int = 1
 
     def __post_init__(self) -> None:
         n, n_outputs = len(self.families), len(self.units)
@@ -204,7 +221,7 @@ class Tradeoff:
 
     @property
     def simulated(self) -> np.ndarray:
-        """Settings of one of the two models, not of a response surface, shape (n,)."""
+        """Settings of one of the models, not of a response surface, shape (n,)."""
         return np.array([family != "surface" for family in self.families], dtype=bool)
 
     @property
@@ -214,13 +231,14 @@ class Tradeoff:
 
     @property
     def pareto(self) -> np.ndarray:
-        """Settings on the scene's meshes than which none of its kind is cheaper online and better, (n, n_outputs)."""
+        """Settings on the scene's meshes than which none of its family is cheaper online and better, (n, n_outputs)."""
         return self.fronts(self.times.batch)
 
     def fronts(self, cost: np.ndarray) -> np.ndarray:
         """Return the fronts as `pareto` does, for any cost of shape (n,)."""
         result = np.zeros(self.errors.shape, dtype=bool)
-        for kind in (self.simulated & self.own_mesh, ~self.simulated):
+        for family in FAMILIES:
+            kind = self.own_mesh & (np.array(self.families) == family)
             for column in range(self.errors.shape[1]):
                 result[kind, column] = pareto_front(cost[kind], self.errors[kind, column])
         return result
@@ -233,14 +251,21 @@ class Tradeoff:
         """Return a setting in words: ``reduced, 7 + 1 modes, 48 angles, spline, 1 ms``."""
         at = {name: values[row] for name, values in self.columns.items()}
         if self.families[row] == "surface":
-            return f"response surface, {at['nodes']} full-order runs"
+            return f"response surface, {at['nodes']} {self.reference_runs}"
         words = ["full order"]
+        if self.families[row] == "components":
+            words = ["component modes", f"for {at['component_modes']} modes"]
         if self.families[row] == "reduced":
             words = ["reduced", f"{self.modes(row)} modes", f"{at['angles']} angles", str(at["interpolation"])]
             words += ["second order"] if at["second_order"] else []
         words.append(f"{1e3 * at['step']:.4g} ms")
         words += [f"cells / {at['refinement']}"] if at["refinement"] > 1 else []
         return ", ".join(words)
+
+    @property
+    def reference_runs(self) -> str:
+        """What a response surface goes through."""
+        return "component runs" if self.reference_model == "components" else "full-order runs"
 
     def modes(self, row: int) -> str:
         """Return ``7 + 1 + 2``: modes, static modes and those of other parameters; without those it has not."""
@@ -249,18 +274,20 @@ class Tradeoff:
         words = [str(n_modes)]
         if self.columns["static_modes"][row] or self.columns["inertia_modes"][row]:
             # a setting that failed has none to count
-            words.append(str(n_coordinates - 1 - n_modes - n_parameter) if n_coordinates else "static")
+            words.append(
+                str(n_coordinates - self.rigid_coordinates - n_modes - n_parameter) if n_coordinates else "static"
+            )
         elif n_parameter:
             words.append("0")
         return " + ".join([*words, str(n_parameter)] if n_parameter else words)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
-        attributes = {name: getattr(self, name) for name in ("batch", "repeats", "samples", "quick", "waiting")}
+        attributes = {name: getattr(self, name) for name in _ATTRIBUTES}
         with write_file(path, "tradeoff", attributes) as file:
             self.record.write(file)
             settings = file.create_group("settings", track_order=True)
-            _put_texts(settings, "family", self.families, "reduced or full-order model, or response surface")
+            _put_texts(settings, "family", self.families, "reduced, component or full-order model, or response surface")
             for name, values in self.columns.items():
                 about = f"{name.replace('_', ' ')} of the setting"
                 if values.dtype.kind in "OU":
@@ -316,11 +343,7 @@ class Tradeoff:
                 **{clock: Times(*(take(file, place, 1) for place in places)) for clock, places in _CLOCKS.items()},
                 references=references,
                 mesh=MeshErrors(*mesh),
-                batch=int(file.attrs["batch"]),
-                repeats=int(file.attrs["repeats"]),
-                samples=int(file.attrs["samples"]),
-                quick=bool(file.attrs["quick"]),
-                waiting=float(file.attrs["waiting"]),
+                **{name: kind(file.attrs[name]) for name, kind in _ATTRIBUTES.items()},
                 advice=_take_texts(file, "advice"),
             )
 

@@ -21,6 +21,8 @@ dataset                       shape                content
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
 ``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
                                                    ``rigid`` (JSON, the names of those that do not deform)
+``/stress/<body>``            see `stress_fields`  stresses over the bodies that stress outputs name, at the instants of
+                                                   the frames
 ``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
 ``/errors``                   see `errors`         estimated errors; of a reduced model where they can be
                                                    estimated, else a remark says why not
@@ -44,7 +46,8 @@ import h5py
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.errors import VALIDITY, EstimatedErrors
-from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.layout import check_model, check_shape, frame_name, put_named, take_named, units_of
+from pgmp_petsc.results.stress_fields import StressField, read_fields, write_fields
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 
@@ -121,6 +124,8 @@ class Trajectory:
         By what the scene's step was divided.
     balance : Balance, optional
         Balance of energy.
+    stresses : dict of str to StressField
+        By body, at the instants of the frames.
     """
 
     model: str
@@ -134,6 +139,7 @@ class Trajectory:
     frames: Frames | None = None
     errors: EstimatedErrors | None = None
     balance: Balance | None = None
+    stresses: dict[str, StressField] = field(default_factory=dict)
     validity: dict[str, float] = field(default_factory=dict)
     status: int = 0
     steps_divided: int = 1
@@ -167,6 +173,7 @@ class Trajectory:
                 put(file, f"validity/{name}", float(value), *VALIDITY[name])
             if self.balance is not None:
                 self.balance.write(file)
+            write_fields(file, self.stresses)
 
     def _attributes(self) -> dict[str, str | int]:
         return {"model": self.model, "status": self.status, "steps_divided": self.steps_divided}
@@ -189,15 +196,11 @@ class Trajectory:
                 frames=_read_frames(file) if "frames" in file else None,
                 errors=EstimatedErrors.read(file),
                 balance=Balance.read(file),
+                stresses=read_fields(file),
                 validity={name: float(take(file["validity"], name, 0)) for name in file.get("validity", {})},
                 status=int(file.attrs.get("status", 0)),
                 steps_divided=int(file.attrs.get("steps_divided", 1)),
             )
-
-
-def frame_name(number: int) -> str:
-    """Return the dataset name of a frame: ``00012``."""
-    return f"{number:05d}"
 
 
 def _write_frames(file: h5py.File, frames: Frames) -> None:

@@ -233,12 +233,13 @@ class Gyroscopic(Table):
 
 
 class GeometricStiffening(Table):
-    """Stiffness by forces that act: axial loads and inertia forces (the reduced model's; the full-order one has it)."""
+    """Stiffness by forces that act: axial loads and inertia forces (of reduced and component models; the full-order one
+    has it)."""
 
     type: Literal["geometric_stiffening"]
     stretching: Literal["static", "dynamic"] = Field(
         "static",
-        description="how beams follow their shortening by bending: at once, which holds for large deflections, or by "
+        description="how bodies follow their shortening by bending: at once, which holds for large deflections, or by "
         "the coordinates that stretch them, which is more accurate for small ones at high frequencies (as "
         "reduction.second_order)",
     )

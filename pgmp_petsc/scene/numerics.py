@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from pgmp_petsc.scene.fields import Angle, Integer, Number, Table, at_most, refusal
+from pgmp_petsc.scene.fields import Angle, Integer, Number, PositiveNumber, Table, at_most, refusal
 
 Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
@@ -125,8 +125,8 @@ class Simulation(Table):
         0.8,
         ge=0.0,
         le=1.0,
-        description="of generalised-alpha at infinite frequency; 1 is without numerical damping, and "
-        "the full-order model's multipliers then keep an alternating error",
+        description="of generalised-alpha at infinite frequency; 1 is without numerical damping; above 0.99 "
+        "constraints that turn or move have their velocities projected after every step",
     )
     frames: Frames = Field(101, ge=0, description="number of stored snapshots of the whole mechanism")
     error_indicator: bool = Field(
@@ -148,6 +148,25 @@ class Simulation(Table):
                 "step",
             )
         return self
+
+
+class Reference(Table):
+    """What tolerances and the trade-off measure errors against."""
+
+    model: Literal["auto", "mesh", "components"] = Field(
+        "auto",
+        description='"mesh": the full-order model; "components": the component model with more modes than any basis '
+        'that is tried; "auto": the mesh where its runs are within the budget, else the component model. One that is '
+        "named is taken at any price, which is said first",
+    )
+    loads: Literal["varied", "own"] = Field(
+        "varied",
+        description='"varied": tolerances are tried under larger and quicker loads than the scene\'s too; "own": under '
+        "its own alone, and hold for no others",
+    )
+    budget: PositiveNumber = Field(
+        600.0, description="processor time that the runs of the reference may be predicted to take, all ranks (s)"
+    )
 
 
 class Ensemble(Table):

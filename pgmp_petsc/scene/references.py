@@ -13,8 +13,9 @@ from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.fields import GROUND, split_point
 from pgmp_petsc.scene.joints import Revolute
 from pgmp_petsc.scene.messages import problem
-from pgmp_petsc.scene.outputs import Angle, Distance, Sliding
+from pgmp_petsc.scene.outputs import Angle, Distance, Sliding, Stress
 from pgmp_petsc.scene.space_checks import space_problems
+from pgmp_petsc.scene.stress_checks import stress_problems
 from pgmp_petsc.scene.uses import Use, uses_of
 
 if TYPE_CHECKING:
@@ -105,6 +106,8 @@ def _outputs(scene: Scene) -> Iterator[str]:
             yield from joint_problems(scene, f"outputs.{name}.joint", output.joint, SLIDING)
         elif isinstance(output, Distance):
             yield from points_problems(scene, f"outputs.{name}.points", output.points, _point)
+        elif isinstance(output, Stress):
+            yield from stress_problems(scene, name, output)
         else:
             yield from _point(scene, f"outputs.{name}.point", output.point, ground_allowed=False)
 

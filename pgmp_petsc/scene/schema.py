@@ -14,7 +14,7 @@ from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.fields import Name, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import Ensemble, Initial, InitialState, Reduction, Simulation
+from pgmp_petsc.scene.numerics import Ensemble, Initial, InitialState, Reduction, Reference, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import reference_problems
@@ -47,6 +47,7 @@ class Scene(Table):
     reduction: Reduction = Field(Reduction(), description="the reduced model")
     initial: Initial = Field(Initial(), description="start from static equilibrium")
     simulation: Simulation = Field(Simulation(), description="a run over time")
+    reference: Reference = Field(Reference(), description="what errors are measured against")
     ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
@@ -103,7 +104,7 @@ class Scene(Table):
 
     @property
     def static_stretching(self) -> bool:
-        """Whether beams follow their shortening by bending at once, instead of by coordinates that stretch them."""
+        """Whether bodies follow their shortening by bending at once, instead of by coordinates that stretch them."""
         return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
 
     @property
@@ -148,7 +149,8 @@ class Scene(Table):
         automatic = data.get("effects") == "auto"
         if automatic:
             reduction["effects"] = "auto"
-        if isinstance(data.get("coordinates"), dict) and len(data["coordinates"]) > 1:
+        several = isinstance(data.get("coordinates"), dict) and len(data["coordinates"]) > 1
+        if several and reduction.get("tolerance") is None:  # which leaves angles that are not given to the choice
             reduction.setdefault("angles", ANGLES_OF_SEVERAL)
         changed = {**data, "reduction": reduction} if reduction else data
         return {**changed, "effects": {}} if automatic else changed

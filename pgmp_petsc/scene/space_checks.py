@@ -11,9 +11,6 @@ from pgmp_petsc.scene.messages import problem
 if TYPE_CHECKING:
     from pgmp_petsc.scene.schema import Scene
 
-#: Types of effects that are for beams in the plane.
-PLANAR_EFFECTS = ("geometric_stiffening", "mode_inertia")
-
 
 def space_problems(scene: Scene) -> Iterator[str]:
     """Yield one line for each entry that does not fit the space."""
@@ -81,9 +78,7 @@ def _in_space(scene: Scene) -> Iterator[str]:
         if joint.type == "revolute" and joint.axis is None:
             yield problem(f"joints.{name}.axis", "missing; needed in space: axis (x, y, z) of the rotation")
     for name, effect in scene.effects.items():
-        if effect.type in PLANAR_EFFECTS:
-            yield problem(f"effects.{name}.type", "for beams in the plane; leave it out", effect.type)
-        elif effect.type == "gravity" and "direction" not in effect.model_fields_set:
+        if effect.type == "gravity" and "direction" not in effect.model_fields_set:
             yield problem(f"effects.{name}.direction", "missing; needed in space: direction (x, y, z)")
     for name, output in scene.outputs.items():
         if output.type == "rotation":

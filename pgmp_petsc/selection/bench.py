@@ -1,4 +1,4 @@
-"""The test bench: full-order references and candidates, each run under all training loads.
+"""The test bench: references and candidates, each run under all training loads.
 
 Each load is one batch of all samples. Loads are dealt to the ranks, and a candidate is built by all of them; what a
 load leaves stays on its rank, and only errors are gathered, so that every rank decides on the same figures and the
@@ -14,6 +14,10 @@ from time import perf_counter, process_time
 import numpy as np
 
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
+from pgmp_petsc.experiments.reference import Reference
+from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -23,14 +27,13 @@ from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
-from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.selection.training import Training
 from pgmp_petsc.selection.trial import Errors, Trial
 
-MOST_UNKNOWNS = 2000  # of the full-order model, for runs that are not needed for the choice itself
+SMALL = 2.5e-4  # s of a step of a sample of the reference, for runs that are not needed for the choice itself
 BATCH = 256  # samples, for processor times
+TIMED_SECONDS, FEWEST_TIMED = 1.0, 16  # s, predicted, and steps of the reference that its time is taken of
 
 
 class Bench:
@@ -38,34 +41,38 @@ class Bench:
 
     Parameters
     ----------
-    scene
-        The scene as the user gave it.
-    meshes
-        The mesh of every body.
+    subject
+        The scene and its bodies, condensed for all candidates.
     group
         Ranks that share an eigenproblem.
     training
         What to run.
+    reference
+        What to compare with.
     bar
         Counts the runs.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept; None where nothing is.
     """
 
     def __init__(
-        self, scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup, training: Training, bar: Progress
+        self,
+        subject: Subject,
+        group: RankGroup,
+        training: Training,
+        reference: Reference,
+        bar: Progress,
+        finished: Finished | None = None,
     ) -> None:
-        self._bar = bar
-        self.scene, self.meshes, self.group, self.training = scene, meshes, group, training
+        self._finished = finished
+        self._bar, self._subject = bar, subject
+        self.scene, self.group, self.training, self.reference = subject.scene, group, training, reference
         self.comm = group.world
         self.remarks = list(training.remarks)
-        with agreed(self.comm, "preparing the full-order model"):
-            self.full_model = FullModel(scene, meshes)
-            self.outputs = tuple(self.full_model.outputs.functions)
+        self.full_model = reference.model
+        self.outputs = tuple(self.full_model.outputs.functions)
+        with agreed(self.comm, "preparing training runs"):
             self._floors = floors_of(self.full_model)
-            if not self.outputs:
-                entry = "reduction" if scene.reduction.tolerance is not None else "simulation"
-                raise InputError(
-                    f"{entry}.tolerance: errors are those of outputs, and the scene has none; name some in [outputs]"
-                )
         self._full: dict[tuple[str, int], History] = {}
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
@@ -84,7 +91,7 @@ class Bench:
         RunError
             If the scene itself, at nominal parameters, cannot be run.
         """
-        names = self._names(loads)
+        names, title = self._names(loads), self.full_model.title
         self._run_full(names, n_steps)
         mine = {}
         for name in self._own(names):
@@ -96,17 +103,17 @@ class Bench:
             failed, outside, meaning = every[name]
             if k == 0 and (failed[0] or outside[0]):
                 reason = meaning if failed[0] else "the coordinate leaves its range"
-                raise RunError(f"training run of the full-order model at nominal parameters, own loads: {reason}")
+                raise RunError(f"training run of the {title} model at nominal parameters, own loads: {reason}")
             for mask, what in ((failed, "fails"), (outside, "leaves the range of the coordinate")):
                 if mask.any():
                     cases = f"{mask.sum()} of {mask.size} samples"
-                    self.remarks.append(f"load '{name}': the full-order model {what} in {cases}; they do not count")
+                    self.remarks.append(f"load '{name}': the {title} model {what} in {cases}; they do not count")
 
     def build(self, reduction: Reduction) -> ReducedOrderModel:
         """Build a reduced model of the scene and give it to all ranks."""
         scene = self.scene.model_copy(update={"reduction": reduction})
         with without_progress():
-            rom = build_rom(scene, self.meshes, self.group)
+            rom = build_rom(scene, self._subject.shapes, self.group)
         return self.comm.bcast(rom)
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
@@ -187,40 +194,65 @@ class Bench:
                 found[load] = (self._history(reduced, trial.n_steps), full)
         return self._gather((load,), found.__getitem__)
 
+    @property
+    def most_steps(self) -> float:
+        """Steps of a run up to which all runs with halved steps, of the loads that the step is found with, are within
+        ``reference.budget``; no limit where the reference was named, whatever it takes."""
+        if self.scene.reference.model != "auto":
+            return np.inf
+        cases = self.training.n_samples * sum(load.for_step for load in self.training.loads)
+        # runs of n, n / 2, n / 4 ... steps are 2 n of them
+        return self.scene.reference.budget / (2.0 * cases * self.reference.price.step)
+
     def finer_meshes(self, n_steps: int) -> Errors | None:
-        """Return how far the scene's own runs are from those with cells cut in two; None for large meshes."""
-        if not self.is_small:
+        """Return how far the scene's own runs are from those with cells cut in two; None where that is not known: of
+        large meshes and of those of continuum cells."""
+        lines = all(isinstance(mesh, LineMesh) for mesh in self._subject.meshes.values())
+        if not (lines and self.reference.is_mesh and self.is_small):
             return None
         name = self.training.loads[0].name
         found: dict[str, tuple[History, History]] = {}
         self._run_full((name,), n_steps)
         with agreed(self.comm, "runs on finer meshes"):
             if name in self._own((name,)):
-                model = FullModel(self.scene, {body: refined(mesh, 2) for body, mesh in self.meshes.items()})
+                model = FullModel(self.scene, {body: refined(mesh, 2) for body, mesh in self._subject.meshes.items()})
                 found[name] = (self._full[name, n_steps], self._history(model, n_steps))
         return self._gather((name,), found.__getitem__)
 
     def processor_times(self, trial: Trial, n_reduced: int, n_full: int) -> tuple[float, float]:
-        """Return the processor time of a reduced and of a full-order sample under the scene's own loads, s.
+        """Return the processor time of a reduced and of a reference sample under the scene's own loads, s.
 
-        Both are run in batches of `BATCH` samples at least, if the mesh is not large: lanes are then full.
+        Both are run in batches of `BATCH` samples at least, the reference if it is not large: lanes are then full. Of
+        its steps a few are taken, and the others counted.
         """
-        copies = -(-BATCH // self.training.n_samples) if self.is_small else 1
+        n_own = self.training.n_samples
+        copies, times = -(-BATCH // n_own), (0.0, 0.0)
         values = {name: np.tile(column, copies) for name, column in self.training.values.items()}
-        n_samples, times = copies * self.training.n_samples, (0.0, 0.0)
         with agreed(self.comm, "runs for the processor time"):
             if self.comm.rank == 0:
-                reduced, begin = self._reduced_model(trial.rom, trial.reduction), process_time()
-                run_history(reduced, values, n_samples, n_reduced)
-                middle = process_time()
-                run_history(self.full_model, values, n_samples, n_full)
-                times = ((middle - begin) / n_samples, (process_time() - middle) / n_samples)
+                begin = process_time()
+                run_history(self._reduced_model(trial.rom, trial.reduction), values, copies * n_own, n_reduced)
+                reduced = (process_time() - begin) / (copies * n_own)
+                times = (reduced, n_full * self._seconds_of_step(values, copies * n_own, n_full))
         return self.comm.bcast(times)
+
+    def _seconds_of_step(self, values: Mapping[str, np.ndarray], n_samples: int, n_steps: int) -> float:
+        """Return the processor time of a step of a sample of the reference, from some steps; on this rank."""
+        if not self.is_small:
+            values, n_samples = {name: column[:1] for name, column in values.items()}, 1
+        affordable = int(TIMED_SECONDS / (n_samples * self.reference.price.step))
+        taken = min(n_steps, max(FEWEST_TIMED, affordable))
+        simulation = self.scene.simulation
+        short = {"duration": simulation.duration * taken / n_steps}
+        scene = self.scene.model_copy(update={"simulation": simulation.model_copy(update=short)})
+        begin = process_time()
+        run_history(self.full_model.with_loads(scene), values, n_samples, taken)
+        return (process_time() - begin) / (taken * n_samples)
 
     @property
     def is_small(self) -> bool:
-        """Whether further full-order runs take no time to speak of."""
-        return self.full_model.kinematics.mechanism.n_dofs <= MOST_UNKNOWNS
+        """Whether further runs of the reference take no time to speak of."""
+        return self.reference.price.step <= SMALL
 
     def _endless(self, names: tuple[str, ...]) -> Errors:
         """Return infinite errors."""
@@ -243,15 +275,25 @@ class Bench:
         with agreed(self.comm, "full-order training runs"):
             for name in self._own(names):
                 if (name, n_steps) not in self._full:
-                    load = next(item for item in self.training.loads if item.name == name)
-                    model = self.full_model.with_loads(load.of(self.scene))
-                    history = self._history(model, n_steps)
+                    history = self._reference_run(name, n_steps)
                     history.outputs[..., ~history.inside] = np.nan
                     self._full[name, n_steps] = history
 
+    def _reference_run(self, name: str, n_steps: int) -> History:
+        """Run the reference under a load, or take up what an earlier run of the program has of it."""
+        task = (self.full_model.name, name, n_steps)
+        kept = None if self._finished is None else self._finished.get("reference", task)
+        if kept is not None:
+            return History.of_arrays(kept)
+        load = next(item for item in self.training.loads if item.name == name)
+        history = self._history(self.full_model.with_loads(load.of(self.scene)), n_steps)
+        if self._finished is not None:
+            self._finished.put("reference", task, history.arrays)
+        return history
+
     def _reduced_model(self, rom: ReducedOrderModel, reduction: Reduction) -> ReducedModel:
         scene = self.scene.model_copy(update={"reduction": reduction})
-        return ReducedModel(scene, rom, self.full_model.kinematics)
+        return ReducedModel(scene, rom, self._subject.kinematics)
 
     def _run_reduced(
         self, rom: ReducedOrderModel, reduction: Reduction, names: tuple[str, ...], n_steps: int

@@ -14,32 +14,39 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.experiments.reference import Demand, choose_reference, distance_from_mesh
+from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.results.selection import Selection
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.selection.bench import Bench
-from pgmp_petsc.selection.ladder import Limits
+from pgmp_petsc.selection.ladder import MOST_CONDENSED, Limits
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step_choice import StepChoice, first_period
+from pgmp_petsc.selection.step import AHEAD, MOST_ANYWAY, SEEN, first_steps
+from pgmp_petsc.selection.step_choice import StepChoice
 from pgmp_petsc.selection.training import Training
 from pgmp_petsc.selection.trial import Trial
 
 if TYPE_CHECKING:
     import h5py
 
+MORE_MODES = 1.5  # of the component model as a reference, for each that bodies of a basis are condensed for
 USUAL_RUNS = 20  # of the bench, for the progress bar
 FINER = 4  # by how much the step is refined where the reduction has to be looked at again
 
@@ -72,19 +79,48 @@ def leaves_open(scene: Scene) -> bool:
     return scene.reduction.tolerance is not None or scene.simulation.tolerance is not None
 
 
-def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Choice:
+def choose(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Callable[[str], None] = lambda text: None,
+    finished: Finished | None = None,
+) -> Choice:
     """Choose what the tolerances of a scene leave open. Collective on ``group.world``.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with a tolerance, and the mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    say
+        Gets what errors are measured against and what that is predicted to take, before it is run.
+    finished
+        Runs of the reference that an earlier run of the program left, and where they are kept.
 
     Raises
     ------
     InputError
-        If a tolerance cannot be met.
+        If a tolerance cannot be met, or there is no reference within the budget.
     """
-    timings, ledger = Timings(), Ledger()
+    timings, ledger, training = Timings(), Ledger(), Training.of(scene)
+    entry = "reduction.tolerance" if scene.reduction.tolerance is not None else "simulation.tolerance"
+    if not scene.outputs:
+        raise InputError(f"{entry}: errors are those of outputs, and the scene has none; name some in [outputs]")
+    with timings.phase("components"):
+        n_modes = modes_to_condense(scene)
+        subject = Subject.of(scene, meshes, group, n_modes)
     with timings.phase("selection"), progress(USUAL_RUNS, "choosing", group.world) as bar:
-        bench = Bench(scene, meshes, group, Training.of(scene), bar)
-        period = first_period(scene, bench.full_model.kinematics, group.world, group.comm)
-        step = StepChoice(bench, ledger, period)
+        period = subject.first_period(group)
+        reference = choose_reference(
+            scene, meshes, subject.kinematics, _demand(scene, training, period, n_modes, entry), group.world
+        )
+        say(reference.why)
+        coarse = min(first_steps(scene.simulation.duration, period)[1], _given_steps(scene) or MOST_ANYWAY)
+        reference = distance_from_mesh(reference, meshes, training.values, training.n_samples, coarse, group.world)
+        bench = Bench(subject, group, training, reference, bar, finished)
+        step = StepChoice(bench, ledger, period, reference.model.name)
         step.begin()
         if scene.reduction.tolerance is None:
             bench.check_references(step.n_basis, step.loads)
@@ -92,7 +128,7 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
             allowed, trial = step.allowed, bench.try_out(scene.reduction, step.n_basis, step.loads)
         else:
             bench.check_references(step.n_basis)
-            limits = Limits.of(scene, bench.full_model.kinematics)
+            limits = Limits.of(scene, subject.kinematics, n_modes)
             reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
             allowed, trial = reduction.allowed, reduction.run()
             step.finish(allowed)
@@ -117,13 +153,43 @@ def choose(scene: Scene, meshes: Mapping[str, LineMesh], group: RankGroup) -> Ch
         outputs=bench.outputs,
         values=bench.training.values,
         loads={load.name: load.description for load in bench.training.loads if load.name in used},
-        remarks=(*bench.remarks, *found),
+        remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
+        reference=reference.about,
     )
     if group.world.rank > 0:
         return Choice(chosen, None, selection)
     record = trial.rom.record
     record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
     return Choice(chosen, replace(trial.rom, record=record), selection)
+
+
+def modes_to_condense(scene: Scene) -> int:
+    """Return for how many modes bodies of cells are condensed: what the scene gives, or as many as are tried."""
+    given = scene.reduction.tolerance is None or "modes" in scene.reduction.model_fields_set
+    return scene.reduction.modes if given else MOST_CONDENSED
+
+
+def _given_steps(scene: Scene) -> int:
+    """Return the number of steps of a scene that gives its step; 0 where it is to be chosen."""
+    simulation = scene.simulation
+    given = simulation.tolerance is None or "step" in simulation.model_fields_set
+    return count_steps(simulation.duration, simulation.step) if given else 0
+
+
+def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry: str) -> Demand:
+    """Return what the reference has to run, at least: for the step, and under all loads for the reduction."""
+    of_step = sum(load.for_step for load in training.loads)
+    n_loads, given = (len(training.loads) if scene.reduction.tolerance is not None else of_step), _given_steps(scene)
+    if given:
+        steps = n_loads * given + (AHEAD * of_step * given if scene.simulation.tolerance is not None else 0)
+    else:
+        # runs with halved steps, up to those that see the vibrations, are together two of these
+        steps = (n_loads + 2 * of_step) * SEEN * first_steps(scene.simulation.duration, period)[1]
+    cases = f"{training.n_samples} samples under {n_loads} loads"
+    cure = "shorten simulation.duration, or let fewer parameters vary"
+    tolerance = scene.reduction.tolerance or scene.simulation.tolerance
+    n_modes = ceil(MORE_MODES * n_modes)
+    return Demand(f"{entry} = {tolerance:g}", float(steps * training.n_samples), cases, cure, n_modes)
 
 
 def _at_the_chosen_step(bench: Bench, ledger: Ledger, limits: Limits, step: StepChoice, trial: Trial) -> Trial:
@@ -177,7 +243,9 @@ def _step_remark(step: StepChoice) -> list[str]:
 def _mesh_remark(bench: Bench, n_steps: int) -> list[str]:
     """Say what the meshes themselves leave: no part of the tolerance."""
     errors = bench.finer_meshes(n_steps)
-    if errors is None or not np.isfinite(errors.values).any():
+    if errors is None:
+        return ["what finer meshes would change is no part of the tolerance, and was not measured"]
+    if not np.isfinite(errors.values).any():
         return []
     moved = ", ".join(f"{name} by {error:.2g}" for name, error in zip(bench.outputs, errors.by_output))
     given = (bench.scene.reduction.tolerance, bench.scene.simulation.tolerance)
@@ -190,6 +258,6 @@ def _cost_remark(bench: Bench, step: StepChoice, trial: Trial) -> str:
     """Say what a sample costs with what was chosen, and what the full-order model costs for the same tolerance."""
     reduced, full = bench.processor_times(trial, step.n_steps, step.n_full)
     return (
-        f"processor time of a sample: {1e3 * reduced:.2g} ms with {step.n_steps} steps; of the full-order model "
-        f"{1e3 * full:.2g} ms with {step.n_full} steps"
+        f"processor time of a sample: {1e3 * reduced:.2g} ms with {step.n_steps} steps; of the "
+        f"{bench.full_model.title} model {1e3 * full:.2g} ms with {step.n_full} steps"
     )

@@ -14,6 +14,8 @@ from typing import Any
 
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.effects import effects_of, patterns_of
+from pgmp_petsc.experiments.period import start_of_coordinates
+from pgmp_petsc.experiments.subject import takes_second_order
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.null_space import null_space
@@ -23,8 +25,12 @@ from pgmp_petsc.scene.spanning_values import uncertain_names
 MODES = (1, 2, 3, 4, 5, 7, 10, 14, 18, 22, 28, 36)
 MIDDLE = 7  # flexible coordinates to begin with
 PARAMETER_MODES = 2  # of an extended basis
-ANGLES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768)
-SCHEMES = ("spectral", "spline")
+MOST_CONDENSED = 22  # modes that continuum bodies are condensed for: their fields grow with it, and every eigenproblem
+# along each coordinate, and where the search begins, by the number of coordinates: of two it is their square that costs
+ANGLES = {1: (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768), 2: (6, 8, 10, 12, 16, 20, 24, 32, 48, 64, 96)}
+FIRST_ANGLES = {1: 48, 2: 12}
+# the spectral scheme of two coordinates keeps a fine grid of tables, however few samples it has
+SCHEMES = {1: ("spectral", "spline"), 2: ("spline",)}
 
 
 @dataclass(frozen=True)
@@ -41,23 +47,54 @@ class Limits:
         Affine terms of mass and stiffness together.
     uncertain
         Whether a parameter has a distribution.
+    n_coordinates, n_inertia
+        Rigid coordinates, and the inertia forces of their motion.
+    second_order
+        Whether a reduced model of the scene may have terms of second order.
+    condensed
+        Whether it is condensing that ends the modes, and not the meshes.
     """
 
     n_modes: int
     n_static: int
     n_terms: int
     uncertain: bool = False
+    n_coordinates: int = 1
+    n_inertia: int = 1
+    second_order: bool = True
+    condensed: bool = False
+
+    @property
+    def last_mode(self) -> str:
+        """What a basis with all modes is told."""
+        if self.condensed:
+            return f"bodies of cells are condensed for {self.n_modes} modes; give reduction.modes to have more"
+        return "these are all flexible modes that the meshes have; finer ones have more"
 
     @classmethod
-    def of(cls, scene: Scene, kinematics: RigidKinematics) -> Limits:
-        """Count."""
-        mechanism = kinematics.mechanism
-        pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
-        n_free = null_space(constraint_jacobian(mechanism, pose)).independent.size
+    def of(cls, scene: Scene, kinematics: RigidKinematics, n_condensed: int = MODES[-1]) -> Limits:
+        """Count.
+
+        Parameters
+        ----------
+        kinematics
+            Of beams and condensed bodies.
+        n_condensed
+            Modes that these are condensed for.
+        """
+        mechanism, coordinates = kinematics.mechanism, kinematics.coordinates
+        pose = kinematics.poses(start_of_coordinates(scene, kinematics)[None])[..., 0]
+        clamped = [coordinate for coordinate in coordinates if coordinate.prescribed]
+        n_free = null_space(constraint_jacobian(mechanism, pose, clamped)).independent.size
+        n_modes, condensed = n_free - (len(coordinates) - len(clamped)), False
+        if any(body.component is not None and body.flexible for body in mechanism.bodies):
+            n_modes, condensed = min(n_modes, n_condensed), n_modes > n_condensed
         matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
-        return cls(n_free - kinematics.n_coordinates, n_static, n_terms, bool(uncertain_names(scene)))
+        n = len(coordinates)
+        n_inertia, curved = n * (n + 1) // 2 + len(clamped), takes_second_order(scene)
+        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, condensed)
 
 
 @dataclass(frozen=True)
@@ -107,7 +144,8 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
         What the scene allows.
     """
     static = given.get("static_modes", limits.n_static > 0)
-    orders = (given["second_order"],) if "second_order" in given else (False, True)
+    orders = (False, True) if limits.second_order else (False,)
+    orders = (given["second_order"],) if "second_order" in given else orders
     extensions: list[dict[str, Any]] = []
     for inertia, n_parameter in ((False, 0), (True, PARAMETER_MODES if limits.uncertain else 0)):
         proposed = {"inertia_modes": inertia, "parameter_modes": n_parameter}
@@ -131,7 +169,8 @@ def middle_of(family: Sequence[Rung]) -> Rung:
 
 def _family(entries: dict[str, Any], given: dict[str, Any], limits: Limits) -> list[Rung]:
     """Return the rungs with these entries and more and more modes."""
-    beside = limits.n_static * entries["static_modes"] + entries["inertia_modes"] + entries["parameter_modes"]
+    beside = limits.n_static * entries["static_modes"] + limits.n_inertia * entries["inertia_modes"]
+    beside += entries["parameter_modes"]
     most = limits.n_modes - beside
     modes = tuple(n for n in MODES if n < most) + ((most,) if 1 <= most <= MODES[-1] else ())
     if "modes" in given:

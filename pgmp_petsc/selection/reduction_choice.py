@@ -12,6 +12,7 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.selection.bench import Bench
 from pgmp_petsc.selection.ladder import (
     ANGLES,
+    FIRST_ANGLES,
     SCHEMES,
     Limits,
     Rung,
@@ -26,7 +27,6 @@ from pgmp_petsc.selection.trial import Errors, Trial
 OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order")
 OF_GRID = ("angles", "interpolation")
 KNOBS = OF_BASIS + OF_GRID
-FIRST_ANGLES = 48
 MUCH_BETTER = 0.7  # a family that leaves less than this share of another's error is climbed in its place
 FAR = 3.0  # times the allowed error: where one scheme leaves more, another is not tried
 STALLED, NEAR = 0.6, 1.5  # more modes are no use where they leave more than this of the error, and of what is allowed
@@ -57,6 +57,9 @@ class ReductionChoice:
         # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
         self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
         self._limits, self._families = limits, families_of(self.given, limits)
+        self._angles, self._first_angles = ANGLES[limits.n_coordinates], FIRST_ANGLES[limits.n_coordinates]
+        given = self.given.get("interpolation")
+        self._schemes = SCHEMES[limits.n_coordinates] if given is None else (given,)
         self._trials: dict[tuple[Any, ...], Trial] = {}
         self._worst_load = ""
         self._left = 0.0  # by the interpolation with the angles that were enough
@@ -76,7 +79,7 @@ class ReductionChoice:
         InputError
             If the tolerance cannot be met.
         """
-        grid = {"angles": self._reduction.angles, "interpolation": self.given.get("interpolation", SCHEMES[0])}
+        grid = {"angles": self._reduction.angles, "interpolation": self._schemes[0]}
         if not self._fixed_grid:
             grid = self._enough_angles()
         rung = self._cheapest_basis(grid)
@@ -99,8 +102,8 @@ class ReductionChoice:
 
     def _enough_angles(self) -> dict[str, Any]:
         """Return angles and scheme with which interpolation does not count for a basis of medium size."""
-        grid = {"angles": FIRST_ANGLES, "interpolation": self.given.get("interpolation", SCHEMES[0])}
-        while not self._settles(middle_of(self._families[0]), grid) and 4 * grid["angles"] <= ANGLES[-1]:
+        grid = {"angles": self._first_angles, "interpolation": self._schemes[0]}
+        while not self._settles(middle_of(self._families[0]), grid) and 4 * grid["angles"] <= self._angles[-1]:
             grid = grid | {"angles": 2 * grid["angles"]}
         return grid
 
@@ -204,13 +207,13 @@ class ReductionChoice:
                 break
             trials[best] = complete
             self._ledger.add_trial("basis", OF_BASIS, complete, complete.errors, rungs[best].cost)
-        if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= ANGLES[-1]:
+        if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= self._angles[-1]:
             self._apart(rungs[best], grid, grid | {"angles": 2 * grid["angles"]})
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
         last = [kept_text(kept)] if kept else []
         n_static = self._limits.n_static if complete.reduction.static_modes else 0
         if complete.reduction.modes + n_static >= self._limits.n_modes:
-            last.append("these are all flexible modes that the meshes have; finer ones have more")
+            last.append(self._limits.last_mode)
         refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last)
 
     def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
@@ -219,12 +222,12 @@ class ReductionChoice:
         small = rung in first and rung.n_flexible <= middle_of(first).n_flexible
         settled = small and self._left <= self.allowed["interpolation"]
         while not settled and not self._settles(rung, grid):
-            if 4 * grid["angles"] > ANGLES[-1]:
+            if 4 * grid["angles"] > self._angles[-1]:
                 hints = [f"the tables change too fast over the range for {grid['angles']} angles"]
                 refuse("reduction.tolerance", self.tolerance, "interpolation", self.allowed, self._ledger, hints)
             grid = grid | {"angles": 2 * grid["angles"]}
         # what the finest grid leaves is no candidate's to leave again
-        allowed, left, schemes = self.allowed["interpolation"] - self._left, {}, self._schemes()
+        allowed, left, schemes = self.allowed["interpolation"] - self._left, {}, self._schemes
 
         def passes(count: int, scheme: str) -> bool:
             if left.get((count, schemes[0]), 0.0) > FAR * allowed:
@@ -232,7 +235,7 @@ class ReductionChoice:
             left[count, scheme] = self._apart(rung, {"angles": count, "interpolation": scheme}, grid).largest
             return left[count, scheme] <= allowed
 
-        chosen, counts = grid, [n for n in ANGLES if n < grid["angles"]]
+        chosen, counts = grid, [n for n in self._angles if n < grid["angles"]]
         for scheme in schemes:
             found = first_passing(len(counts), lambda k: passes(counts[k], scheme), len(counts) - 1) if counts else None
             if found is not None:
@@ -245,6 +248,3 @@ class ReductionChoice:
         error = left.get(tuple(chosen.values()), 0.0) + self._left
         self._ledger.reasons["reduction.angles"] = f"leave {error:.2g}, allowed {self.allowed['interpolation']:.2g}"
         return self._try(rung.entries | chosen)
-
-    def _schemes(self) -> tuple[str, ...]:
-        return (self.given["interpolation"],) if "interpolation" in self.given else SCHEMES

@@ -21,6 +21,7 @@ PARTS = {
     "step": "the time step",
     "round-off": "round-off",
 }
+OWN_LOADS = 'reference.loads = "own" tries no others, and the tolerance then holds for no others'
 ZERO = "it is below 1e-10 rad, or 1e-10 of the mechanism's size, and what is as small counts as zero"
 
 
@@ -107,8 +108,17 @@ def refuse_basis(
             causes.append("the modes are those of nominal parameters, and these values are too far from them")
         if unresolved > UNRESOLVED * errors.largest:
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
+    if not causes and unresolved > tolerance:
+        causes.append(
+            f"{n_steps} steps themselves leave more than the tolerance: take a smaller simulation.step, or let "
+            "simulation.tolerance choose it"
+        )
     if causes:
         hints.append("; ".join(causes))
+    own = bench.training.loads[0].name
+    if name != own and own in errors.loads:
+        left = np.nanmax(errors.values[errors.loads.index(own)])
+        hints.append(f"the scene's own loads leave {left:.2g}: {OWN_LOADS}")
     mesh = bench.finer_meshes(n_steps)
     if mesh is not None and mesh.by_output[output] > tolerance:
         hints.append(

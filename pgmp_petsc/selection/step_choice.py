@@ -6,12 +6,7 @@ from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
-
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.modes.problem import ModalProblem
-from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.selection.ledger import STEP, Ledger
 from pgmp_petsc.selection.refusal import ZERO, refuse
@@ -20,6 +15,7 @@ from pgmp_petsc.selection.step import (
     FIRST_PER_PERIOD,
     MOST_ANYWAY,
     MOST_PER_PERIOD,
+    SEEN,
     StepSearch,
     fine_enough,
     first_steps,
@@ -42,30 +38,13 @@ class Runs(Protocol):
     scene: Scene
     outputs: tuple[str, ...]
     training: Training
+    most_steps: float  # of a run that is affordable
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         """Return how far runs with two numbers of steps are apart."""
 
     def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         """Return how far runs of a candidate are apart."""
-
-
-def first_period(scene: Scene, kinematics: RigidKinematics, comm: MPI.Comm, group: MPI.Comm) -> float:
-    """Return the period of the first flexible mode at the start, nominal parameters (s). Collective on `comm`.
-
-    Parameters
-    ----------
-    comm
-        All ranks.
-    group
-        Ranks that share an eigenproblem.
-    """
-    start = scene.initial_state(kinematics.coordinate.name).position
-    frequency = 0.0
-    with agreed(comm, "first mode"), ModalProblem(kinematics, scene.nominal, 1, group) as problem:
-        frequency = float(problem.solve(start).frequencies_hz[0])
-    # the first rank's: numbers of steps follow from it on all of them
-    return 1.0 / comm.bcast(frequency)
 
 
 class StepChoice:
@@ -147,7 +126,7 @@ class StepChoice:
             self._check_given()
             return
         self._search = StepSearch(self._compare, self._first, STEP * self.tolerance, self._coarsest)
-        self._search.advance(round(EARLY_PER_PERIOD * self._periods))
+        self._search.advance(min(round(EARLY_PER_PERIOD * self._periods), self._most))
 
     def finish(self, others: Mapping[str, float]) -> None:
         """Look further, if the step is not known; refuse a tolerance that no step keeps.
@@ -180,6 +159,11 @@ class StepChoice:
                     "a torque without corners sets off less; simulation.step takes any step as given",
                 ],
             )
+            if 2 * search.finest <= self._most_anyway and search.finest > self._bench.most_steps / 2:
+                hints.append(
+                    f"more are beyond reference.budget = {self._bench.scene.reference.budget:g} s: raise it, or name "
+                    "reference.model to take them at their price"
+                )
             if last.is_round_off:
                 part, hints = "round-off", [f"{still}: {ZERO}"]
             refuse("simulation.tolerance", self.tolerance, part, others | self.allowed, self._ledger, hints)
@@ -219,8 +203,15 @@ class StepChoice:
 
     @property
     def _most(self) -> int:
-        most = max(MOST_ANYWAY, MOST_PER_PERIOD * self._periods)
-        return self._first * 2 ** round(np.log2(most / self._first))
+        most = self._first * 2 ** round(np.log2(self._most_anyway / self._first))
+        while most > max(self._bench.most_steps, SEEN * self._first):
+            most //= 2
+        return most
+
+    @property
+    def _most_anyway(self) -> float:
+        """Steps beyond which none are tried, whatever they would take."""
+        return max(MOST_ANYWAY, MOST_PER_PERIOD * self._periods)
 
     def _compare(self, coarse: int, fine: int) -> np.ndarray:
         errors = self._bench.moved(coarse, fine, self.loads)

@@ -2,22 +2,24 @@
 
 Parameters take their nominal value, their quantiles at three standard deviations of a normal distribution (bounds
 applied as an ensemble does), and the values half-way: alone, the others nominal (a star), and the outermost ones
-together (corners). Torques take the scene's own tables, a half-sine pulse over the whole run, `PULSE` times as large
-as the largest torque, and the own tables `HASTE` times as fast. The quicker a load sets in, the more it makes the
-bodies vibrate, and the smaller a step has to be: the step is found with the own tables alone, and with the pulse where
-it does not rise more than `HASTE` times as fast. Loads that set in at once are tried where they are the scene's own,
-and not otherwise: no step and no small basis follows what they set off.
+together (corners). Torques and forces over time take the scene's own tables, a half-sine pulse over the whole run,
+`PULSE` times as large as the largest value, and the own tables `HASTE` times as fast; harmonics are as much larger, and
+as much faster. The quicker a load sets in, the more it makes the bodies vibrate, and the smaller a step has to be: the
+step is found with the own tables alone, and with the pulse where it does not rise more than `HASTE` times as fast.
+Loads that set in at once are tried where they are the scene's own, and not otherwise: no step and no small basis
+follows what they set off.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Torque
+from pgmp_petsc.scene.effects import Force, PrescribedMotion, Torque
+from pgmp_petsc.scene.time_functions import Harmonic
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 
 PULSE = 1.6
@@ -26,33 +28,35 @@ OF_REDUCTION = ", for basis and interpolation"
 N_ROWS = 129  # of the pulse: its corners are then small beside that of its beginning
 
 Table = tuple[tuple[float, float], ...]
+OverTime = Table | Harmonic
 
 
 @dataclass(frozen=True)
 class Load:
-    """The torques of one variant.
+    """The torques and forces over time of one variant.
 
     Attributes
     ----------
     name, description
         For messages.
-    tables
-        Table of every torque, by the effect's name.
+    functions
+        Table or harmonic of every torque and force, by the effect's name.
     for_step
         Whether the step is found with them; basis and interpolation are with all.
     """
 
     name: str
     description: str
-    tables: Mapping[str, Table]
+    functions: Mapping[str, OverTime]
     for_step: bool
 
     def of(self, scene: Scene, factor: float = 1.0) -> Scene:
         """Return the scene under these loads, times a factor."""
         effects = dict(scene.effects)
-        for name, table in self.tables.items():
-            scaled = tuple((time, factor * value) for time, value in table)
-            effects[name] = effects[name].model_copy(update={"table": scaled})
+        for name, function in self.functions.items():
+            scaled = _scaled(function, factor)
+            table, harmonic = (None, scaled) if isinstance(scaled, Harmonic) else (scaled, None)
+            effects[name] = effects[name].model_copy(update={"table": table, "harmonic": harmonic})
         return scene.model_copy(update={"effects": effects})
 
 
@@ -82,10 +86,15 @@ class Training:
         """Return the training cases of a scene."""
         values, n_samples = spanning_values(scene)
         loads, remarks = training_loads(scene), []
+        if scene.reference.loads == "own" and len(loads) > 1:
+            remarks.append('reference.loads = "own": the tolerance holds for the scene\'s own loads alone')
+            loads = loads[:1]
+        elif len(loads) == 1:
+            remarks.append("no torque or force acts over time: loads are not varied")
         if not uncertain_names(scene):
             remarks.append("no parameter has a distribution: none is varied")
-        if len(loads) == 1:
-            remarks.append("no torque acts by a table: loads are not varied")
+        if any(isinstance(effect, PrescribedMotion) for effect in scene.effects.values()):
+            remarks.append("prescribed motions are not varied")
         return cls(values, n_samples, loads, tuple(remarks))
 
     def sample_text(self, sample: int) -> str:
@@ -94,30 +103,67 @@ class Training:
 
 
 def training_loads(scene: Scene) -> tuple[Load, ...]:
-    """Return the variants of the loads, the scene's own first; of torques by tables alone."""
-    torques = {name: effect for name, effect in scene.effects.items() if isinstance(effect, Torque)}
-    own = {name: torque.table for name, torque in torques.items() if torque.table is not None}
-    peaks = {name: max((value for _, value in table), key=abs) for name, table in own.items()}
+    """Return the variants of the loads, the scene's own first; of torques and forces over time alone."""
+    acting = {name: effect for name, effect in scene.effects.items() if isinstance(effect, (Torque, Force))}
+    own = {name: effect.table or effect.harmonic for name, effect in acting.items()}
+    peaks = {name: _peak(function) for name, function in own.items()}
     loads = [Load("own", "the scene's own loads", own, True)]
     if not any(peaks.values()):
         return tuple(loads)
-    phase = np.linspace(0.0, 1.0, N_ROWS)
-    pulse = {
-        name: tuple((float(scene.simulation.duration * x), float(PULSE * peak * np.sin(np.pi * x))) for x in phase)
-        for name, peak in peaks.items()
-    }
+    pulse = {name: _pulse(function, scene.simulation.duration) for name, function in own.items()}
     gentle = all(_steepness(pulse[name]) <= HASTE * _steepness(own[name]) for name in own)
-    about = f"a half sine over the run, {PULSE:g} times the largest torque"
-    loads.append(Load("pulse", about + ("" if gentle else OF_REDUCTION), pulse, gentle))
-    quick = {name: tuple((time / HASTE, value) for time, value in table) for name, table in own.items()}
-    if any(len({value for _, value in table}) > 1 for table in quick.values()):
-        loads.append(Load("quick", f"the scene's torques {HASTE:g} times as fast" + OF_REDUCTION, quick, False))
+    harmonic = [isinstance(function, Harmonic) for function in own.values()]
+    sine = f"a half sine over the run, {PULSE:g} times the largest {_kinds(acting.values())}"
+    about = [] if all(harmonic) else [sine]
+    about += [f"harmonics {PULSE:g} times as large"] if any(harmonic) else []
+    loads.append(Load("pulse", ", ".join(about) + ("" if gentle else OF_REDUCTION), pulse, gentle))
+    quick = {name: _hastened(function) for name, function in own.items()}
+    if any(isinstance(f, Harmonic) or len({value for _, value in f}) > 1 for f in quick.values()):
+        about = f"the scene's {_kinds(acting.values(), 's')} {HASTE:g} times as fast"
+        loads.append(Load("quick", about + OF_REDUCTION, quick, False))
     return tuple(loads)
 
 
-def _steepness(table: Table) -> float:
-    """Return the largest slope of a torque over time, N m/s; infinite where it does not begin at zero."""
-    time, value = np.array(table, dtype=float).T
+def _kinds(effects: Iterable[Torque | Force], plural: str = "") -> str:
+    """Return what acts: ``torque``, ``force`` or ``torque and force``."""
+    kinds = {type(effect) for effect in effects}
+    return " and ".join(word + plural for kind, word in ((Torque, "torque"), (Force, "force")) if kind in kinds)
+
+
+def _scaled(function: OverTime, factor: float) -> OverTime:
+    if isinstance(function, Harmonic):
+        larger = {"amplitude": factor * function.amplitude, "mean": factor * function.mean}
+        return function.model_copy(update=larger)
+    return tuple((time, factor * value) for time, value in function)
+
+
+def _peak(function: OverTime) -> float:
+    """Return the value of largest size, with its sign."""
+    if isinstance(function, Harmonic):
+        return abs(function.amplitude) + abs(function.mean)
+    return max((value for _, value in function), key=abs)
+
+
+def _pulse(function: OverTime, duration: float) -> OverTime:
+    """Return a half sine over the run in place of a table, and a harmonic that is as much larger."""
+    if isinstance(function, Harmonic):
+        return _scaled(function, PULSE)
+    largest = PULSE * _peak(function)
+    return tuple((float(duration * x), float(largest * np.sin(np.pi * x))) for x in np.linspace(0.0, 1.0, N_ROWS))
+
+
+def _hastened(function: OverTime) -> OverTime:
+    if isinstance(function, Harmonic):
+        return function.model_copy(update={"frequency_hz": HASTE * function.frequency_hz})
+    return tuple((time / HASTE, value) for time, value in function)
+
+
+def _steepness(function: OverTime) -> float:
+    """Return the largest slope over time, N m/s or N/s; infinite where it does not begin at zero."""
+    if isinstance(function, Harmonic):
+        began = function.mean + function.amplitude * np.sin(function.phase)
+        return np.inf if began != 0.0 else float(2.0 * np.pi * function.frequency_hz * abs(function.amplitude))
+    time, value = np.array(function, dtype=float).T
     began = float(np.interp(0.0, time, value))
     slopes = np.abs(np.diff(value) / np.diff(time)) if time.size > 1 else np.zeros(1)
     return np.inf if began != 0.0 else float(slopes.max())

@@ -9,7 +9,7 @@ import numpy as np
 
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.selection.history import History
+from pgmp_petsc.experiments.history import History
 from pgmp_petsc.selection.training import Training
 
 

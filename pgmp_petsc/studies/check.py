@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.components.condensing import check_slender
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
@@ -41,6 +42,9 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
     """
     check_capabilities(scene, Purpose.CHECK, meshes)
     mechanism = Mechanism.from_scene(scene, meshes)
+    for body in mechanism.bodies:
+        if body.meshed is not None:
+            check_slender(scene, body.meshed)
     kinematics = RigidKinematics(mechanism)
     outputs = OutputSet.of(scene, kinematics)
     continuum = any(body.is_continuum for body in mechanism.bodies)

@@ -9,22 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import GeometricStiffening, Gyroscopic, ModeInertia
 from pgmp_petsc.studies.effect_sizes import TERMS, estimate_effects
 
 
-def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene, EffectSizes]:
+def choose_effects(
+    scene: Scene, meshes: Mapping[str, BodyShape], shapes: Mapping[str, BodyShape]
+) -> tuple[Scene, EffectSizes]:
     """Return the scene with the effects that matter, and the estimate that chose them; on one rank.
+
+    Parameters are those of `estimate_effects`.
 
     Raises
     ------
     InputError, RunError
         As `estimate_effects`.
     """
-    sizes = estimate_effects(scene, meshes)
+    sizes = estimate_effects(scene, meshes, shapes=shapes)
     keeps = {kind: False for kind in TERMS} | {size.kind: size.keeps for size in sizes.sizes if size.kind in TERMS}
     kept = {size.name for size in sizes.sizes if size.name and size.keeps and size.kind not in TERMS}
     effects = {name: effect for name, effect in scene.effects.items() if name in kept}
@@ -33,8 +38,10 @@ def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene,
     if not keeps["gyroscopic"]:
         wanted.append(Gyroscopic(type="gyroscopic", keep=False))
     second_order = scene.reduction.second_order
-    if len(scene.coordinates) == 1 and not second_order and keeps["geometric_stiffening"]:
-        wanted += [GeometricStiffening(type="geometric_stiffening"), ModeInertia(type="mode_inertia")]
+    if not second_order and keeps["geometric_stiffening"]:
+        stretching = "static" if all(_has_long_axis(shape) for shape in shapes.values()) else "dynamic"
+        stiffening = GeometricStiffening(type="geometric_stiffening", stretching=stretching)
+        wanted += [stiffening, ModeInertia(type="mode_inertia")]
     for term in wanted:
         name, effect = given.get(term.type, (_free_name(term.type, effects), term))
         effects[name] = term if term.type == "gyroscopic" else effect
@@ -42,6 +49,11 @@ def choose_effects(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[Scene,
         update={"effects": "named", "second_order": second_order and keeps["geometric_stiffening"]}
     )
     return scene.model_copy(update={"effects": effects, "reduction": reduction}), sizes
+
+
+def _has_long_axis(shape: BodyShape) -> bool:
+    """Return whether static stretching of a body is told from its bending."""
+    return not isinstance(shape, Component) or shape.large is None or shape.large.slender
 
 
 def _free_name(wanted: str, taken: Mapping[str, object]) -> str:

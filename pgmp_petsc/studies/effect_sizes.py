@@ -5,8 +5,8 @@ energy that is moved around. Of terms that only a flexible reduced model has, si
 that run:
 
 - forces by velocities: ``rho_k.M rho_lm theta_l' theta_m'`` beside all inertia forces on the coordinates,
-- geometric stiffening: the change ``psi.K3[u] psi`` of the lowest mode's stiffness by the static deformation u under
-  loads and inertia forces, beside its eigenvalue,
+- geometric stiffening: the change of the lowest mode's stiffness by loads and inertia forces, beside its eigenvalue
+  (`reduction.stiffness_changes`); forces of springs, dampers and stops are no part of it,
 - inertia of changing mode shapes: the fastest body's spin beside the lowest frequency, as in Coriolis forces on
   vibrations.
 
@@ -22,18 +22,21 @@ import numpy as np
 from mpi4py import MPI
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
+from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.effects import effects_of, loads_of
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.effects import actions_of, effects_of, loads_of
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
@@ -48,21 +51,33 @@ CAUSES = ("torque", "force", "prescribed_motion", "point_mass", "end_stop")
 TERMS = ("gyroscopic", "geometric_stiffening", "mode_inertia")
 
 
-def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None) -> EffectSizes:
+def estimate_effects(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    branch: PoseBranch | None = None,
+    shapes: Mapping[str, BodyShape] | None = None,
+) -> EffectSizes:
     """Estimate the size of every available effect, on one rank.
 
     Parameters
     ----------
+    meshes
+        Of the bodies, not condensed.
     branch
         Assembly branch of the mechanism where it is known; see `RigidKinematics`.
+    shapes
+        The same bodies condensed with what is of second order (`condensed`), where they are at hand.
 
     Raises
     ------
     InputError, RunError
-        If the mechanism is not sound, or its rigid run fails.
+        If the mechanism is not sound, a body cannot be condensed, or the rigid run fails.
     """
     check_capabilities(scene, Purpose.SIZES)
-    kinematics = RigidKinematics(Mechanism.from_scene(scene, meshes), branch)
+    if shapes is None:
+        with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+            shapes = condensed(scene, meshes, alone, large=True)
+    kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes), branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
     exchanged = run.balance.exchanged
@@ -70,11 +85,11 @@ def estimate_effects(scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseB
     sizes += _unnamed(scene, run, tolerance)
     names = [coordinate for coordinate in scene.coordinates]
     speeds = {name: float(np.max(np.abs(run.speed[:, k]))) for k, name in enumerate(names)}
-    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes)))
+    return EffectSizes(tolerance, tuple(sizes), speeds, exchanged, tuple(_warnings(scene, sizes, tolerance)))
 
 
 def remarks_on_sizes(
-    scene: Scene, meshes: Mapping[str, LineMesh], branch: PoseBranch | None = None
+    scene: Scene, meshes: Mapping[str, BodyShape], branch: PoseBranch | None = None
 ) -> tuple[Remark, ...]:
     """Return which effects a scene leaves out although they matter, or why their sizes are not known; on one rank.
 
@@ -84,12 +99,11 @@ def remarks_on_sizes(
     if continuum:
         return (
             note(
-                "sizes of effects were not estimated: the estimate is for beams, and "
-                f"{', '.join(f'bodies.{name}' for name in continuum)} of continuum elements"
+                "sizes of effects were not estimated: with bodies of continuum elements "
+                f"({', '.join(f'bodies.{name}' for name in continuum)}) that takes them condensed with terms of second "
+                "order; pgmp check --effects does it"
             ),
         )
-    if scene.dimension == 3:
-        return (note("sizes of effects were not estimated: the estimate is for beams in the plane"),)
     try:
         sizes = estimate_effects(scene, meshes, branch)
     except PgmpError as error:
@@ -149,9 +163,11 @@ def _terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun, tolerance: 
         return []
     names = {effect.type: name for name, effect in scene.effects.items()}
     shares = _shares_of_terms(scene, kinematics, run)
+    local = sorted({action.effect for action in actions_of(effects_of(scene, kinematics.mechanism))})
+    without = f"; forces of {', '.join(local)} are no part of it" if local else ""
     about = {
         "gyroscopic": "forces by velocities, of all inertia forces on the coordinates",
-        "geometric_stiffening": "change of the lowest mode's stiffness by the forces in the bodies",
+        "geometric_stiffening": f"change of the lowest mode's stiffness by the forces in the bodies{without}",
         "mode_inertia": "spin of the fastest body, of the lowest frequency",
     }
     # both halves of what is of second order are needed together
@@ -170,12 +186,12 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     effects = effects_of(scene, mechanism)
     loads = loads_of(effects, matrices)
     by_name = {effect.name: effect for effect in effects}
-    weights = np.array([float(load.weight.evaluate(scene.values)) for load in loads])
+    load_weights = evaluate_weights([load.weight for load in loads], scene.values)
+    mass_weights = evaluate_weights(mechanism.mass_weights, scene.values)
     instants = _instants(run, kinematics)
-    third = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
     with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF, matrices) as problem:
-        turned = TurnedLoads(problem, loads)
+        turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
         kinematics.follow(run.theta[instants])
         for k in instants:
             theta, speed, acceleration = run.theta[k], run.speed[k], run.acceleration[k]
@@ -186,16 +202,12 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
             by_speed.append(m_rigid.T @ centripetal)
             by_acceleration.append(m_rigid.T @ rigid @ acceleration)
             amplitudes = np.array([float(by_name[load.effect].amplitude(run.time[k])) for load in loads])
-            forces = turned.at(theta) @ (weights * amplitudes)
-            forces = forces - problem.times_mass((centripetal + rigid @ acceleration)[:, None])[:, 0]
-            shape = modes.flexible[:, :1]
-            bending = problem.static_answers(rigid, forces[:, None], "static deformation")
-            pulled = third.weighted(np.hstack([bending, shape]), (np.array([0]), np.array([1])), scene.values)
-            change = pulled[:, 0] @ shape[:, 0]
+            i, j = np.tril_indices(speed.size)
+            moving = np.concatenate([acceleration, np.where(i == j, 1.0, 2.0) * speed[i] * speed[j]])
+            forces = np.concatenate([load_weights * amplitudes, np.outer(mass_weights, moving).ravel()])
+            change = probe.at(modes, turned.at(theta))[0] @ forces
             stiffening.append(abs(float(change)) / modes.eigenvalues[0])
-            flexible = [i for i, body in enumerate(mechanism.bodies) if body.flexible]
-            spin = np.max(np.abs(kinematics.motion(theta).rates[flexible, 2] @ speed), initial=0.0)
-            spins.append(float(spin) / np.sqrt(modes.eigenvalues[0]))
+            spins.append(_fastest_spin(kinematics, theta, speed) / np.sqrt(modes.eigenvalues[0]))
     by_speed, by_acceleration = np.abs(by_speed).max(initial=0.0), np.abs(by_acceleration).max(initial=0.0)
     largest = max(by_speed, by_acceleration)
     shares = {
@@ -205,6 +217,15 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     }
     # plain numbers: what is chosen by them becomes an entry of a scene, and is written as one
     return {kind: float(share) for kind, share in shares.items()}
+
+
+def _fastest_spin(kinematics: RigidKinematics, theta: np.ndarray, speed: np.ndarray) -> float:
+    """Return the largest spin of a flexible body, rad/s."""
+    d = kinematics.mechanism.space.dimension
+    gradients = (kinematics.motion(theta).velocities[:, d:] @ speed).reshape(-1, d, d)
+    flexible = [body.flexible for body in kinematics.mechanism.bodies]
+    # a skew matrix has every component of the spin twice
+    return float(np.max(np.linalg.norm(gradients[flexible], axis=(1, 2)) / np.sqrt(2.0), initial=0.0))
 
 
 def _instants(run: RigidRun, kinematics: RigidKinematics) -> list[int]:
@@ -224,9 +245,11 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
     exchanged, joints = run.balance.exchanged, run.joints
     sizes = []
     if "gravity" not in here:
-        height = run.heights[:, 1] - run.heights[0, 1]
-        share = STANDARD_GRAVITY * float(np.max(np.abs(height))) / exchanged if exchanged else np.inf
-        about = "work of weights along -y, of the energy moved around"
+        risen = np.max(np.abs(run.heights - run.heights[0]), axis=0)
+        # in space no axis is the vertical one: the worst is told
+        axis = 1 if risen.size == 2 else int(np.argmax(risen))
+        share = STANDARD_GRAVITY * float(risen[axis]) / exchanged if exchanged else np.inf
+        about = f"work of weights along -{'xyz'[axis]}, of the energy moved around"
         sizes.append(EffectSize("", "gravity", share, share > tolerance, about))
     if exchanged and joints:
         budget = tolerance * exchanged
@@ -260,9 +283,12 @@ def _unnamed(scene: Scene, run: RigidRun, tolerance: float) -> list[EffectSize]:
     return sizes
 
 
-def _warnings(scene: Scene, sizes: list[EffectSize]) -> list[str]:
+def _warnings(scene: Scene, sizes: list[EffectSize], tolerance: float) -> list[str]:
     return [
         f"the scene leaves out {size.kind}, whose share of {size.share:.2g} exceeds the tolerance"
+        if size.share > tolerance
+        else f"the scene leaves out {size.kind} (share {size.share:.2g}), without which another term that it leaves "
+        "out is not taken"
         for size in sizes
         if _is_missing(scene, size)
     ]

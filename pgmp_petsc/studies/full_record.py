@@ -12,6 +12,7 @@ from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.models.stress_fields import Fields
 
 
 class FullRecord:
@@ -38,6 +39,7 @@ class FullRecord:
         self._coordinates: list[np.ndarray] = []
         self._energies: list[Energies] = []
         self._frames: list[np.ndarray] = []
+        self._stresses: list[Fields] = []
 
     def observe(self, step: int, time: float, state: State) -> None:
         """Take in an instant."""
@@ -47,17 +49,19 @@ class FullRecord:
             self._evaluate()
 
     def outputs(self) -> np.ndarray:
-        """Return the frames of the outputs' nodes at all instants, shape (n_nodes, n_frame, n_t)."""
+        """Return what the outputs are made of at all instants, shape (n_observed, n_t)."""
         self._evaluate()
         return np.concatenate(self._outputs, axis=-1)
 
-    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray]]:
-        """Return coordinates (n_t, n_theta), energies, and the frames that are wanted, (n_nodes, n_frame) each."""
+    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray] | list[Fields]]:
+        """Return coordinates (n_t, n_theta), energies, and where they are wanted frames, (n_nodes, n_frame) each, and
+        stresses."""
         self._evaluate()
         return {
             "coordinates": np.concatenate(self._coordinates, axis=-1).T,
             "energies": joined(self._energies),
             "frames": self._frames,
+            "stresses": self._stresses,
         }
 
     def _evaluate(self) -> None:
@@ -69,9 +73,12 @@ class FullRecord:
         with np.errstate(all="ignore"):  # a run that fails may overflow before it is given up
             every = self._system.frames_over(states)
             self._energies.append(self._system.energies_over(self.times[first:], states))
-        self._outputs.append(every[list(self._model.outputs.nodes)])
+            self._outputs.append(self._model.observed_over(self._system, states, every))
         self._coordinates.append(self._measured(every))
-        self._frames += [every[..., k] for k in range(len(states)) if first + k in self._wanted]
+        wanted = [k for k in range(len(states)) if first + k in self._wanted]
+        self._frames += [every[..., k] for k in wanted]
+        with np.errstate(all="ignore"):
+            self._stresses += [self._model.stress_fields(self._system, states[k]) for k in wanted]
 
     def _measured(self, every: np.ndarray) -> np.ndarray:
         """Return the measured coordinates, shape (n_theta, n), from the frames of all nodes (n_nodes, n_frame, n)."""

@@ -11,6 +11,7 @@ from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
+from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
@@ -52,6 +53,7 @@ def read_scene(
         scene = load_scene(path, overrides, settings)
         meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
         check_capabilities(scene, purpose, meshes)
+        check_stresses(scene, meshes)
         return scene.with_remarks(plausibility(scene, meshes)), meshes
 
     return on_root(comm, read)

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
-from pgmp_petsc.mechanism.statements import along
-from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mechanism.statements import Statement, along
+from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.models import FullModel
+from pgmp_petsc.outputs.outputs import joint_angle
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import StructuralDamping
+from pgmp_petsc.scene.fields import Table
+from pgmp_petsc.scene.uses import BODY, MATERIAL, SECTION
 from pgmp_petsc.studies.balance import balance_of
 
 FEW_STEPS = 150
@@ -43,7 +48,7 @@ class RigidRun:
     joints
         Rate of each joint's rotation or displacement, by its name, shape (n_t,), rad/s or m/s.
     heights
-        First moment of all masses, shape (n_t, 2), kg m: its change times an acceleration is the work of a weight.
+        First moment of all masses, shape (n_t, d), kg m: its change times an acceleration is the work of a weight.
     balance
         Balance of energy.
     mass
@@ -60,7 +65,7 @@ class RigidRun:
     mass: float
 
 
-def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKinematics) -> RigidRun:
+def run_rigid(scene: Scene, meshes: Mapping[str, BodyShape], kinematics: RigidKinematics) -> RigidRun:
     """Integrate the scene's mechanism with all bodies rigid, on one rank.
 
     With few steps first, and once more with as many as the motion needs.
@@ -68,7 +73,7 @@ def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKin
     Parameters
     ----------
     scene, meshes
-        The scene and the mesh of every body.
+        The scene and the mesh of every body, not condensed.
     kinematics
         Of the mechanism, whichever of its bodies deform there.
 
@@ -92,7 +97,7 @@ def run_rigid(scene: Scene, meshes: Mapping[str, LineMesh], kinematics: RigidKin
 
 def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     """Return why a run with so many steps failed, None where it did not, and the run."""
-    times, states, energies = [], [], []
+    times, states, frames, energies = [], [], [], []
     simulation = model.scene.simulation
     simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
     system = model.single(model.scene.values, MPI.COMM_SELF)
@@ -102,11 +107,13 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
         def record(step: int, time: float, state: State) -> None:
             times.append(time)
             states.append([system.unpack(part)[:, 0] for part in (state.q, state.v, state.a)])
+            frames.append(system.frames(state)[..., 0])
             energies.append(system.energies(time, state))
 
         run = integrate(system, simulation, observer=record)
     status = Status(run.status[0])
-    found = _collect(model.kinematics.mechanism, np.array(times), np.array(states), energies, model.scene.values)
+    parts = np.moveaxis(np.array(states), 0, -1)  # (3, n_dofs, n_t)
+    found = _collect(model, np.array(times), parts, np.moveaxis(np.array(frames), 0, -1), energies)
     return (None if status == Status.FINE else status), found
 
 
@@ -120,35 +127,60 @@ def _needed(run: RigidRun, n_steps: int) -> int:
 
 
 def _with_rigid_bodies(scene: Scene) -> Scene:
-    return scene.model_copy(
-        update={
-            "bodies": {name: body.model_copy(update={"flexible": False}) for name, body in scene.bodies.items()},
-            "effects": {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)},
-        }
-    )
+    """Return the scene with rigid bodies, whose sections and materials have the values of the parameters: not every
+    rigid body's inertia is affine in them."""
+
+    def valued(table: Table, names: Iterable[str]) -> Table:
+        used = [name for name in names if isinstance(getattr(table, name, None), str)]
+        return table.model_copy(update={name: scene.number(getattr(table, name)) for name in used})
+
+    bodies = {}
+    for name, body in scene.bodies.items():
+        section = None if body.section is None else valued(body.section, SECTION)
+        bodies[name] = valued(body, BODY).model_copy(update={"flexible": False, "section": section})
+    materials = {name: valued(material, MATERIAL) for name, material in scene.materials.items()}
+    effects = {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)}
+    # stresses are those of flexible bodies alone
+    changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}}
+    return scene.model_copy(update=changed)
 
 
 def _collect(
-    mechanism: Mechanism, time: np.ndarray, states: np.ndarray, energies: list[Energies], values: Mapping[str, float]
+    model: FullModel, time: np.ndarray, parts: np.ndarray, frames: np.ndarray, energies: list[Energies]
 ) -> RigidRun:
-    parts = np.moveaxis(states, 0, -1)  # (3, n_dofs, n_t)
+    """Return the run of states (3, n_dofs, n_t) and frames of all nodes (n_nodes, n_frame, n_t)."""
+    mechanism, values = model.kinematics.mechanism, model.scene.values
+    unknowns, d = Unknowns(mechanism), mechanism.space.dimension
 
-    def turning(connection, part: int) -> np.ndarray:
-        angles = [0.0 if side.on_ground else parts[part][side.dofs[2]] for side in (connection.a, connection.b)]
-        return angles[1] - angles[0]
+    def rates(statement: Statement, sides: tuple[Attachment, Attachment]) -> tuple[np.ndarray, np.ndarray]:
+        """Return s' and s'' of a statement."""
+        rows = StatementRows([statement], [sides], unknowns.frame, d)
+        slopes, (q, v, a) = rows.gradients(parts[0])[0], parts
+        felt, dofs = rows.dofs[0] >= 0, rows.dofs[0][rows.dofs[0] >= 0]
+        along_v, along_a = (np.einsum("it,it->t", slopes[felt], part[dofs]) for part in (v, a))
+        return along_v, along_a + rows.drift(q, v)[0]
 
-    motion = np.array([[turning(c.connection, part) for c in mechanism.coordinates] for part in range(3)])
+    coordinates = mechanism.coordinates
+    theta = np.array([joint_angle(c.connection, model.kinematics)[0](frames) for c in coordinates])
+    moving = np.array([rates(c.connection.angle, c.connection.sides) for c in coordinates])
     joints = {}
     for connection in mechanism.connections:
         if connection.joint.slides:
-            rows = StatementRows([along(connection.axes[0][:, 0])], [connection.sides], mechanism.node_dofs, 2)
-            joints[connection.name] = np.gradient(rows.values(parts[0])[0], time)
+            joints[connection.name] = rates(along(connection.axes[0][:, 0]), connection.sides)[0]
         elif connection.joint.kind == "revolute":
-            joints[connection.name] = turning(connection, 1) * np.ones(time.size)
-    heights, total = np.zeros((time.size, 2)), 0.0
+            joints[connection.name] = rates(connection.angle, connection.sides)[0]
+    heights, total = np.zeros((time.size, d)), 0.0
     for body in mechanism.bodies:
-        mass = sum(float(w.evaluate(values)) * lump.mass for w, lump in body.lumps[0].items())
-        heights += mass * parts[0][3 * body.first_node : 3 * body.first_node + 2].T
+        mass = _mass_of(body, values)
+        heights += mass * parts[0][unknowns.frame(body.first_node)[:d]].T
         total += mass
-    theta, speed, acceleration = np.swapaxes(motion, 1, 2)
-    return RigidRun(time, theta, speed, acceleration, joints, heights, balance_of(time, joined(energies)), total)
+    balance = balance_of(time, joined(energies))
+    return RigidRun(time, theta.T, moving[:, 0].T, moving[:, 1].T, joints, heights, balance, total)
+
+
+def _mass_of(body: Body, values: Mapping[str, float]) -> float:
+    """Return the mass of a rigid body, kg."""
+    lumped = sum(float(w.evaluate(values)) * lump.mass for w, lump in body.lumps.get(0, {}).items())
+    if body.component is None:
+        return lumped
+    return lumped + sum(float(w.evaluate(values)) * float(m[0, 0]) for w, m in body.component.mass.items())

@@ -10,15 +10,18 @@ from typing import TypeVar
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
+from pgmp_petsc.experiments.period import period_of
+from pgmp_petsc.experiments.price import Price, step_seconds
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
-from pgmp_petsc.selection.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.selection.ledger import Ledger
-from pgmp_petsc.selection.step_choice import StepChoice, first_period
+from pgmp_petsc.selection.step import AHEAD, SEEN, first_steps
+from pgmp_petsc.selection.step_choice import StepChoice
 from pgmp_petsc.selection.training import Training, training_loads
 from pgmp_petsc.selection.trial import Errors, Trial
 from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK
@@ -44,8 +47,10 @@ def settle_step(model: AnyModel, comm: MPI.Comm, ensemble: bool = False) -> tupl
         values, n_samples = spanning_values(model.scene)
     bench = _Runs(model, comm, Training(values, n_samples, training_loads(model.scene)[:1], ()))
     ledger = Ledger()
-    period = first_period(model.scene, model.kinematics, comm, comm)
-    step = StepChoice(bench, ledger, period, "reduced" if isinstance(model, ReducedModel) else "full")
+    period = period_of(model, comm)
+    step = StepChoice(bench, ledger, period, model.name)
+    fewest = (1 + AHEAD) * step.n_given if step.kept else 2 * SEEN * first_steps(simulation.duration, period)[1]
+    bench.check_price(fewest)
     step.begin()
     step.finish({})
     entries = simulation.model_dump() | {"tolerance": None, "step": simulation.step if step.kept else step.step}
@@ -70,9 +75,36 @@ class _Runs:
             )
         self._model, self._comm, self._floors = model, comm, floors_of(model)
         n_unknowns = model.kinematics.mechanism.n_dofs
+        self._step = 0.0 if isinstance(model, ReducedModel) else step_seconds(model.kinematics.mechanism)
         alone = isinstance(model, ReducedModel) or training.n_samples > 1 or n_unknowns < 2 * UNKNOWNS_PER_RANK
         self._run = self._on_one_rank if alone else self._on_all_ranks
         self._histories: dict[int, History | None] = {}
+
+    @property
+    def most_steps(self) -> float:
+        """Steps of a run up to which all runs with halved steps are within ``reference.budget``; no limit of a reduced
+        model, and where the reference was named."""
+        reference = self.scene.reference
+        if self._step == 0.0 or reference.model != "auto":
+            return np.inf
+        return reference.budget / (2.0 * self.training.n_samples * self._step)
+
+    def check_price(self, fewest: int) -> None:
+        """Refuse runs of so many steps where they are beyond the budget.
+
+        Raises
+        ------
+        InputError
+            With what they would take.
+        """
+        price = Price(self._step, float(fewest * self.training.n_samples))
+        if self.scene.reference.model == "auto" and price.seconds > self.scene.reference.budget:
+            raise InputError(
+                f"simulation.tolerance = {self.scene.simulation.tolerance:g}: to find the step, the "
+                f"{self._model.title} model has to run {price.steps:.2g} steps, which are predicted to take {price} of "
+                f"processor time; reference.budget = {self.scene.reference.budget:g} s: raise it, name reference.model "
+                "to run them at their price, or give simulation.step and leave simulation.tolerance out"
+            )
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         """Return how far runs with two numbers of steps are apart."""

@@ -15,7 +15,13 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, is_indicated, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import (
+    CURE,
+    absence_of_estimates,
+    is_indicated,
+    truncated_stresses,
+    why_not_of_full_order,
+)
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.validity import Validity, remarks_of
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -33,6 +39,7 @@ from pgmp_petsc.studies.balance import balance_of, with_weights
 from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
+from pgmp_petsc.studies.stress_frames import stress_frames
 
 UNKNOWNS_PER_RANK = 3000
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
@@ -86,7 +93,7 @@ class _Part:
     time
         Instants that were computed, shape (n_t,), s; the first one always.
     outputs
-        Frames of the outputs' nodes at these, shape (n_nodes, n_frame, n_t).
+        What the outputs are made of at these, shape (n_observed, n_t).
     recorded
         What else the model keeps of them.
     """
@@ -190,6 +197,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     return Trajectory(
         coordinates=recorded["coordinates"],
+        stresses=stress_frames(model.stress_points, recorded["stresses"][: len(part.shown)]),
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
             model,
@@ -219,7 +227,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
             done = integrate(system, simulation, observer=Together([*watches, record]))
         times, history = record.history()
         with timings.phase("projection"), np.errstate(all="ignore"):
-            outputs = model.output_frames_of(history.q)
+            outputs = model.observed_of(history.q, model.scene.values)
             energies = system.energies_of_run(times, history)
         part = _Part.of(model, done, attempt, times, outputs, eta=history.q, energies=energies)
         looked = {"watched": watched, "validity": validity, "started": start_remarks(system)}
@@ -230,6 +238,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
+        stresses = stress_frames(model.stress_points, model.stress_fields_of(eta[part.shown], model.scene.values))
     remarks, estimate = [], None
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
@@ -244,11 +253,12 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *part.recorded["started"], *remarks_of(model.scene, found)),
+        (*remarks, *truncated_stresses(model.scene), *part.recorded["started"], *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
+        stresses=stresses,
         balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,

@@ -1,39 +1,46 @@
 """What accuracy costs in time: errors and times of many settings, all measured in one run.
 
-Rounds: first the scene's own setting, lines through it and a tensor, while other ranks begin the reference; then lines
+First the reference is chosen: the mesh, or the component model where the mesh is too dear (`experiments.reference`).
+Then rounds: the scene's own setting, lines through it and a tensor, while other ranks begin the reference; lines
 through the best settings found; then the reference is refined until it is good enough for the smallest error. Last all
 times are taken, round after round over all settings, so that what else the machine does meanwhile hits all alike. Tasks
-are dealt to ranks, and each rank works by itself. What is decided on the way is decided on the first rank and from
-errors, never from times: errors do not depend on the number of ranks.
+are dealt to ranks, and each rank works by itself; what it has finished is kept for a run that is resumed. What is
+decided on the way is decided on the first rank and from errors, never from times: errors do not depend on the number of
+ranks.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from time import process_time
 
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.mechanism.constraints import constraint_jacobian
-from pgmp_petsc.mechanism.kinematics import RigidKinematics
-from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.mechanism.null_space import null_space
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.experiments.history import floors_of, largest_errors
+from pgmp_petsc.experiments.price import PAIR, step_seconds
+from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, distance_from_mesh
+from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import RunRecord
-from pgmp_petsc.runtime.progress import progress, without_progress
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.progress import without_progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.selection.ladder import Limits as Basis
 from pgmp_petsc.studies.tradeoff_advice import advise
-from pgmp_petsc.studies.tradeoff_dealing import Dealer, ReferenceRun, Task, tasks_of
-from pgmp_petsc.studies.tradeoff_history import largest_errors
-from pgmp_petsc.studies.tradeoff_measurement import FAILURES, Bench, Measured
+from pgmp_petsc.studies.tradeoff_dealing import Dealer, Prices, ReferenceRun, Task, tasks_of
+from pgmp_petsc.studies.tradeoff_measurement import TIMED, Bench, Measured
 from pgmp_petsc.studies.tradeoff_reference import ReferenceSequence
+from pgmp_petsc.studies.tradeoff_runner import Runner
 from pgmp_petsc.studies.tradeoff_settings import (
     Limits,
     Setting,
@@ -45,10 +52,22 @@ from pgmp_petsc.studies.tradeoff_settings import (
     own_steps,
     settings_around,
 )
+from pgmp_petsc.studies.tradeoff_values import held_out
+
+MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
+COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh
+FRAME_FIELDS = 12  # amplitudes of a body beside its modes, for a rough price
 
 
 def measure_tradeoff(
-    scene: Scene, meshes: Mapping[str, LineMesh], sweep: Sweep, n_samples: int, quick: bool, comm: MPI.Comm
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    sweep: Sweep,
+    n_samples: int,
+    quick: bool,
+    comm: MPI.Comm,
+    finished: Finished | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Tradeoff | None:
     """Measure errors and times of the settings of a sweep. Collective on `comm`.
 
@@ -64,6 +83,10 @@ def measure_tradeoff(
         Whether the sweep is the short one; for the record.
     comm
         Ranks that share the settings.
+    finished
+        What an earlier run finished, and where finished tasks are kept.
+    say
+        Gets what errors are measured against and what that is predicted to take, before it is run.
 
     Returns
     -------
@@ -73,84 +96,88 @@ def measure_tradeoff(
     Raises
     ------
     InputError
-        If the scene has no outputs, or its mechanism cannot be closed.
+        If the scene has no outputs, its mechanism cannot be closed, or there is no reference within the budget.
     RunError
-        If the full-order model fails at a test value, so that there is nothing to compare with.
+        If the reference fails at a test value, so that there is nothing to compare with.
     """
-    timings = Timings()
-    with timings.phase("preparation"), agreed(comm, "preparing the study"), without_progress():
-        outputs, n_dofs, limits = _examine(scene, meshes)
-        bench = Bench(scene, meshes, sweep.few_repeats)
-        bench.warm_up(own_setting(scene))
-    study = _Study(scene, sweep, bench, limits)
-    dealer = Dealer(comm.size, n_dofs, bench.batch, sweep.repeats)
-    with timings.phase("settings and references"):
-        for title, plan in (("first settings", study.first), ("further settings", study.further)):
-            study.take(_work(bench, dealer.deal(on_root(comm, plan)), title, comm))
-        while tasks := on_root(comm, study.references):
-            study.take(_work(bench, dealer.deal(tasks), "reference", comm))
-    with timings.phase("times"):
-        times = _times(bench, sweep.repeats, comm)
-        waiting = comm.allreduce(bench.waiting, op=MPI.MAX)
-    timings = timings.maximum(comm)
-    if comm.rank > 0:
-        return None
-    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), scene.remarks)
-    result = study.result(record, outputs.units, times)
-    result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
-    return replace(result, advice=advise(result))
-
-
-def _examine(scene: Scene, meshes: Mapping[str, LineMesh]) -> tuple[OutputSet, int, Limits]:
-    """Check that there is something to measure; return the outputs, the nodal unknowns and what the scene allows."""
     if not scene.outputs:
         raise InputError(
             "outputs: the scene has none, so there is no error to measure; give one, such as "
             '[outputs.angle] type = "angle", joint = "<a revolute joint>"'
         )
-    mechanism = Mechanism.from_scene(scene, meshes)
-    kinematics = RigidKinematics(mechanism)
-    outputs = OutputSet.of(scene, kinematics)
-    pose = kinematics.poses([kinematics.coordinate.lower])[..., 0]
-    independent = null_space(constraint_jacobian(mechanism, pose)).independent.size
-    return outputs, mechanism.n_dofs, Limits(independent - kinematics.n_coordinates, len(scene.effects))
+    timings, sweep = Timings(), sweep.over(len(scene.coordinates))
+    with timings.phase("preparation"), without_progress():
+        subject, reference, shared = _prepared(scene, meshes, sweep, comm, say)
+        with agreed(comm, "preparing the study"):
+            limits = _limits(subject, reference)
+            bench = Bench(subject, reference, sweep.few_repeats, shared)
+            bench.warm_up(own_setting(scene), limits.second_order)
+            dealer = Dealer(comm.size, _prices(subject, reference, sweep), bench.batch, sweep.repeats)
+            dealer.n_coordinates = len(scene.coordinates)
+    study = _Study(scene, sweep, bench, limits)
+    runner = Runner(bench, comm, finished)
+    with timings.phase("settings and references"):
+        for title, plan in (("first settings", study.first), ("further settings", study.further)):
+            study.take(runner.work(dealer.deal(on_root(comm, plan)), title))
+        while tasks := on_root(comm, study.references):
+            study.take(runner.work(dealer.deal(tasks), "reference"))
+    with timings.phase("times"):
+        times, waiting = runner.times(sweep.repeats)
+    timings = timings.maximum(comm)
+    if comm.rank > 0:
+        return None
+    remarks = (*scene.remarks, *(() if finished is None else finished.remarks))
+    record = RunRecord(scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(), remarks)
+    result = study.result(record, reference.model.outputs.units, times)
+    result = replace(result, samples=n_samples, quick=quick, waiting=waiting)
+    return replace(result, advice=advise(result))
 
 
-def _work(
-    bench: Bench, dealt: Sequence[Sequence[Task]], title: str, comm: MPI.Comm
-) -> dict[Setting | ReferenceRun, Measured] | None:
-    """Do this rank's tasks; return what came of all tasks on the first rank. Collective on `comm`."""
-    own: dict[Setting | ReferenceRun, Measured] = {}
-    works = [work for task in dealt[comm.rank] for work in task.work]
-    with agreed(comm, title), progress(len(works), title, comm) as bar, without_progress():
-        for work in works:
-            own[work] = bench.make_ready(work) if isinstance(work, Setting) else _reference(bench, work)
-            bar.update()
-    gathered = comm.gather(own)
-    return None if gathered is None else {work: found for part in gathered for work, found in part.items()}
+def _prepared(
+    scene: Scene, meshes: Mapping[str, BodyShape], sweep: Sweep, comm: MPI.Comm, say: Callable[[str], None]
+) -> tuple[Subject, Reference, dict[str, float]]:
+    """Condense bodies and choose the reference; return the processor times of both by what they are for."""
+    modes = scene.reduction.modes
+    factors = (1.0, *sweep.own_modes)
+    most = max(*sweep.modes, *sweep.tensor_modes, *(round(f * modes) for f in factors), 1)
+    with RankGroup.split(comm, 1) as group:
+        begin = process_time()
+        subject = Subject.of(scene, meshes, group, most)
+        condensing = comm.allreduce(process_time() - begin)
+    begin = process_time()
+    reference = choose_reference(scene, meshes, subject.kinematics, _demand(scene, sweep, most), comm)
+    preparing = comm.allreduce(process_time() - begin)
+    say(reference.why)
+    values = held_out(scene)
+    n_values = next((len(column) for column in values.values()), 1)
+    coarse = max(own_steps(scene) // COARSER, 1)
+    reference = distance_from_mesh(reference, meshes, values, n_values, coarse, comm)
+    return subject, reference, {"reduced": condensing, "surface": preparing}
 
 
-def _reference(bench: Bench, run: ReferenceRun) -> Measured:
-    """Do a full-order run; a failure is returned, not raised."""
-    try:
-        return Measured(bench.reference(run.refinement, run.n_steps))
-    except FAILURES as error:
-        return Measured(None, reason=str(error))
+def _demand(scene: Scene, sweep: Sweep, most: int) -> Demand:
+    """Return what the reference has to run, at least: two runs with small steps, and the surfaces' nodes."""
+    n, n_values = own_steps(scene), next((len(column) for column in held_out(scene).values()), 1)
+    steps = 3 * 4 * n * 2**sweep.finer * n_values
+    cases = f"{n_values} test values"
+    cure = "shorten simulation.duration, or take a larger simulation.step"
+    return Demand("pgmp tradeoff", float(steps), cases, cure, round(MORE_MODES * max(most, *sweep.component_modes, 1)))
 
 
-def _times(bench: Bench, repeats: int, comm: MPI.Comm) -> dict[Setting, np.ndarray]:
-    """Take the times of all settings in turns; on the first rank return those of all ranks. Collective on `comm`."""
-    with (
-        agreed(comm, "taking times"),
-        progress(repeats * len(bench.ready), "times", comm) as bar,
-        without_progress(),
-    ):
-        for turn in range(1, repeats + 1):
-            for setting in bench.ready:
-                bench.take_times(setting, turn)
-                bar.update()
-    gathered = comm.gather({setting: bench.times(setting) for setting in bench.ready})
-    return {setting: times for part in gathered or () for setting, times in part.items()}
+def _limits(subject: Subject, reference: Reference) -> Limits:
+    """Return what the scene allows."""
+    basis = Basis.of(subject.scene, subject.kinematics, subject.n_modes)
+    lines = all(isinstance(mesh, LineMesh) for mesh in subject.meshes.values())
+    return Limits(basis.n_modes, len(subject.scene.effects), basis.second_order, lines and reference.is_mesh)
+
+
+def _prices(subject: Subject, reference: Reference, sweep: Sweep) -> Prices:
+    """Return what steps of the families are predicted to take."""
+    full = FullModel(subject.scene, subject.meshes, subject.kinematics)
+    n = max((*sweep.component_modes, 1)) + FRAME_FIELDS
+    flexible = sum(body.flexible for body in subject.scene.bodies.values())
+    components = PAIR * n**2 * flexible if reference.is_mesh else reference.price.step
+    return Prices(step_seconds(full.kinematics.mechanism), components, reference.price.step, TIMED)
 
 
 @dataclass
@@ -165,22 +192,33 @@ class _Study:
     _measured: dict[Setting, Measured] = field(default_factory=dict)
     _meshes: dict[int, Measured] = field(default_factory=dict)
     _sequences: dict[int, ReferenceSequence] = field(init=False)
+    _floors: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         n, halvings = own_steps(self.scene), self.sweep.reference_halvings
+        self._floors = floors_of(self.bench.reference.model)
         # where errors fall by 4 with each halving, a step of an eighth of the finest one is the first that can settle;
         # on refined meshes no setting has a finer step than the scene's
-        finest = {1: n * 2**self.sweep.finer} | dict.fromkeys(self.sweep.refinements, n)
+        refinements = self.sweep.refinements if self.limits.refinable else ()
+        finest = {1: n * 2**self.sweep.finer} | dict.fromkeys(refinements, n)
         self._sequences = {
-            refinement: ReferenceSequence(4 * steps, n * 2 ** halvings[refinement > 1])
+            refinement: ReferenceSequence(4 * steps, self._most(n * 2 ** halvings[refinement > 1]), self._floors)
             for refinement, steps in finest.items()
         }
 
+    def _most(self, n_steps: int) -> int:
+        """Return the most steps of the reference that are within its budget, if that is fewer."""
+        reference, entry = self.bench.reference, self.scene.reference
+        n_values = next((len(column) for column in self.bench.values.values()), 1)
+        while entry.model == "auto" and 2.0 * n_values * n_steps * reference.price.step > entry.budget:
+            n_steps //= 2
+        return n_steps
+
     def first(self) -> list[Task]:
         """Return the first tasks."""
-        finest = ReferenceRun(self.sweep.finest, own_steps(self.scene))
+        finest = [ReferenceRun(self.sweep.finest, own_steps(self.scene))] if self.limits.refinable else []
         self._asked = first_settings(self.scene, self.sweep, self.limits)
-        return tasks_of(self._asked, [finest, *self._missing(1)])
+        return tasks_of(self._asked, [*finest, *self._missing(1)])
 
     def further(self) -> list[Task]:
         """Return the lines through the best settings of the first tasks, and runs that the references still need.
@@ -191,7 +229,7 @@ class _Study:
             If there is no reference on the scene's meshes.
         """
         if not self._sequences[1].usable:
-            raise RunError(f"the full-order reference: {self._sequences[1].failure}")
+            raise RunError(f"the {self.bench.reference.model.title} reference: {self._sequences[1].failure}")
         worst = [float(np.max(self._errors(setting))) for setting in self._asked]
         n_coordinates = [self._measured[setting].n_coordinates for setting in self._asked]
         best = best_settings(self._asked, worst, n_coordinates)
@@ -243,6 +281,9 @@ class _Study:
             mesh=self._mesh_errors(len(units)),
             batch=self.bench.batch,
             repeats=self.sweep.repeats,
+            reference=self.bench.reference.why,
+            reference_model=self.bench.reference.model.name,
+            rigid_coordinates=len(self.scene.coordinates),
         )
 
     def _missing(self, refinement: int) -> list[ReferenceRun]:
@@ -257,7 +298,7 @@ class _Study:
         history, sequence = self._measured[setting].history, self._sequences[setting.refinement]
         if history is None or not sequence.usable:
             return np.full(len(self.scene.outputs), np.nan)
-        return largest_errors(history, sequence.history)
+        return largest_errors(history, sequence.history, self._floors)
 
     def _smallest(self, refinement: int) -> np.ndarray:
         """Return the smallest error of every output on a mesh; infinite where there is none."""
@@ -285,20 +326,23 @@ class _Study:
 
     def _mesh_errors(self, n_outputs: int) -> MeshErrors:
         """Compare full-order runs with the scene's step on all meshes with that on the finest."""
+        if not self.limits.refinable:
+            return MeshErrors(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, n_outputs)))
         refinements = [1, *self.sweep.refinements, self.sweep.finest]
         n, exact = own_steps(self.scene), self._meshes[self.sweep.finest].history
         rows = []
         for refinement in refinements:
             run = self._measured.get(Setting("full", n, refinement), self._meshes.get(refinement))
             known = exact is not None and run.history is not None
-            rows.append(largest_errors(run.history, exact) if known else np.full(n_outputs, np.nan))
+            errors = largest_errors(run.history, exact, self._floors) if known else np.full(n_outputs, np.nan)
+            rows.append(errors)
         cells = [self.bench.n_cells(refinement) for refinement in refinements]
         return MeshErrors(np.array(refinements), np.array(cells), np.array(rows))
 
 
 def _flags(setting: Setting, scene: Scene) -> str:
     """Return the options of ``pgmp`` that turn the scene into the setting, quoted for a shell."""
-    words = ["--full"] if setting.family == "full" else []
+    words = {"full": ["--full"], "components": ["--components"]}.get(setting.family, [])
     for override in setting.overrides(scene):
         words += ["--override", shlex.quote(override)]
     return " ".join(words)

@@ -39,7 +39,14 @@ def advise(study: Tradeoff) -> tuple[str, ...]:
         for choice in choices:
             aim = f"{_joined([f'{100 * threshold:g} %' for threshold in choice.thresholds])} in {_joined(names)}"
             advice.append(_piece(study, choice, aim, targets[names[0]], said))
-    return (*advice, *_surface_sentences(study), *_mesh_sentences(study), *_reference_sentences(study))
+    first, errors = next(iter(targets.items()))
+    return (
+        *advice,
+        *_break_even(study, first, errors),
+        *_surface_sentences(study),
+        *_mesh_sentences(study),
+        *_reference_sentences(study),
+    )
 
 
 @dataclass(frozen=True)
@@ -99,7 +106,9 @@ def _piece(study: Tradeoff, choice: Choice, aim: str, errors: np.ndarray, said: 
     if choice.surface is not None:
         verb = "would do" if row is None else "does it too"
         runs = study.columns["nodes"][choice.surface]
-        lines.append(f"A response surface through {runs} full-order runs {verb}: {_price(study, choice.surface)}.")
+        lines.append(
+            f"A response surface through {runs} {study.reference_runs} {verb}: {_price(study, choice.surface)}."
+        )
     return "\n".join(lines)
 
 
@@ -119,10 +128,49 @@ def _nearest(study: Tradeoff, errors: np.ndarray) -> str:
 def _price(study: Tradeoff, row: int) -> str:
     """Return ``1.2 ms a sample after 0.7 s``."""
     online, offline = study.times.batch[row], study.times.offline[row]
-    after = "preparation" if study.families[row] == "full" else "build" if study.simulated[row] else "runs"
+    after = {"full": "preparation", "components": "condensing", "reduced": "build"}.get(study.families[row], "runs")
     total = study.total_seconds(study.samples)[row]
     together = f"{total:.3g} s for {study.samples} samples"
     return f"{1e3 * online:.2g} ms a sample after {offline:.2g} s of {after} ({together})"
+
+
+def _break_even(study: Tradeoff, target: str, errors: np.ndarray) -> list[str]:
+    """Say from how many samples on which setting is the cheapest one that is good enough, build included.
+
+    Parameters
+    ----------
+    target, errors
+        What errors are of, and the error of every setting, shape (n,).
+    """
+    sentences = []
+    for threshold in THRESHOLDS:
+        pieces = envelope(study, errors, threshold)
+        if len(pieces) > 1:
+            later = "; ".join(f"from {n} samples on, take {_name(study, row)}" for n, row in pieces[1:])
+            few = f"below {pieces[1][0]} samples take {_name(study, pieces[0][1])}"
+            sentences.append(f"{100 * threshold:g} % in {target}: {few}; {later}.")
+    return sentences
+
+
+def envelope(study: Tradeoff, errors: np.ndarray, threshold: float) -> list[tuple[int, int]]:
+    """Return from how many samples on which simulation is the cheapest one that is good enough: pairs of the number of
+    samples and the setting, beginning with one sample; none where nothing is good enough."""
+    offline, online = study.times.offline, study.times.batch
+    good = study.simulated & study.own_mesh & (errors <= threshold) & np.isfinite(offline) & np.isfinite(online)
+    rows = np.flatnonzero(good)
+    if not rows.size:
+        return []
+    n, pieces = 1, []
+    while True:
+        total = offline[rows] + n * online[rows]
+        now = int(rows[np.lexsort((online[rows], total))[0]])
+        pieces.append((n, now))
+        cheaper = rows[online[rows] < online[now]]
+        if not cheaper.size:
+            return pieces
+        # where the lines cross: the first whole number of samples at which the cheaper one is
+        crossing = (offline[cheaper] - offline[now]) / (online[now] - online[cheaper])
+        n = int(np.floor(crossing.min())) + 1
 
 
 def _surface_sentences(study: Tradeoff) -> list[str]:
@@ -138,6 +186,8 @@ def _surface_sentences(study: Tradeoff) -> list[str]:
 def _mesh_sentences(study: Tradeoff) -> list[str]:
     """Say where the mesh is worse than the best settings on it."""
     mesh, own = study.mesh, study.own_mesh & study.simulated
+    if not mesh.cells.size:
+        return ["What finer meshes would change was not measured: those of continuum cells are not cut."]
     if not own.any():
         return []
     best = np.min(np.where(np.isnan(study.errors[own]), np.inf, study.errors[own]), axis=0)

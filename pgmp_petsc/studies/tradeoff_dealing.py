@@ -1,6 +1,7 @@
 """Which rank does what: tasks of known estimated length, the longest first to the rank with the least to do.
 
-The estimates are rough and come from no measurement, so that every rank finds the same distribution.
+The estimates are rough and come from no measurement (`experiments.price`), so that every rank finds the same
+distribution.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from pgmp_petsc.studies.tradeoff_settings import Setting
 ANGLE, MODEL = 0.01, 0.6
 STEP, HISTORY_STEP = 1.0e-4, 3.0e-4
 REDUCED_SAMPLE, REDUCED_ENTRY = 1.0e-6, 2.0e-8
-FULL_SAMPLE = 1.2e-7  # for every unknown
+N_VALUES = 8  # test values of a history
 
 
 @dataclass(frozen=True)
 class ReferenceRun:
-    """A full-order run at the test values: its mesh and number of steps."""
+    """A run of the reference at the test values: its mesh and number of steps."""
 
     refinement: int
     n_steps: int
@@ -46,6 +47,32 @@ def tasks_of(settings: Sequence[Setting], runs: Sequence[ReferenceRun]) -> list[
     return [Task((run,)) for run in runs] + [Task(tuple(group)) for group in together.values()]
 
 
+@dataclass(frozen=True)
+class Prices:
+    """Predicted processor time of a step of a sample on the scene's meshes, s.
+
+    Attributes
+    ----------
+    full, components, reference
+        Of the mesh, of component modes, and of what errors are measured against.
+    timed
+        Most processor time of one run that is timed, s; longer ones are timed by their first steps.
+    """
+
+    full: float
+    components: float
+    reference: float
+    timed: float
+
+    def of(self, work: Setting | ReferenceRun) -> float:
+        """Return what a step of a sample takes."""
+        if isinstance(work, ReferenceRun) or work.family == "surface":
+            return work.refinement * self.reference
+        if work.reduction is not None:
+            return REDUCED_SAMPLE + REDUCED_ENTRY * work.reduction.modes**2
+        return work.refinement * (self.components if work.family == "components" else self.full)
+
+
 @dataclass
 class Dealer:
     """Deals tasks to ranks, round after round; a build that a rank has done stays with it.
@@ -54,16 +81,19 @@ class Dealer:
     ----------
     n_ranks
         Number of ranks.
-    n_dofs
-        Nodal unknowns on the scene's meshes.
+    prices
+        What steps take.
     batch, repeats
         Samples timed together, and how often.
+    n_coordinates
+        Rigid coordinates, along each of which a setting has its angles.
     """
 
     n_ranks: int
-    n_dofs: int
+    prices: Prices
     batch: int
     repeats: int
+    n_coordinates: int = 1
     _loads: list[float] = field(init=False)
     _builds: dict[tuple, int] = field(default_factory=dict)
 
@@ -84,17 +114,15 @@ class Dealer:
     def seconds(self, task: Task) -> float:
         """Estimate how long a task takes, its share of the times included."""
         builds = {work.build for work in task.work if isinstance(work, Setting)}
-        prepared = sum(MODEL + ANGLE * (reduction.angles if reduction else 0) for *_, reduction in builds)
-        return prepared + sum(self._run(work) for work in task.work)
+        angles = [reduction.angles**self.n_coordinates for *_, reduction in builds if reduction]
+        return MODEL * len(builds) + ANGLE * sum(angles) + sum(self._run(work) for work in task.work)
 
     def _run(self, work: Setting | ReferenceRun) -> float:
-        n_dofs = work.refinement * self.n_dofs
-        history = work.n_steps * (HISTORY_STEP + 8 * FULL_SAMPLE * n_dofs)
+        step = self.prices.of(work)
+        history = work.n_steps * (HISTORY_STEP + N_VALUES * step)
         if isinstance(work, ReferenceRun):
             return history
         if work.family == "surface":
-            return history
-        sample = FULL_SAMPLE * n_dofs
-        if work.reduction is not None:
-            sample = REDUCED_SAMPLE + REDUCED_ENTRY * work.reduction.modes**2
-        return history + self.repeats * work.n_steps * (2 * STEP + self.batch * sample)
+            return history * work.nodes / N_VALUES
+        timed = work.n_steps * (2 * STEP + self.batch * step)
+        return history + self.repeats * min(timed, 2 * self.prices.timed)

@@ -1,14 +1,17 @@
 """Measuring one setting on one rank: build or prepare, run at the test values, take times.
 
 Times are taken by the wall and by the processor, of this process alone. *Offline* is what comes before the first
-sample: the build of a reduced model and its preparation, the preparation of a full-order model, the runs at a response
-surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble does it: integration
-to the end time and the outputs there; of a response surface the outputs over time. A sample alone is a batch of one.
+sample: condensing bodies of cells, the build of a reduced model and its preparation, the preparation of another model,
+the runs at a response surface's nodes and the interpolation. *Online* is what a sample costs after that, as an ensemble
+does it: integration to the end time and the outputs there; of a response surface the outputs over time. A sample alone
+is a batch of one. A run that is predicted to take longer than `TIMED` is timed with fewer samples, and then by its
+first steps: a step costs what the others do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from time import perf_counter, process_time
 from typing import Protocol
@@ -16,17 +19,22 @@ from typing import Protocol
 import numpy as np
 from mpi4py import MPI
 
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.experiments.history import AnyModel, History, run_history, spacing, with_steps
+from pgmp_petsc.experiments.price import duration_text, step_seconds
+from pgmp_petsc.experiments.reference import Reference, component_model
+from pgmp_petsc.experiments.subject import Subject
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
-from pgmp_petsc.scene.numerics import Simulation
+from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.studies.tradeoff_history import History, history_of, n_instants, with_steps
 from pgmp_petsc.studies.tradeoff_settings import Setting
 from pgmp_petsc.studies.tradeoff_surface import ResponseSurface
 from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values
@@ -35,24 +43,22 @@ from pgmp_petsc.studies.tradeoff_values import at_values, held_out, node_values
 # (PETSc's and MPI's are RuntimeErrors); a mistake of the program ends the study.
 FAILURES = (PgmpError, RuntimeError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
 MOST_TIMED_TOGETHER = 128
+TIMED = 2.0  # s of processor time of one run that is timed, predicted
+FEWEST_STEPS = 8  # that a longer run is timed by
+OF_BUDGET = 0.1  # of reference.budget, for runs of the mesh where it is not the reference
 LONG_BUILD = 2.0  # s; a build that takes longer is timed once
 WARM_UP_STEPS = 2
 WARM_UP_ANGLES = 6
 
 
 class Candidate(Protocol):
-    """A setting that is ready to run.
+    """A setting that is prepared."""
 
-    Attributes
-    ----------
-    history
-        Outputs at the test values.
-    """
+    def history(self) -> History:
+        """Return the outputs at the test values."""
 
-    history: History
-
-    def run(self, n_samples: int) -> None:
-        """Do n samples as one batch."""
+    def seconds(self, n_samples: int) -> np.ndarray:
+        """Return wall and processor time of a sample in a batch of n, shape (2,), s."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +70,14 @@ class Prepared:
     model
         A model, or a response surface.
     n_coordinates
-        Unknowns: reduced or nodal coordinates, or nodes of the surface.
+        Unknowns: reduced, nodal or component coordinates, or nodes of the surface.
     cosine
         Smallest cosine between neighbouring spaces of modes; 1 where there are none.
     seconds
         Wall time and processor time, shape (2,), s.
     """
 
-    model: Model | ResponseSurface
+    model: AnyModel | ResponseSurface
     n_coordinates: int
     cosine: float
     seconds: np.ndarray
@@ -79,49 +85,84 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was found out about a setting when it was made ready; it is sent to the first rank.
+    """What was found out about a setting when it was made ready; it is sent to the first rank, and kept.
 
     Attributes
     ----------
     history
-        Outputs at the test values; None where the setting failed.
+        Outputs at the test values; None where the setting failed, or its runs were too dear.
     n_coordinates, cosine
         See `Prepared`.
     reason
-        Why it failed; empty where it did not.
+        Why there is no history; empty where there is one.
+    offline
+        Wall and processor time of what comes before the first sample, shape (2,), s; NaN where it failed.
     """
 
     history: History | None
     n_coordinates: int = 0
     cosine: float = 1.0
     reason: str = ""
+    offline: tuple[float, float] = (np.nan, np.nan)
 
 
 class Simulated:
-    """One of the two models with a step; see `Candidate`."""
+    """A model with a step; see `Candidate`."""
 
-    def __init__(self, model: Model, simulation: Simulation, values: Mapping[str, np.ndarray], kept: int) -> None:
-        self._model, self._simulation, self._values = model, simulation, values
-        self.history = history_of(model, values, simulation, kept)
+    def __init__(self, model: AnyModel, n_steps: int, values: Mapping[str, np.ndarray], n_values: int) -> None:
+        self._model, self._n_steps, self._values, self._n_values = model, n_steps, values, n_values
+        reduced = isinstance(model, ReducedModel)
+        self._step = 0.0 if reduced else step_seconds(model.kinematics.mechanism)
 
-    def run(self, n_samples: int) -> None:
+    def history(self) -> History:
+        """Return the outputs at the test values; raises `RunError` where one fails."""
+        return run_history(self._model, self._values, self._n_values, self._n_steps).require_fine(self._values)
+
+    @property
+    def price(self) -> float:
+        """Predicted processor time of the history, s."""
+        return self._n_values * self._n_steps * self._step
+
+    def seconds(self, n_samples: int) -> np.ndarray:
         """Integrate the test values, repeated until there are n, and evaluate the outputs at the end."""
-        values = {name: np.resize(column, n_samples) for name, column in self._values.items()}
-        system = self._model.batch(values, n_samples)
-        run = integrate(system, self._simulation)
-        self._model.outputs.evaluate(self._model.output_frames(system, run.state))
+        each = self._n_steps * self._step
+        n, taken = min(n_samples, self._model.largest_batch), self._n_steps
+        if n * each > TIMED:
+            n = min(n, max(LANES, int(TIMED / each)))
+        if n * each > TIMED:
+            taken = min(taken, max(FEWEST_STEPS, int(TIMED / (n * self._step))))
+        simulation = with_steps(self._model.scene, self._n_steps).simulation
+        if taken < self._n_steps:
+            duration = simulation.duration * taken / self._n_steps
+            simulation = simulation.model_copy(update={"duration": duration, "step": duration / taken})
+        values = {name: np.resize(column, n) for name, column in self._values.items()}
+        start = _now()
+        with closing(self._model.batch(values, n)) as system:
+            begun = _now()
+            run = integrate(system, simulation)
+            self._model.outputs.evaluate(self._model.observed(system, run.state))
+            return (begun - start + (_now() - begun) * self._n_steps / taken) / n
 
 
 class Evaluated:
     """A response surface; see `Candidate`."""
 
-    def __init__(self, surface: ResponseSurface, points: np.ndarray) -> None:
-        self._surface, self._points = surface, points
-        self.history = surface.evaluate(points)
+    def __init__(self, surface: ResponseSurface, points: np.ndarray, names: tuple[str, ...], n_steps: int) -> None:
+        self._surface, self._points, self._names, self._n_steps = surface, points, names, n_steps
 
-    def run(self, n_samples: int) -> None:
+    def history(self) -> History:
+        """Return the outputs at the test values."""
+        found, n = self._surface.evaluate(self._points), len(self._points)
+        outputs = np.array([found[name] for name in self._names])
+        fine = np.full(n, Status.FINE)
+        inside, never = np.ones(n, dtype=bool), np.full(n, np.nan)
+        return History(self._n_steps, spacing(self._n_steps), outputs, fine, inside, never)
+
+    def seconds(self, n_samples: int) -> np.ndarray:
         """Evaluate the test values, repeated until there are n."""
+        start = _now()
         self._surface.evaluate(np.resize(self._points, (n_samples, self._points.shape[1])))
+        return (_now() - start) / n_samples
 
 
 class Bench:
@@ -129,78 +170,97 @@ class Bench:
 
     Parameters
     ----------
-    scene, meshes
-        As they were read.
+    subject
+        The scene and its bodies, condensed for all settings.
+    reference
+        What errors are measured against.
     few_repeats
         How often single samples are timed, and builds, unless they are long.
+    shared
+        Processor times, s, of what was done once for all settings, of families by name: condensing the bodies for
+        ``reduced`` ones, preparing the reference for a ``surface``.
     """
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, LineMesh], few_repeats: int) -> None:
-        self.scene = scene
-        self._few_repeats = few_repeats
-        self.values = held_out(scene)
-        self.batch = min(scene.ensemble.batch, MOST_TIMED_TOGETHER)
-        self._meshes = meshes
-        self._kept = n_instants(scene.simulation)
-        self._toml = scene_to_toml(scene)
+    def __init__(self, subject: Subject, reference: Reference, few_repeats: int, shared: Mapping[str, float]) -> None:
+        self.scene, self.reference = subject.scene, reference
+        self._subject, self._few_repeats, self._shared_seconds = subject, few_repeats, dict(shared)
+        self.values = held_out(self.scene)
+        self.batch = min(self.scene.ensemble.batch, MOST_TIMED_TOGETHER)
+        self._toml = scene_to_toml(self.scene)
         self._prepared: dict[tuple, Prepared] = {}
         self._offline: dict[tuple, list[np.ndarray]] = {}
-        self._ready: dict[Setting, Candidate] = {}
+        self._ready: dict[Setting, Candidate | None] = {}
         self._online: dict[tuple[Setting, int], np.ndarray] = {}
-        self._spent = np.zeros(2)
+        self._spent: dict[Setting, np.ndarray] = {}
 
     @property
     def ready(self) -> list[Setting]:
         """Settings that were made ready here and did not fail."""
         return list(self._ready)
 
-    def warm_up(self, setting: Setting) -> None:
+    def warm_up(self, setting: Setting, second_order: bool) -> None:
         """Load and compile what the first measurement would otherwise pay for."""
         few = setting.with_reduction(
             modes=1,
             parameter_modes=0,
             angles=WARM_UP_ANGLES,
-            second_order=True,
+            second_order=second_order,
             interpolation="spline",
             sampling_tolerance=None,
         )
-        try:
-            for warm in (few, Setting("full", setting.n_steps)):
+        for warm in (few, Setting("full", setting.n_steps)):
+            try:
                 model = self._prepare(warm).model
-                integrate(model.batch(self.values, self._n_values), with_steps(self.scene.simulation, WARM_UP_STEPS))
-        except FAILURES:
-            return  # whatever is wrong will be met again, with its reason
+                simulation = self.scene.simulation
+                duration = simulation.duration * WARM_UP_STEPS / setting.n_steps
+                short = simulation.model_copy(update={"duration": duration, "step": duration / WARM_UP_STEPS})
+                for n in {min(self._n_values, model.largest_batch), 1}:
+                    values = {name: column[:n] for name, column in self.values.items()}
+                    with closing(model.batch(values, n)) as system:
+                        integrate(system, short)
+            except FAILURES:
+                continue  # whatever is wrong will be met again, with its reason
 
     def make_ready(self, setting: Setting) -> Measured:
         """Prepare a setting and run it at the test values; a failure is returned, not raised."""
+        history, reason = None, ""
         try:
             prepared = self._shared(setting)
-            self._ready[setting] = candidate = self._candidate(setting, prepared.model)
+            candidate = self._candidate(setting, prepared.model)
+            reason = self._too_dear(setting, candidate)
+            history = None if reason else candidate.history()
+            self._ready[setting] = candidate
         except FAILURES as error:
             reason = str(error) if isinstance(error, PgmpError) else f"{type(error).__name__}: {error}"
             return Measured(None, reason=" ".join(reason.split()))
-        return Measured(candidate.history, prepared.n_coordinates, prepared.cosine)
+        offline = tuple(float(value) for value in self._offline[setting.build][0])
+        return Measured(history, prepared.n_coordinates, prepared.cosine, reason, offline)
 
-    def reference(self, refinement: int, n_steps: int) -> History:
-        """Return the full-order outputs at the test values with so many steps.
+    def take_up(self, setting: Setting, measured: Measured) -> None:
+        """Take up what an earlier run found out about a setting; it is prepared again only for its times."""
+        if np.isfinite(measured.offline[0]):
+            self._ready.setdefault(setting, None)
+            self._offline.setdefault(setting.build, [np.array(measured.offline)])
+
+    def run_reference(self, refinement: int, n_steps: int) -> History:
+        """Return the reference's outputs at the test values with so many steps.
 
         Raises
         ------
         RunError
             If a sample fails.
         """
-        model = self._shared(Setting("full", n_steps, refinement)).model
-        return history_of(model, self.values, with_steps(self.scene.simulation, n_steps), self._kept)
+        model = self._shared(Setting("full", n_steps, refinement)).model if refinement > 1 else self.reference.model
+        return run_history(model, self.values, self._n_values, n_steps).require_fine(self.values)
 
     def take_times(self, setting: Setting, turn: int) -> None:
         """Take the times of a setting that is ready, for the `turn`-th time; the least of all turns counts."""
-        candidate = self._ready[setting]
+        if self._ready[setting] is None:
+            self._ready[setting] = self._candidate(setting, self._shared(setting).model)
         for n in (self.batch, 1) if turn <= self._few_repeats else (self.batch,):
-            start = _now()
-            candidate.run(n)
-            seconds = _now() - start
-            self._spent += seconds
-            self._online[setting, n] = np.minimum(seconds / n, self._online.get((setting, n), np.inf))
+            seconds = self._ready[setting].seconds(n)
+            self._spent[setting] = self._spent.get(setting, 0.0) + n * seconds
+            self._online[setting, n] = np.minimum(seconds, self._online.get((setting, n), np.inf))
         taken = self._offline[setting.build]
         if len(taken) < min(turn, self._few_repeats) and taken[0][0] < LONG_BUILD:
             taken.append(self._prepare(setting).seconds)
@@ -210,63 +270,82 @@ class Bench:
         offline = np.min(self._offline[setting.build], axis=0)
         return np.array([offline, self._online[setting, self.batch], self._online[setting, 1]])
 
-    @property
-    def waiting(self) -> float:
-        """Wall time over processor time of all timed runs: 1 on a quiet machine, 0 where nothing was timed."""
-        wall, processor = self._spent
-        return float(wall / processor) if processor else 0.0
+    def spent(self, setting: Setting) -> np.ndarray:
+        """Return wall and processor time of a setting's timed runs, shape (2,), s."""
+        return self._spent[setting]
 
     def n_cells(self, refinement: int) -> int:
         """Return the number of cells of all bodies."""
-        return refinement * sum(mesh.n_cells for mesh in self._meshes.values())
+        return refinement * sum(mesh.n_cells for mesh in self._subject.meshes.values())
 
     @property
     def _n_values(self) -> int:
         return next((len(column) for column in self.values.values()), 1)
 
-    def _candidate(self, setting: Setting, model: Model | ResponseSurface) -> Candidate:
+    def _too_dear(self, setting: Setting, candidate: Candidate) -> str:
+        """Return why a setting is not run at the test values; empty where it is."""
+        of_mesh = setting.family == "full" and not self.reference.is_mesh
+        allowed = OF_BUDGET * self.scene.reference.budget
+        if not of_mesh or candidate.price <= allowed:
+            return ""
+        return (
+            f"too dear to be run at the test values: {duration_text(candidate.price)} of processor time are predicted, "
+            f"{duration_text(allowed)} are a tenth of reference.budget; its times are those of its first steps"
+        )
+
+    def _candidate(self, setting: Setting, model: AnyModel | ResponseSurface) -> Candidate:
         if isinstance(model, ResponseSurface):
             points = np.column_stack([self.values[name] for name in uncertain_names(self.scene)])
-            return Evaluated(model, points)
-        simulation = with_steps(self.scene.simulation, setting.n_steps)
-        return Simulated(model, simulation, self.values, self._kept)
+            return Evaluated(model, points, self._outputs, setting.n_steps)
+        return Simulated(model, setting.n_steps, self.values, self._n_values)
+
+    @property
+    def _outputs(self) -> tuple[str, ...]:
+        return tuple(self.reference.model.outputs.functions)
 
     def _shared(self, setting: Setting) -> Prepared:
         """Prepare a setting, or return what was prepared for one with the same build."""
         if setting.build not in self._prepared:
             prepared = self._prepared[setting.build] = self._prepare(setting)
-            self._offline[setting.build] = [prepared.seconds]
+            self._offline.setdefault(setting.build, [prepared.seconds])
         return self._prepared[setting.build]
 
     def _prepare(self, setting: Setting) -> Prepared:
         """Do what comes before the first sample, and take its time."""
-        prepare = {"reduced": self._build, "full": self._full, "surface": self._surface}[setting.family]
-        # the full-order model that a surface needs first is shared, and so is its time
-        before = self._shared(Setting("full", setting.n_steps)).seconds if setting.family == "surface" else np.zeros(2)
+        families = {
+            "reduced": self._build, "full": self._full, "components": self._components, "surface": self._surface
+        }  # fmt: skip
         start = _now()
-        model, n_coordinates, cosine = prepare(setting)
-        return Prepared(model, n_coordinates, cosine, before + _now() - start)
+        model, n_coordinates, cosine = families[setting.family](setting)
+        shared = self._shared_seconds.get(setting.family, 0.0) if setting.refinement == 1 else 0.0
+        return Prepared(model, n_coordinates, cosine, shared + _now() - start)
 
     def _build(self, setting: Setting) -> tuple[ReducedModel, int, float]:
         scene = scene_from_toml(self._toml, self.scene.directory, setting.overrides(self.scene))
+        shapes = self._subject.shapes if setting.refinement == 1 else self._refined(setting.refinement)
         with RankGroup.split(MPI.COMM_SELF, 1) as group:
-            rom = build_rom(scene, self._refined(setting.refinement), group)
+            rom = build_rom(scene, shapes, group)
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
         return ReducedModel(scene, rom), n_coordinates, float(rom.cosines.min())
 
     def _full(self, setting: Setting) -> tuple[FullModel, int, float]:
-        model = FullModel(self.scene, self._refined(setting.refinement))
+        meshes = self._subject.meshes if setting.refinement == 1 else self._refined(setting.refinement)
+        model = FullModel(self.scene, meshes)
         return model, model.kinematics.mechanism.n_dofs, 1.0
+
+    def _components(self, setting: Setting) -> tuple[ComponentModel, int, float]:
+        model = component_model(self.scene, self._subject.meshes, MPI.COMM_SELF, setting.component_modes)
+        return model, sum(model.n_amplitudes.values()), 1.0
 
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:
         nodes = node_values(self.scene, setting.nodes)
-        model = self._shared(Setting("full", setting.n_steps)).model
-        simulation = with_steps(self.scene.simulation, setting.n_steps)
-        runs = history_of(model, at_values(self.scene, nodes), simulation, self._kept)
-        return ResponseSurface(nodes, runs), setting.nodes, 1.0
+        values = at_values(self.scene, nodes)
+        runs = run_history(self.reference.model, values, setting.nodes, setting.n_steps).require_fine(values)
+        return ResponseSurface(nodes, dict(zip(self._outputs, runs.outputs))), setting.nodes, 1.0
 
-    def _refined(self, parts: int) -> dict[str, LineMesh]:
-        return {name: refined(mesh, parts) for name, mesh in self._meshes.items()}
+    def _refined(self, parts: int) -> dict[str, BodyShape]:
+        lines = {name: mesh for name, mesh in self._subject.meshes.items() if isinstance(mesh, LineMesh)}
+        return {name: refined(mesh, parts) for name, mesh in lines.items()}
 
 
 def _now() -> np.ndarray:

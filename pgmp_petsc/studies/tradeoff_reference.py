@@ -1,4 +1,4 @@
-"""The reference: the full-order model with a step that is halved until it no longer matters.
+"""The reference with a step that is halved until it no longer matters.
 
 The reference is fine enough where its last halving moved every output by less than a tenth of the smallest error
 that any setting has against it. For an integrator of order two, what remains is then a third of that move.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.studies.tradeoff_history import History, largest_errors
+from pgmp_petsc.experiments.history import History, largest_errors
 
 SHARE = 0.1
 ORDER = 2
@@ -17,7 +17,7 @@ MOST_AT_ONCE = 3  # halvings that are asked for together: a prediction by the or
 
 
 class ReferenceSequence:
-    """Full-order runs on one mesh, with steps that are halved.
+    """Runs of a reference on one mesh, with steps that are halved.
 
     Parameters
     ----------
@@ -25,10 +25,12 @@ class ReferenceSequence:
         Number of steps of the coarsest run.
     most
         Number of steps of the finest run that is allowed.
+    floors
+        Below which outputs count as zero, in their units, shape (n_outputs,).
     """
 
-    def __init__(self, first: int, most: int) -> None:
-        self._first, self._most = first, max(most, 2 * first)
+    def __init__(self, first: int, most: int, floors: np.ndarray) -> None:
+        self._first, self._most, self._floors = first, max(most, 2 * first), floors
         self._runs: dict[int, History] = {}
         self._failure = ""
 
@@ -63,7 +65,7 @@ class ReferenceSequence:
     @property
     def moved(self) -> np.ndarray:
         """By how much the last halving moved each output, as `largest_errors`, shape (n_outputs,)."""
-        return largest_errors(self._runs[self.n_steps // 2], self.history)
+        return largest_errors(self._runs[self.n_steps // 2], self.history, self._floors)
 
     def wanted(self, smallest: np.ndarray) -> list[int]:
         """Return the numbers of steps that are missing until the reference is fine enough, as far as one can tell.

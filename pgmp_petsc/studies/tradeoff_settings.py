@@ -19,11 +19,11 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Reduction, Simulation
 from pgmp_petsc.scene.spanning_values import uncertain_names
-from pgmp_petsc.studies.tradeoff_history import step_of
 from pgmp_petsc.studies.tradeoff_surface import node_counts
 
 AS_GOOD = 1.5  # how far above the smallest error a setting is still as good, if it is cheaper
 GOOD_ENOUGH = 0.01  # an error for which the cheapest setting is a second best one
+ALONG_EACH = 0.7  # power of the angles of one coordinate that are taken along each of several: 48 become 15
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,15 @@ class Setting:
     Attributes
     ----------
     family
-        ``reduced``, ``full`` or ``surface``.
+        ``reduced``, ``components``, ``full`` or ``surface``.
     n_steps
         Time steps over the scene's duration.
     refinement
         Parts that every cell of the scene's meshes is cut into.
     nodes
-        Full-order runs that a response surface goes through, 0 for the models.
+        Runs of the reference that a response surface goes through, 0 for the models.
+    component_modes
+        Modes that bodies in floating frames serve, 0 for the others.
     reduction
         Entries of the reduced model, None for the others.
     """
@@ -48,12 +50,14 @@ class Setting:
     n_steps: int
     refinement: int = 1
     nodes: int = 0
+    component_modes: int = 0
     reduction: Reduction | None = None
 
     @property
-    def build(self) -> tuple[str, int, int, int, Reduction | None]:
+    def build(self) -> tuple[str, int, int, int, int, Reduction | None]:
         """What is done before the first sample; settings of a model that differ in the step alone share it."""
-        return self.family, self.refinement, self.nodes, self.n_steps if self.nodes else 0, self.reduction
+        steps = self.n_steps if self.nodes else 0
+        return self.family, self.refinement, self.nodes, steps, self.component_modes, self.reduction
 
     def with_reduction(self, **entries: Any) -> Setting:
         """Return the setting with other entries of the reduction."""
@@ -69,6 +73,8 @@ class Setting:
             for key, value in self.reduction.model_dump(exclude_none=True).items():
                 if value != getattr(scene.reduction, key) or _left_open(scene.reduction, key):
                     changes.append(f"reduction.{key}={json.dumps(value)}")
+        if self.component_modes and self.component_modes != scene.reduction.modes:
+            changes.append(f"reduction.modes={self.component_modes}")
         simulation = scene.simulation
         if self.n_steps != count_steps(simulation.duration, simulation.step) or _left_open(simulation, "step"):
             changes.append(f"simulation.step={step_of(simulation.duration, self.n_steps)!r}")
@@ -99,6 +105,8 @@ class Sweep:
         Parts of every cell that both models are run with.
     finest
         Parts of every cell of the mesh that tells the others' discretisation errors.
+    component_modes
+        Modes that the component model's bodies serve; the last one's steps are varied.
     surfaces
         Number of response surfaces.
     repeats, few_repeats
@@ -120,10 +128,21 @@ class Sweep:
     tensor_angles: int
     refinements: tuple[int, ...]
     finest: int
+    component_modes: tuple[int, ...]
     surfaces: int
     repeats: int
     few_repeats: int
     reference_halvings: tuple[int, int]
+
+    def over(self, n_coordinates: int) -> Sweep:
+        """Return the sweep for a number of coordinates: of several, angles along each of them and fewer."""
+        if n_coordinates == 1:
+            return self
+        few = tuple(dict.fromkeys(round(angles**ALONG_EACH) for angles in self.angles))
+        own = tuple(dict.fromkeys(round(angles**ALONG_EACH) for angles in self.own_angles))
+        schemes = tuple(scheme for scheme in self.schemes if scheme != "spectral")
+        tensor = round(self.tensor_angles**ALONG_EACH)
+        return replace(self, angles=few, own_angles=own, tensor_angles=tensor, schemes=schemes)
 
 
 FULL = Sweep(
@@ -140,6 +159,7 @@ FULL = Sweep(
     tensor_angles=48,
     refinements=(2, 4),
     finest=8,
+    component_modes=(4, 10, 22),
     surfaces=4,
     repeats=3,
     few_repeats=2,
@@ -159,6 +179,7 @@ QUICK = Sweep(
     tensor_angles=48,
     refinements=(2,),
     finest=4,
+    component_modes=(4, 12),
     surfaces=3,
     repeats=2,
     few_repeats=1,
@@ -176,10 +197,16 @@ class Limits:
         Flexible modes that the scene's meshes have.
     n_loads
         Effects that static modes can answer to.
+    second_order
+        Whether the reduced model may have terms of second order.
+    refinable
+        Whether meshes can be cut into finer ones and run as the reference: those of lines.
     """
 
     n_modes: int
     n_loads: int
+    second_order: bool = True
+    refinable: bool = True
 
 
 def own_setting(scene: Scene) -> Setting:
@@ -204,7 +231,10 @@ def first_settings(scene: Scene, sweep: Sweep, limits: Limits) -> list[Setting]:
         plain = {"inertia_modes": False, "parameter_modes": 0}
         settings.append(replace(few, n_steps=steps).with_reduction(modes=modes, static_modes=value, **plain))
     settings += [Setting("full", steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
-    settings += [Setting("full", n, refinement) for refinement in sweep.refinements]
+    settings += [Setting("full", n, refinement) for refinement in (sweep.refinements if limits.refinable else ())]
+    settings += [Setting("components", n, component_modes=modes) for modes in sweep.component_modes]
+    last = Setting("components", n, component_modes=sweep.component_modes[-1]) if sweep.component_modes else None
+    settings += [replace(last, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser) if last]
     settings += [Setting("surface", n, nodes=k) for k in node_counts(len(uncertain_names(scene)), sweep.surfaces)]
     return _once(settings)
 
@@ -220,11 +250,13 @@ def settings_around(best: Sequence[Setting], scene: Scene, sweep: Sweep, limits:
         settings += [replace(setting, n_steps=steps) for steps in _steps(n, sweep.finer, sweep.coarser)]
         if number > 0:
             continue
-        settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
+        if limits.second_order:
+            settings.append(setting.with_reduction(second_order=not setting.reduction.second_order))
         settings += [setting.with_reduction(static_modes=value) for value in _static(limits)]
         settings += _extended(setting, sweep, scene)
         settings += _sampled(setting, sweep.angles, sweep.schemes)
-        settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
+        if limits.refinable:
+            settings += [replace(setting, refinement=refinement) for refinement in sweep.refinements]
     return _once(settings)
 
 
@@ -266,6 +298,7 @@ def columns_of(settings: Sequence[Setting], scene: Scene) -> dict[str, np.ndarra
         "step": np.array([step_of(duration, setting.n_steps) for setting in settings]),
         "refinement": np.array([setting.refinement for setting in settings]),
         "nodes": np.array([setting.nodes for setting in settings]),
+        "component_modes": np.array([setting.component_modes for setting in settings]),
     }
     for key in Reduction.model_fields:
         values = [None if setting.reduction is None else getattr(setting.reduction, key) for setting in settings]
@@ -319,6 +352,15 @@ def _within(modes: Sequence[int], limits: Limits) -> list[int]:
 def _left_open(table: Reduction | Simulation, key: str) -> bool:
     """Whether a table has a tolerance and leaves an entry to the choice that follows from it."""
     return table.tolerance is not None and key not in table.model_fields_set
+
+
+def step_of(duration: float, n_steps: int) -> float:
+    """Return the step with the fewest digits (s) that gives so many steps."""
+    for digits in range(17):
+        step = float(f"{duration / n_steps:.{digits}e}")
+        if step > 0.0 and count_steps(duration, step) == n_steps:
+            return step
+    return duration / n_steps
 
 
 def own_steps(scene: Scene) -> int:

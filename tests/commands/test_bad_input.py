@@ -110,8 +110,102 @@ IN_SPACE = {
     ),
 }
 
+SOLID = PAPER_SCENE.with_name("slider_crank_solid2d.toml")
+
+
+def stress(scene: Path, entries: str, *words: str, command: tuple[str, ...] = ("check",)) -> Case:
+    """Return a command with a stress output of the scene."""
+    override = f'outputs.high={{{{type="stress", {entries}}}}}'
+    return Case((command[0], str(scene), *command[1:], "--override", override), words)
+
+
+STRESSES = {
+    "stress of no body": stress(SOLID, 'body="rd", quantity="von_mises"', 'outputs.high.body = "rd"', "mean 'rod'"),
+    "stress of a beam's cells": stress(
+        PAPER_SCENE,
+        'body="rod", quantity="von_mises"',
+        'outputs.high.quantity = "von_mises": a beam2d has no such quantity',
+        "axial_force, shear_force, bending_moment, stress_max, stress_min",
+    ),
+    "moment of a solid": stress(
+        SOLID, 'body="rod", quantity="bending_moment"', "a solid2d has no such quantity", "von_mises, principal_max"
+    ),
+    "torsion in the plane": stress(PAPER_SCENE, 'body="rod", quantity="torsion_moment"', "a beam2d has no such"),
+    "two places of a stress": stress(
+        SOLID,
+        'body="rod", quantity="von_mises", group="tip", at=[0.5, 0.0]',
+        "outputs.high.group: at most one of at, group, region is needed; at and group are given",
+    ),
+    "place of a stress in space": stress(
+        SOLID,
+        'body="rod", quantity="von_mises", at=[0.5, 0.0, 0.0]',
+        "outputs.high.at = [0.5, 0.0, 0.0]",
+        "two numbers",
+    ),
+    "region of a beam": stress(
+        PAPER_SCENE, 'body="rod", quantity="axial_force", region="tip"', 'outputs.high.region = "tip"', "no regions"
+    ),
+    "stress outside the mesh": stress(
+        SOLID,
+        'body="rod", quantity="von_mises", at=[2.0, 0.0]',
+        "outputs.high.at = [2.0, 0.0]: outside the mesh of rod, which reaches from (",
+        "its nearest node is at (1, ",
+    ),
+    "stress beside a beam": stress(
+        PAPER_SCENE,
+        'body="rod", quantity="axial_force", at=[0.5, 0.1]',
+        "outputs.high.at = [0.5, 0.1]: outside the mesh of rod",
+        command=("build", "-o", OUT),
+    ),
+    "stress of an unknown group": stress(
+        SOLID,
+        'body="rod", quantity="von_mises", group="tp"',
+        "outputs.high.group = \"tp\": the mesh has no group of faces of this name; did you mean 'tip'?",
+        command=("simulate", "--full", "-o", OUT),
+    ),
+    "stress of an unknown region": stress(
+        SOLID, 'body="rod", quantity="von_mises", region="web"', 'outputs.high.region = "web": the mesh has no region'
+    ),
+    "stress at an unknown point of a beam": stress(
+        PAPER_SCENE, 'body="rod", quantity="stress_max", group="tipp"', 'outputs.high.group = "tipp"', "mean 'tip'"
+    ),
+    "stress of a rigid body": Case(
+        (
+            "check",
+            str(SOLID),
+            *overridden(
+                "bodies.crank.flexible=false", 'outputs.high={{type="stress", body="crank", quantity="von_mises"}}'
+            ),
+        ),
+        ('outputs.high.body = "crank": this body is rigid',),
+    ),
+    "stress of a scaled section": Case(
+        (
+            "check",
+            str(SOLID),
+            *overridden(
+                "bodies.rod.section_scale=1.0", 'outputs.high={{type="stress", body="rod", quantity="von_mises"}}'
+            ),
+        ),
+        ('outputs.high.body = "rod": a body with section_scale has no stress outputs',),
+    ),
+    "fibre of a section by coefficients": Case(
+        (
+            "check",
+            str(FOUR_BAR),
+            *overridden(
+                'bodies.coupler={{line={{length=0.9, elements=5}}, element="beam2d", section={{shape="coefficients", '
+                "axial=2e7, shear=6e6, bending=160.0, line_density=0.77, rotary_density=6e-6}}}}",
+                'outputs.high={{type="stress", body="coupler", quantity="stress_max"}}',
+            ),
+        ),
+        ('outputs.high.quantity = "stress_max": a section given by coefficients has no outermost fibre',),
+    ),
+}
+
 CASES = {
     **IN_SPACE,
+    **STRESSES,
     # 5 m between the pivots, 0.3 + 0.9 + 0.7 m of bars
     "bars too short for their pivots": Case(
         ("check", str(FOUR_BAR), "--override", "ground.points.pivot=[5.0, 0.0]"),
@@ -201,9 +295,39 @@ CASES = {
         ("check", str(FOUR_BAR), *overridden("bodies.crank.line.length=0.6")),
         ("coordinates.theta: it does not control", "3.14159 rad", "singular value"),
     ),
-    "tolerance for two coordinates": Case(
-        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.tolerance=0.01")),
-        ("reduction.tolerance = 0.01: for one rigid coordinate only", "shoulder_angle, elbow_angle"),
+    "no reference within the budget": Case(
+        ("build", str(PENDULUM), "-o", OUT, *overridden("reduction.tolerance=0.01", "reference.budget=1e-3")),
+        (
+            "reduction.tolerance = 0.01: no reference is within reference.budget = 0.001 s",
+            "predicted for the mesh",
+            "of the component model",
+            "raise reference.budget",
+            'name reference.model ("mesh" or "components")',
+            "shorten simulation.duration",
+        ),
+    ),
+    "a reference that there is not": Case(
+        ("build", SCENE, "-o", OUT, *overridden("reduction.tolerance=0.01", 'reference.model="truth"')),
+        ("reference.model", "truth", "mesh", "components"),
+    ),
+    "no budget": Case(
+        ("build", SCENE, "-o", OUT, *overridden("reduction.tolerance=0.01", "reference.budget=0.0")),
+        ("reference.budget", "0.0", "greater than 0"),
+    ),
+    "a step too dear to find": Case(
+        (
+            "simulate",
+            SCENE,
+            "--full",
+            "-o",
+            OUT,
+            *overridden("simulation={{tolerance=0.01, duration=1.0}}", "reference.budget=1e-3"),
+        ),
+        (
+            "simulation.tolerance = 0.01: to find the step, the full-order model has to run",
+            "reference.budget = 0.001",
+            "give simulation.step",
+        ),
     ),
     # files
     "no scene": Case(("check", "{folder}/slider_crnk.toml"), ("slider_crnk.toml", "no such scene file")),
@@ -317,6 +441,7 @@ CASES = {
 }
 ON_THREE_RANKS = (
     *IN_SPACE,
+    *STRESSES,
     "unknown key",
     "missing mesh",
     "unknown point",

@@ -19,8 +19,10 @@ PURPOSES = {
     "modes": Purpose.MODES,
     "simulate": Purpose.REDUCED,
     "simulate --full": Purpose.FULL,
+    "simulate --components": Purpose.COMPONENTS,
     "montecarlo": Purpose.REDUCED,
     "montecarlo --full": Purpose.FULL,
+    "montecarlo --components": Purpose.COMPONENTS,
 }
 CHOSEN = [
     (kind, feature) for k, kind in enumerate(KINDS) for f, feature in enumerate(FEATURES) if (f + k) % len(KINDS) == 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from runs import PAPER_SCENE, PGMP, overridden, pgmp
 
 from pgmp_petsc.results import Ensemble, Trajectory
@@ -45,6 +46,11 @@ LOOSE = (
 )
 
 
+PLATFORM, SOLID = ROOT / "scenes" / "platform_3rrr.toml", ROOT / "scenes" / "slider_crank_solid2d.toml"
+FOURTH = 'coordinates.fourth={joint="first_elbow", range=[-3.0, 3.0]}'
+FREEDOM = "joints: they leave the rigid mechanism 3 degrees of freedom"
+
+
 @pytest.mark.parametrize(
     "arguments, message",
     [
@@ -54,6 +60,16 @@ LOOSE = (
             "--ranks-per-sample = 2: samples of component modes are small",
         ),
         (("simulate", PAPER_SCENE, "--components", *overridden(LOOSE)), "bodies.loose: no joint connects it with"),
+        (
+            ("simulate", SOLID, "--components", *overridden('joints.elbow.connect=["crank:side", "rod:hinge"]')),
+            'joints.elbow.connect = "side": the mesh has no group of faces of this name; known: hinge, tip',
+        ),
+        (
+            ("simulate", PLATFORM, "--components", *overridden(FOURTH)),
+            f"{FREEDOM} (30 of its 10 bodies less 27 independent constraints), but 4 coordinates were named",
+        ),
+        (("build", PLATFORM), "3 independent coordinates were given; at most 2 are taken"),
+        (("tradeoff", PLATFORM), "Take pgmp simulate SCENE --components or --full"),
     ],
 )
 def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None:
@@ -61,3 +77,37 @@ def test_what_is_refused(arguments: tuple, message: str, tmp_path: Path) -> None
     done = pgmp(*arguments, "-o", output, status=2)
     assert message in done.stderr and "Traceback" not in done.stderr
     assert not output.exists()
+
+
+def test_fewer_coordinates_than_degrees_of_freedom(tmp_path: Path) -> None:
+    """Refused by name, on two ranks as on one."""
+    text = PLATFORM.read_text()
+    for table in ("coordinates.third", "simulation.initial.third"):
+        start = text.index(f"[{table}]")
+        text = text[:start] + text[text.index("\n[", start) + 1 :]
+    few = tmp_path / "few.toml"
+    few.write_text(text)
+    done = pgmp("simulate", few, "--components", "-o", tmp_path / "out.h5", status=2)
+    assert FREEDOM in done.stderr and "but 2 coordinates were named: first, second" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_what_ranks_did_not_share_is_said(tmp_path: Path, mpirun: Callable) -> None:
+    said = mpirun(3, *PGMP, "simulate", PAPER_SCENE, "--components", *QUICK, "-o", tmp_path / "run.h5").stdout
+    assert (
+        "each of the 2 flexible bodies was condensed by one rank in its own memory, and 1 of 3 ranks had none" in said
+    )
+
+
+@pytest.mark.parametrize("name", ["platform_3rrr", "six_joint_arm"])
+def test_the_scenes_run_as_they_are(name: str, tmp_path: Path) -> None:
+    said = pgmp("simulate", ROOT / "scenes" / f"{name}.toml", "--components", "-o", tmp_path / "run.h5").stdout
+    assert "warning" not in said
+    assert Trajectory.read(tmp_path / "run.h5").status == 0
+
+
+def test_the_step_is_found_for_a_tolerance(tmp_path: Path) -> None:
+    step = overridden("simulation={duration=0.02, tolerance=0.05}", "reduction.modes=3")
+    only = overridden('outputs={crank_angle={type="angle", joint="crank_hinge"}}')
+    said = pgmp("simulate", PAPER_SCENE, "--components", *step, *only, "-o", tmp_path / "run.h5").stdout
+    assert "simulation.tolerance = 0.05: simulation.step =" in said

@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomllib
+from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, ends, plate_mesh
 from conftest import ROOT
 from runs import PGMP, pgmp
+from solids import rectangle_mesh
 
+from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.results import EffectSizes
 from pgmp_petsc.runtime.files import open_file
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import load_scene, scene_to_toml
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.effect_sizes import estimate_effects
@@ -53,6 +58,80 @@ def test_the_shares_of_a_spinning_beam_are_those_of_the_closed_form() -> None:
     assert found["prescribed_motion"] == pytest.approx(1.0, abs=0.05)
 
 
+SPIN = 4.0  # rad/s
+CANTILEVERS = {
+    "cells": (PLATE, (), plate_mesh),
+    "solids": (BAR, (IN_SPACE,), bar_mesh),
+    "beam in space": (BEAM_IN_SPACE, (IN_SPACE,), lambda: straight_beam(1.0, 16, 0.0, 3)),
+}
+
+
+@pytest.mark.parametrize("body", CANTILEVERS.values(), ids=CANTILEVERS)
+def test_the_shares_of_other_spinning_bodies_are_those_of_the_closed_form(body: tuple) -> None:
+    tables, more, mesh = body
+    driven = ("simulation.duration=1.0", "simulation.step=1e-2", f"effects.hold.constant_speed.speed={SPIN}")
+    sizes = estimate_effects(cantilever(tables, "", *more, *driven), {"beam": mesh()})
+    found = shares(sizes)
+    assert found["mode_inertia"] == pytest.approx(SPIN / 3.516, rel=5e-3)
+    assert found["geometric_stiffening"] == pytest.approx(1.193 * SPIN**2 / 3.516**2, rel=0.01)
+    # the square of the angle in a step of the rigid run
+    assert sizes.largest_speed["theta"] == pytest.approx(SPIN, rel=2e-3)
+    # the bar's centre of mass goes round a circle of half its length, with a mass of 1
+    about = next(size for size in sizes.sizes if size.kind == "gravity").measure
+    assert about.startswith("work of weights along -y" if not more else "work of weights along -x")
+
+
+@pytest.mark.parametrize(("counts", "stretching"), [((12, 1), "static"), ((4, 2), "dynamic")])
+def test_the_choice_follows_stretching_as_the_bodies_can(counts: tuple[int, int], stretching: str) -> None:
+    """What bends like a plate has no long axis, along which its stretching could be told from bending."""
+    from mpi4py import MPI
+
+    driven = ("simulation.duration=0.5", "simulation.step=1e-2", f"effects.hold.constant_speed.speed={SPIN}")
+    scene = cantilever(PLATE, "", *driven, "reduction.modes=3")
+    height = 0.02 if stretching == "static" else 0.5
+    meshes = {"beam": ends(rectangle_mesh("quad8", counts, (1.0, height)))}
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, meshes, alone, large=True)
+    chosen, _ = choose_effects(scene, meshes, shapes)
+    assert chosen.effects["geometric_stiffening"].stretching == stretching
+    assert chosen.second_order and chosen.static_stretching == (stretching == "static")
+
+
+def test_the_choice_adds_terms_for_two_coordinates() -> None:
+    from mpi4py import MPI
+
+    quick = ("simulation.duration=0.2", "reduction.modes=2")
+    scene, meshes = read_scene(ROOT / "scenes" / "five_bar.toml", quick, [], MPI.COMM_SELF, Purpose.BUILD)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
+    assert shares(sizes)["mode_inertia"] > sizes.tolerance
+    assert chosen.second_order and chosen.static_stretching
+
+
+def test_what_is_no_part_of_the_change_of_stiffness_is_named() -> None:
+    def measure(*overrides: str) -> str:
+        sizes = sizes_of(FOUR_BAR, "simulation.duration=0.05", *overrides).sizes
+        return next(size.measure for size in sizes if size.kind == "geometric_stiffening")
+
+    assert measure().endswith("by the forces in the bodies; forces of bearing are no part of it")
+    damping = 'effects={motor={type="torque",joint="crank_hinge",table=[[0.0,0.1],[1.0,0.1]]}}'
+    assert measure(damping).endswith("by the forces in the bodies")
+
+
+def test_what_goes_with_another_term_is_said_so() -> None:
+    """A share below the tolerance is not said to exceed it."""
+    sizes = sizes_of(ROOT / "scenes" / "five_bar.toml", "simulation.duration=0.2")
+    assert shares(sizes)["geometric_stiffening"] < sizes.tolerance < shares(sizes)["mode_inertia"]
+    (warned,) = (text for text in sizes.warnings if "geometric_stiffening" in text)
+    assert warned.endswith("without which another term that it leaves out is not taken")
+
+
+def test_several_ranks_condense_for_a_check(mpirun: Callable) -> None:
+    scene, short = ROOT / "scenes" / "slider_crank_solid2d.toml", "simulation.duration=0.1"
+    printed = mpirun(2, *PGMP, "check", scene, "--effects", "--override", short).stdout
+    for line in sizes_of(scene, short).lines():
+        assert re.sub(r"\S*e-\d\d+", "", line) in re.sub(r"\S*e-\d\d+", "", printed), line  # an angle of 1e-35 rad
+
+
 def test_halving_the_speed_quarters_the_stiffening_and_halves_the_mode_inertia() -> None:
     fast, slow = (shares(sizes_of(BEAM, f"effects.motor.spin_up.speed={speed}")) for speed in (6.0, 3.0))
     assert slow["geometric_stiffening"] == pytest.approx(fast["geometric_stiffening"] / 4, rel=0.02)
@@ -74,10 +153,11 @@ def test_a_slow_motion_leaves_the_terms_of_second_order_out() -> None:
 
     slow = "effects.motor.table=[[0.0,0.0],[1.0,1e-6]]"
     scene, meshes = read_scene(FOUR_BAR, [slow, TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
-    chosen, sizes = choose_effects(scene, meshes)
+    chosen, sizes = choose_effects(scene, meshes, meshes)
     assert not chosen.second_order and not chosen.gyroscopic
     assert "motor" in chosen.effects
-    fast, _ = choose_effects(*read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD))
+    scene, meshes = read_scene(FOUR_BAR, [TINY, "simulation.step=2e-3"], [], MPI.COMM_SELF, Purpose.BUILD)
+    fast, _ = choose_effects(scene, meshes, meshes)
     assert fast.second_order and fast.gyroscopic
     assert list(fast.effects) == ["motor", "bearing", "material_damping", "stiffening", "shapes"]  # tiny is left out
 
@@ -86,9 +166,8 @@ def test_a_choice_without_terms_of_second_order_is_written_as_a_scene() -> None:
     from mpi4py import MPI
 
     slow = ("effects.motor.table=[[0.0,0.0],[1.0,1e-6]]", "simulation.duration=0.01")
-    chosen, _ = choose_effects(
-        *read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
-    )
+    scene, meshes = read_scene(ROOT / "scenes" / "slider_crank.toml", slow, [], MPI.COMM_SELF, Purpose.BUILD)
+    chosen, _ = choose_effects(scene, meshes, meshes)
     assert tomllib.loads(scene_to_toml(chosen))["reduction"]["second_order"] is False
 
 

@@ -128,12 +128,13 @@ def test_what_was_chosen_is_said_and_kept(tmp_path: Path) -> None:
     assert 'model = "reduced"' in refused.stderr
 
 
-def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> None:
+@pytest.mark.parametrize("reference", ["mesh", "components"])
+def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path, reference: str) -> None:
     given = (
         f"reduction={{tolerance=1e-2, static_modes=true, {NO_MORE}, second_order=false, angles=24, "
         'interpolation="spectral"}'
     )
-    command = ["build", str(PAPER_SCENE), *overridden(given, SHORT, RIGID)]
+    command = ["build", str(PAPER_SCENE), *overridden(given, SHORT, RIGID, f'reference.model="{reference}"')]
     one = pgmp(*command, "-o", tmp_path / "one.h5").stdout
     two = mpirun(2, *PGMP, *command, "-o", tmp_path / "two.h5").stdout
 
@@ -142,6 +143,7 @@ def test_one_rank_and_two_choose_the_same(mpirun: Callable, tmp_path: Path) -> N
         return [line for line in lines if "processor time" not in line]
 
     assert chosen(one) == chosen(two)
+    assert ("reference: the mesh" if reference == "mesh" else "away from the mesh") in one
 
 
 def test_parameter_modes_that_are_given_and_cannot_be_are_bad_input(tmp_path: Path) -> None:

@@ -38,8 +38,10 @@ def printed(folder: Path) -> str:
 
 
 def test_what_is_printed(printed: str, folder: Path) -> None:
-    lines = printed.splitlines()
+    said, *lines = printed.splitlines()
     study = Tradeoff.read(folder / "f.h5")
+    assert said == study.reference and said.startswith("reference: the mesh; its runs are predicted to take")
+    assert study.reference_model == "full" and not (folder / "f.h5.partial").exists()
     assert lines[0] == f"{folder / 'f.h5'}: {len(study.families)} settings, errors at 8 values of r1, 1 rank(s)"
     assert "crank angle" in lines[1] and "500 in s" in lines[1]
     for words in ("reference, the scene's meshes", "mesh error, 10 cells", "in every output", "times"):
@@ -72,7 +74,7 @@ def test_the_file_keeps_the_contract(printed: str, folder: Path) -> None:
 def test_info_shows_the_table_and_the_advice(printed: str, folder: Path) -> None:
     shown = pgmp("info", folder / "f.h5").stdout
     assert "trade-off study" in shown and "/settings/modes" in shown
-    without_times = [line.strip() for line in printed.splitlines()[1:] if not line.endswith(" s")]
+    without_times = [line.strip() for line in printed.splitlines()[2:] if not line.endswith(" s")]
     assert set(without_times) <= {line.strip() for line in shown.splitlines()}
 
 

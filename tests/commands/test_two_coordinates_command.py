@@ -52,14 +52,8 @@ def test_check_build_info_and_modes(scene: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "options", "words"),
     [
-        (
-            "build",
-            ("--override", "reduction.tolerance=0.01"),
-            "reduction.tolerance = 0.01: for one rigid coordinate only",
-        ),
         ("build", THIRD, "8 along each would make 8^3 = 512 configurations"),
         ("modes", THIRD, "8 along each would make 8^3 = 512 configurations"),
-        ("tradeoff", (), "pgmp tradeoff: for one rigid coordinate only, but the scene has 2: theta1, theta2"),
     ],
 )
 def test_refusals(scene: Path, command: str, options: tuple[str, ...], words: str) -> None:

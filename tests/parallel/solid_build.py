@@ -13,7 +13,12 @@ from spatial import bars_of, slider_crank_in_space
 
 from pgmp_petsc.scene import Scene
 
-SMALL = ("reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true")
+SMALL = (
+    "reduction.modes=3",
+    "reduction.static_modes=true",
+    "reduction.inertia_modes=true",
+    "reduction.second_order=true",
+)
 # the kinematics of a part of a revolution, which every rank follows, takes less time than that of a whole one
 PART = ("coordinates.theta.range=[0.0,0.8]", "coordinates.theta.periodic=false", "reduction.angles=5")
 

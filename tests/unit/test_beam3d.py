@@ -9,7 +9,7 @@ import pytest
 from compiled_elements import Beams3d
 from scipy.spatial.transform import Rotation
 
-from pgmp_petsc.bodies import beam2d
+from pgmp_petsc.bodies import beam2d, spatial_rest_strains
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.beam3d import (
     at_rest,
@@ -270,3 +270,58 @@ def test_coefficients() -> None:
     np.testing.assert_allclose(section.mass_terms()[Monomial()], [7.0, 8.0, 24.0])
     assert section.lever == 0.5
     assert set(section.stiffness_terms()) == {Monomial(), Monomial((("k", 1),))}
+
+
+# --- second order at rest --------------------------------------------------------------------------------------------
+
+
+def from_rest(u: np.ndarray) -> np.ndarray:
+    """Return the unknowns (N, 24) for displacements and rotation vectors (N, 12) of both nodes."""
+    parts = [u[:, 6 * node : 6 * node + 6] for node in range(2)]
+    return unknowns(
+        *((place + part[:, :3], Rotation.from_rotvec(part[:, 3:]).as_matrix()) for place, part in zip(at_ends(), parts))
+    )
+
+
+def at_ends() -> tuple[np.ndarray, np.ndarray]:
+    return PLACES, PLACES + EDGES
+
+
+def test_the_third_derivative_at_rest_is_that_of_the_energy() -> None:
+    """Along any direction, by differences of the energy in rotation vectors, extrapolated to fourth order."""
+    vectors, pairs = RNG.standard_normal((N, 12, 3)), np.tril_indices(3)
+    rows = spatial_rest_strains.rest_strains(LENGTHS, AXES)
+    strains = rows @ vectors
+    third = spatial_rest_strains.third_derivative(strains[..., pairs[0]], strains[..., pairs[1]], SECTION)
+    forces = LENGTHS[:, None, None] * (np.swapaxes(rows, 1, 2) @ third)
+    tensor = np.empty((N, 3, 3, 3))
+    for number, (i, j) in enumerate(zip(*pairs)):
+        tensor[:, :, i, j] = tensor[:, :, j, i] = np.einsum("ndk,nd->nk", vectors, forces[..., number])
+    for order in ((0, 2, 1, 3), (0, 3, 2, 1)):
+        np.testing.assert_allclose(tensor.transpose(order), tensor, rtol=0, atol=1e-13 * np.abs(tensor).max())
+
+    def slope(u: np.ndarray, h: float) -> np.ndarray:
+        one, two = (energy(from_rest(k * h * u)) - energy(from_rest(-k * h * u)) for k in (1, 2))
+        return (two - 2.0 * one) / (2.0 * h**3)
+
+    for y in RNG.standard_normal((3, 3)):
+        u = vectors @ y
+        expected = (4.0 * slope(u, 4e-3) - slope(u, 8e-3)) / 3.0
+        found = np.einsum("nijk,i,j,k->n", tensor, y, y, y)
+        # the fourth power of steps of up to 0.03 rad, and round-off over their cube
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-5 * np.abs(found).max())
+
+
+def test_strains_at_rest_are_those_of_the_element_to_second_order() -> None:
+    direction = RNG.standard_normal((N, 12))
+    rest = np.einsum("esi,ei->se", spatial_rest_strains.rest_strains(LENGTHS, AXES), direction)
+    linear = spatial_rest_strains.strains_of(rest, curved=False)
+    exact = np.einsum("esi,ei->se", strain_gradients(LENGTHS, AXES), direction)
+    np.testing.assert_allclose(linear, exact, rtol=0, atol=1e-13)
+    errors = []
+    for size in (1e-2, 5e-3):
+        curved = spatial_rest_strains.strains_of(size * rest, curved=True)
+        found = 0.5 * LENGTHS * (SECTION @ curved**2)
+        errors.append(np.abs(found - energy(from_rest(size * direction))).max())
+    # strains wrong by third order, so that the energy is by fourth
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.2)

@@ -35,7 +35,7 @@ def scene_of(kind: str, *overrides: str) -> Scene:
 def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose: Purpose) -> None:
     asked = ASKING[feature.name]
     check_capabilities(scene_of("beams", *asked), purpose)
-    commands = (Purpose.SIZES, Purpose.TRADEOFF)  # they take no such mechanism, whatever the scene asks for
+    commands = (Purpose.SIZES,)  # it takes no such mechanism, whatever the scene asks for
     for kind, refused in (("two coordinates", feature.one_coordinate), ("cells in the plane", feature.beams_only)):
         scene = scene_of(kind, *asked)
         if refused and purpose in feature.purposes:
@@ -47,9 +47,10 @@ def test_a_feature_is_refused_where_it_is_used_and_nowhere_else(feature, purpose
 
 
 @pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK, Purpose.BUILD, Purpose.TRADEOFF])
-def test_the_step_of_several_coordinates_is_not_chosen_by_a_tolerance(purpose: Purpose) -> None:
-    with pytest.raises(InputError, match="simulation.tolerance = 0.01: for one rigid coordinate only.*left, right"):
-        read_scene(ROOT / "scenes" / "five_bar.toml", ["simulation.tolerance=1e-2"], [], MPI.COMM_SELF, purpose)
+@pytest.mark.parametrize("name", ["five_bar", "slider_crank_solid2d", "rssr_beams", "spatial_mixed"])
+def test_every_kind_that_can_be_reduced_may_have_tolerances(name: str, purpose: Purpose) -> None:
+    tolerances = ["simulation.tolerance=1e-2", "reduction.tolerance=1e-2"]
+    read_scene(ROOT / "scenes" / f"{name}.toml", tolerances, [], MPI.COMM_SELF, purpose)
 
 
 @pytest.mark.parametrize("purpose", [Purpose.FULL, Purpose.CHECK])

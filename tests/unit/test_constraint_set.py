@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from runs import quick_return
 from scenes import four_bar, kinematics_of, mechanism_of, pendulum, slider_crank, trammel
+from scipy.spatial.transform import Rotation
+from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_crank
 
 from pgmp_petsc.mechanism.body_frames import to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
@@ -143,6 +145,48 @@ def test_the_hessians_in_body_frames_are_second_differences(scene) -> None:
     # fourth derivatives of order ten times the square of the step, and round-off over it
     np.testing.assert_allclose(found, (plus - minus) / (4 * step**2), rtol=0, atol=1e-6)
     assert np.any(found) == (scene is quick_return)
+
+
+@pytest.mark.parametrize(
+    ("kinematics", "curved"),
+    [
+        (lambda: kinematics_in_space(slider_crank_in_space()), 2),
+        (lambda: kinematics_in_space(spatial_slider_crank()), 3),
+        (lambda: kinematics_in_space(slider_crank_in_space("bodies.crank.flexible=false")), 2),
+    ],
+    ids=["hinges", "ball, cross and guide", "rigid crank"],
+)
+def test_the_hessians_of_joints_in_space_are_second_differences(kinematics, curved: int) -> None:
+    """Along displacements and rotation vectors of the nodes; with the arms of a rigid body, too."""
+    kinematics = kinematics()
+    mechanism, space = kinematics.mechanism, kinematics.mechanism.space
+    poses = kinematics.poses(np.array([0.9]))[..., 0]
+    u, step = np.random.default_rng(4).normal(size=mechanism.n_dofs), 1e-3
+    by_rows = {hessian.rows.start: hessian for hessian in constraint_hessians(mechanism, poses)}
+    n_curved = 0
+    for connection in mechanism.connections:
+
+        def values(size: float, connection=connection) -> np.ndarray:
+            frames = []
+            for side in connection.sides:
+                if side.on_ground:
+                    frames.append(side.ground_frame(()))
+                    continue
+                own, pose = size * u[mechanism.node_dofs(side.node)], poses[side.body]
+                turn = pose[3:].reshape(3, 3).T
+                frame = space.place(pose, (side.point - side.arm)[None])[0]
+                frame[:3] += turn @ own[:3]
+                frame[3:] = (turn @ Rotation.from_rotvec(own[3:]).as_matrix()).T.ravel()
+                frames.append(side.frame_of(frame))
+            return np.array([part.value(*frames) for part in connection.joint.statements])
+
+        expected = (values(step) + values(-step) - 2 * values(0.0)) / step**2
+        hessian = by_rows[connection.rows.start]
+        found = np.einsum("cij,i,j->c", hessian.values, u[hessian.dofs], u[hessian.dofs])
+        # the square of the step times fourth derivatives of order ten, and round-off
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-5 * max(1.0, np.abs(expected).max()))
+        n_curved += bool(np.abs(found).max() > 1e-3)
+    assert n_curved == curved
 
 
 def test_some_of_them_are_the_same_statements(mechanism: Mechanism) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import h5py
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 import synthetic
 from sealed import resealed
+from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.export.xdmf import write_xdmf
+from pgmp_petsc.results.stress_fields import StressField
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 
@@ -140,3 +143,33 @@ def test_both_files_can_be_moved_together(exported, tmp_path):
     shutil.copytree(tmp_path / "paraview", moved / "paraview")
     item = ElementTree.parse(moved / "paraview" / "t.xdmf").getroot().find(".//DataItem")
     assert (moved / "paraview" / item.text.split(":")[0]).exists()
+
+
+def test_stresses_are_a_series_beside_that_of_the_mechanism(tmp_path):
+    """A reader that does not know this program finds cells, places and stresses of every kind of cell."""
+    run = synthetic.trajectory(n_frames=3)
+    fields, meshes = {}, {"bar": ("quad8", rectangle_mesh("quad8", (2, 1), (1.0, 0.5)))}
+    meshes["block"] = ("hexahedron20", box_mesh("hexahedron20", (1, 1, 1), (1.0, 1.0, 1.0)))
+    for body, (kind, mesh) in meshes.items():
+        places = np.array([mesh.nodes + shift for shift in range(3)])
+        values = {"von_mises": places[..., 0] ** 2}
+        fields[body] = StressField(kind, mesh.nodes, mesh.cells, places, values, {"von_mises": "Pa"})
+    replace(run, stresses=fields).write(tmp_path / "t.h5")
+    assert write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf") == 3
+    tree = ElementTree.parse(tmp_path / "t.xdmf")
+    domain = tree.getroot().find("Domain")
+    series = {grid.get("Name"): grid for grid in domain.findall("Grid")}
+    assert list(series) == ["mechanism", "stress bar", "stress block"]
+    for body, field in fields.items():
+        for grid in list(domain):
+            domain.remove(grid)
+        last = series[f"stress {body}"].findall("Grid")[-1]
+        last.remove(last.find("Time"))
+        domain.append(last)
+        tree.write(tmp_path / "last.xdmf")
+        mesh = meshio.read(tmp_path / "last.xdmf")
+        d = field.nodes.shape[1]
+        assert mesh.cells[0].type == field.kind
+        np.testing.assert_array_equal(mesh.cells[0].data, field.cells)
+        np.testing.assert_array_equal(mesh.points[:, :d], field.positions[-1])
+        np.testing.assert_array_equal(mesh.point_data["von_mises"], field.quantities["von_mises"][-1])

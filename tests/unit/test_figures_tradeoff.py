@@ -16,9 +16,13 @@ from pictures import assert_inside, keys_of, legend_texts, looks, visible
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.results import Tradeoff
+from pgmp_petsc.results.tradeoff import MeshErrors
 
 # what numpy and matplotlib warn of is a picture that is not right
 pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
+
+
+NO_MESHES = MeshErrors(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 2)))
 
 
 def points(figure: Figure, column: int = 0) -> set[tuple[float, float]]:
@@ -51,15 +55,18 @@ def test_total_costs_count_the_build() -> None:
 
 
 def test_keys_name_what_is_there() -> None:
-    everything = legend_texts(online_costs(synthetic.tradeoff()))
+    everything = legend_texts(online_costs(synthetic.tradeoff(components=True)))
     assert everything == [
         "the scene as it is",
         "reduced",
         "static modes",
+        "component modes",
         "full order",
         "full order, more cells",
         "response surface (runs)",
-        "best for the time",
+        "best for the time, reduced",
+        "best for the time, component modes",
+        "best for the time, full order",
         "error of the mesh itself",
     ]
     study = synthetic.tradeoff(surfaces=False, refined=False)
@@ -81,11 +88,12 @@ def second_order(study: Tradeoff) -> Tradeoff:
     "study",
     [
         synthetic.tradeoff(),
+        synthetic.tradeoff(components=True),
         synthetic.tradeoff(surfaces=False, refined=False),
         second_order(synthetic.tradeoff()),
         replace(synthetic.tradeoff(), errors=np.full((11, 2), np.nan)),
     ],
-    ids=["all kinds", "few kinds", "second order", "all failed"],
+    ids=["all kinds", "component modes", "few kinds", "second order", "all failed"],
 )
 def test_every_mark_has_a_key_and_every_key_a_mark(study: Tradeoff, picture: Callable[[Tradeoff], Figure]) -> None:
     figure = picture(study)
@@ -124,10 +132,11 @@ def test_meshes_have_errors_and_times() -> None:
     "study",
     [
         synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
+        replace(synthetic.tradeoff(refined=False), mesh=NO_MESHES),
         replace(synthetic.tradeoff(), errors=np.full((11, 2), np.nan)),
         replace(synthetic.tradeoff(), errors=np.zeros((11, 2))),
     ],
-    ids=["one output", "all failed", "no errors"],
+    ids=["one output", "no meshes", "all failed", "no errors"],
 )
 def test_little_to_draw_is_drawn(study: Tradeoff) -> None:
     for picture in (online_costs, total_costs, mesh_costs):

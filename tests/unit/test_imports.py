@@ -29,6 +29,7 @@ ORDER = (
     "results",
     "indicator",
     "ensemble",
+    "experiments",
     "selection",
     "studies",
     "figures",
@@ -46,7 +47,7 @@ NEEDS = {
     "solvers": set(),
     "mechanism": {"scene", "mesh", "bodies"},
     "effects": {"scene", "bodies", "mechanism"},
-    "outputs": {"scene", "mechanism"},
+    "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"results"},
     "export": {"results"},
 }
@@ -137,7 +138,10 @@ def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) ->
     script = f"import sys, pgmp_petsc.cli.{command}\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
     loaded = {name if name.startswith("pgmp_petsc") else name.split(".")[0] for name in done.stdout.split()}
-    offline = [f"pgmp_petsc.{name}" for name in ("modes", "components", "solvers", "selection", "reduction.build")]
+    offline = [
+        f"pgmp_petsc.{name}"
+        for name in ("modes", "components", "solvers", "selection", "experiments", "reduction.build")
+    ]
     assert "pgmp_petsc.reduction.rom" in loaded and not loaded & {*offline, "slepc4py", "meshio"}
 
 

@@ -26,6 +26,11 @@ class Outer(NamedTuple):
     pair: tuple[np.ndarray, np.ndarray]
 
 
+class Optional(NamedTuple):
+    inner: Inner | None
+    table: np.ndarray
+
+
 @njit(error_model="numpy")
 def sines(x, width, sine, cosine):
     x, sine, cosine = items(x, width), items(sine, width), items(cosine, width)
@@ -43,6 +48,18 @@ def read(outer):
     inner = outer.inner
     factor = inner.factor if inner.wanted else 0.0
     return inner.table[1, 2] * factor, inner.table.shape[1], outer.pair[1][3], len(outer.width), by_value(loaded(inner))
+
+
+@njit(error_model="numpy")
+def count_of(inner):
+    if inner is None:
+        return 0
+    return inner.count
+
+
+@njit(error_model="numpy")
+def counted(outer):
+    return outer.table.sum() + count_of(outer.inner)
 
 
 @pytest.mark.parametrize("n_lanes", [1, LANES])
@@ -79,6 +96,13 @@ def test_a_reference_gives_what_the_named_tuple_has(wanted: bool) -> None:
     assert read(Reference(outer)) == (2.5 if wanted else 0.0, 3, 3.0, LANES, 35.0)
     table[1, 2] = 9.0  # it is the array, no copy
     assert read(Reference(outer))[4] == 63.0
+
+
+def test_nothing_is_compiled_for_what_is_not_there() -> None:
+    """None has no count: compiling `count_of` for it would fail if the branch were not left out."""
+    table = np.arange(6.0)
+    assert counted(Reference(Optional(None, table))) == 15.0
+    assert counted(Reference(Optional(Inner(table.reshape(2, 3), 7, 0.5, True), table))) == 22.0
 
 
 def test_arrays_begin_at_a_cache_line() -> None:

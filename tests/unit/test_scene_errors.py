@@ -80,7 +80,7 @@ ENTRIES = [
         "foo=1",
         (
             "foo = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints,"
-            " coordinates, effects, reduction, initial, simulation, ensemble, outputs)"
+            " coordinates, effects, reduction, initial, simulation, reference, ensemble, outputs)"
         ),
     ),
     (
@@ -116,7 +116,7 @@ ENTRIES = [
     (
         "outputs.a.type='speed'",
         'outputs.a.type = "speed": unknown (allowed: angle, sliding, distance, rotation, position, '
-        "displacement, deformation)",
+        "displacement, deformation, stress)",
     ),
     (
         "bodies.crank.section.shape=1",

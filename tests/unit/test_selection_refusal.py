@@ -134,9 +134,18 @@ def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
         "too large for the terms of first and second order",
         "the mesh itself leaves more than the tolerance: cells cut in two would move x by 0.02",
         "a tolerance of 9.0e-02",
+        'the scene\'s own loads leave 0.015: reference.loads = "own" tries no others',
     ):
         assert words in message, message
     assert len(bench.tried) < 25, "a search without progress ends"
+
+
+def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Known(lambda reduction: 0.03)
+    monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.1,)))
+    monkeypatch.setattr(bench, "weakened", lambda trial, *_: errors_of((trial.errors.largest,)))
+    with pytest.raises(InputError, match="100 steps themselves leave more than the tolerance"):
+        choice(bench).run()
 
 
 def test_errors_that_are_round_off_are_said_to_be_so() -> None:
@@ -155,7 +164,7 @@ class Steps:
 
     def __init__(self, moved: float, round_off: float = 0.0) -> None:
         self.scene = slider_crank("simulation={tolerance=1e-3, duration=1.0}")
-        self.outputs, self.training = ("x",), training()
+        self.outputs, self.training, self.most_steps = ("x",), training(), np.inf
         self._errors = errors_of((moved,), round_off)
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:

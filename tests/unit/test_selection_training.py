@@ -71,6 +71,12 @@ def test_without_parameters_or_torques_nothing_is_varied_and_that_is_said() -> N
     assert training.sample_text(0) == ""
 
 
+def test_the_scenes_own_loads_alone_where_that_is_asked_for() -> None:
+    training = Training.of(slider_crank(NORMAL % "", 'reference.loads="own"'))
+    assert [load.name for load in training.loads] == ["own"] and training.n_samples == 5
+    assert any("holds for the scene's own loads alone" in remark for remark in training.remarks)
+
+
 def table(scene: Scene) -> np.ndarray:
     return np.array(scene.effects["motor"].table)
 

@@ -12,7 +12,6 @@ from pgmp_petsc.scene import load_scene
 BEAMS, PLANE, SPACE = "slider_crank", "slider_crank_solid2d", "slider_crank_solid3d"
 IN_SPACE = "for mechanisms in space (allowed in the plane: revolute, point_on_line, fixed)"
 TRIPLE = "three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]"
-OF_BEAMS = "for beams in the plane; leave it out"
 MOUNT = "effects.mount={type='bushing', points=['crank:tip', 'rod:tip'], stiffness=[1, 1, 1], reference="
 GUIDE = "joints.elbow={type='cylindrical', connect=['crank:tip', 'rod:hinge'], axis=[0, 0, 1]}"
 SPRINGY = "effects.more={type='spring_damper', joint='elbow', stiffness=1.0"
@@ -376,16 +375,6 @@ def test_an_effect_on_a_cylindrical_joint_says_on_which_of_its_motions() -> None
         assert load_scene(scene, [GUIDE, f"{SPRINGY}, motion='{motion}'}}"]).effects["more"].motion == motion
 
 
-@pytest.mark.parametrize("kinds", [("geometric_stiffening", "mode_inertia")])
-def test_what_is_of_second_order_is_not_in_space(kinds: tuple[str, str]) -> None:
-    overrides = [f"effects.e{k}.type='{kind}'" for k, kind in enumerate(kinds)]
-    with pytest.raises(InputError) as caught:
-        load_scene(ROOT / "scenes" / f"{SPACE}.toml", overrides)
-    assert str(caught.value).splitlines() == [
-        f'effects.e{k}.type = "{kind}": {OF_BEAMS}' for k, kind in enumerate(kinds)
-    ]
-
-
 FITTING = [
     # zero is the same in the plane and in space
     (BEAMS, "ground.points.a=[0, 0, 0]"),
@@ -423,28 +412,20 @@ def test_what_fits_is_taken(scene: str, override: str) -> None:
 
 @pytest.mark.parametrize("scene", [PLANE, SPACE])
 @pytest.mark.parametrize(
-    ("override", "entry"),
+    ("overrides", "entry"),
     [
-        ("reduction.second_order=true", "reduction.second_order = true"),
-        ("reduction.tolerance=1e-3", "reduction.tolerance = 0.001"),
+        (["reduction.second_order=true"], "reduction.second_order = true"),
+        (["effects.a.type='geometric_stiffening'", "effects.b.type='mode_inertia'"], "effects.a"),
+        (["reduction.effects='auto'"], 'reduction.effects = "auto"'),
     ],
 )
-def test_what_only_beams_have_is_refused_before_a_build(scene: str, override: str, entry: str) -> None:
-    loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", [override])
+def test_second_order_is_not_known_of_scaled_cross_sections(scene: str, overrides: list[str], entry: str) -> None:
+    loaded = load_scene(ROOT / "scenes" / f"{scene}.toml", overrides)
+    check_capabilities(loaded, Purpose.BUILD)
+    scaled = load_scene(ROOT / "scenes" / f"{scene}.toml", [*overrides, "bodies.rod.section_scale=1.1"])
     with pytest.raises(InputError) as caught:
-        check_capabilities(loaded, Purpose.BUILD)
-    assert (
-        str(caught.value)
-        == f"{entry}: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
-    )
-
-
-def test_stiffening_of_beams_is_refused_in_the_plane() -> None:
-    overrides = ["effects.a.type='geometric_stiffening'", "effects.b.type='mode_inertia'"]
-    loaded = load_scene(ROOT / "scenes" / f"{PLANE}.toml", overrides)
-    with pytest.raises(InputError) as caught:
-        check_capabilities(loaded, Purpose.BUILD)
-    assert (
-        str(caught.value)
-        == "effects.a: for bodies of beams only, but crank, rod are of continuum elements; leave it out"
+        check_capabilities(scaled, Purpose.BUILD)
+    assert str(caught.value) == (
+        f"{entry}: not known of scaled cross-sections, of which the third derivative of the strain energy has other "
+        "powers of the scale, but there is bodies.rod.section_scale; leave it out"
     )

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import combinations
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scenes import four_bar, kinematics_of, slider_crank
 from static_equilibrium import StaticEquilibrium
 
+from pgmp_petsc.bodies.inertia_moments import inertia_moments
 from pgmp_petsc.bodies.matrices import owned_rows
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative, is_known_of
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 
 SCENES = {"slider_crank": slider_crank(), "four_bar": four_bar()}
@@ -70,3 +76,38 @@ def test_without_vectors_there_are_no_pairs() -> None:
     none = np.tril_indices(0)
     terms = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).times(np.empty((mechanism.n_dofs, 0)), none)
     assert all(term.shape == (mechanism.n_dofs, 0) for term in terms.values())
+
+
+@pytest.mark.parametrize("kind", ["mixture", "beam and solid in space"])
+@pytest.mark.parametrize("size", [2, 3])
+def test_rows_of_all_ranks_make_the_whole_with_condensed_bodies(kind: str, size: int) -> None:
+    """Ranks may share the rows of a condensed body."""
+    scene = combinations.scene_of(kind, "nothing")
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, combinations.meshes_for(scene), alone, large=True)
+    mechanism = Mechanism.from_scene(scene, shapes)
+    vectors, values = vectors_of(mechanism.n_dofs), scene.nominal
+    whole = ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs)).weighted(vectors, PAIRS, values)
+    edges = [mechanism.n_dofs * k // size for k in range(size + 1)]
+    shares = [
+        ThirdDerivative(mechanism.bodies, range(first, last)).weighted(vectors, PAIRS, values)
+        for first, last in zip(edges, edges[1:])
+    ]
+    np.testing.assert_allclose(np.concatenate(shares), whole, rtol=0, atol=1e-14 * np.abs(whole).max())
+    # symmetric in all three vectors
+    i, j = PAIRS
+    third = np.empty((3, 3, 3))
+    third[:, i, j] = third[:, j, i] = vectors.T @ whole
+    np.testing.assert_allclose(third.transpose(1, 0, 2), third, rtol=0, atol=1e-12 * np.abs(third).max())
+
+
+def test_bodies_without_terms_of_second_order_are_named() -> None:
+    scene = combinations.scene_of("mixture", "nothing")
+    with RankGroup.split(MPI.COMM_SELF, 1) as alone:
+        shapes = condensed(scene, combinations.meshes_for(scene), alone)
+    mechanism = Mechanism.from_scene(scene, shapes)
+    assert [is_known_of(body) for body in mechanism.bodies] == [True, False]
+    with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
+        ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
+    with pytest.raises(ValueError, match="the moments of inertia of rod are not known"):
+        inertia_moments(mechanism.bodies[1])

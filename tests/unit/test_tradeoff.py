@@ -11,10 +11,10 @@ from runs import full_model, reduced_model
 from test_results import assert_same
 from tradeoffs import TINY, small_scene, study
 
+from pgmp_petsc.experiments.history import floors_of, largest_errors, run_history
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import load_scene
-from pgmp_petsc.studies.tradeoff_history import history_of, largest_errors, with_steps
 from pgmp_petsc.studies.tradeoff_values import held_out
 
 # a part of the revolution: the closure takes less time
@@ -29,7 +29,7 @@ def small() -> Tradeoff:
 
 def test_every_setting_has_errors_and_times() -> None:
     result = small()
-    assert set(result.families) == {"reduced", "full", "surface"}
+    assert set(result.families) == {"reduced", "components", "full", "surface"}
     assert result.reasons == ("",) * len(result.families)
     for values in (result.errors, *vars(result.wall).values(), *vars(result.processor).values()):
         assert np.isfinite(values).all() and (values > 0.0).all()
@@ -49,16 +49,16 @@ def test_the_first_setting_is_the_scenes_own() -> None:
 
 def test_errors_are_those_of_the_models_against_a_fine_full_order_run() -> None:
     result, scene = small(), small_scene(LIMITED)
-    values, simulation = held_out(scene), scene.simulation
-    n_steps = round(simulation.duration / result.references.step[0])
+    values, n = held_out(scene), 8
+    n_steps = round(scene.simulation.duration / result.references.step[0])
     full = full_model(scene)
-    exact = history_of(full, values, with_steps(simulation, n_steps), 20)
-    own = history_of(reduced_model(scene), values, simulation, 20)
+    exact, floors = run_history(full, values, n, n_steps), floors_of(full)
+    own = run_history(reduced_model(scene), values, n, 20)
     # the eigensolver starts from a random vector
-    np.testing.assert_allclose(result.errors[0], largest_errors(own, exact), rtol=1e-6)
+    np.testing.assert_allclose(result.errors[0], largest_errors(own, exact, floors), rtol=1e-6)
     row = result.families.index("full")
-    coarse = history_of(full, values, simulation, 20)
-    np.testing.assert_allclose(result.errors[row], largest_errors(coarse, exact), rtol=1e-12)
+    coarse = run_history(full, values, n, 20)
+    np.testing.assert_allclose(result.errors[row], largest_errors(coarse, exact, floors), rtol=1e-12)
 
 
 def test_flags_make_the_setting(tmp_path) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import synthetic
 
 from pgmp_petsc.cli.tradeoff_table import WIDTH, shown_rows, summary
-from pgmp_petsc.results.tradeoff import Tradeoff, pareto_front
-from pgmp_petsc.studies.tradeoff_advice import advise, cheapest
+from pgmp_petsc.results.tradeoff import MeshErrors, Tradeoff, pareto_front
+from pgmp_petsc.studies.tradeoff_advice import advise, cheapest, envelope
 
 NAN = float("nan")
 
@@ -30,11 +30,41 @@ def test_what_is_not_known_neither_is_on_the_front_nor_dominates() -> None:
     assert pareto_front(np.empty(0), np.empty(0)).shape == (0,)
 
 
-def test_simulations_and_surfaces_have_fronts_of_their_own() -> None:
-    study = synthetic.tradeoff()
+def test_every_family_has_a_front_of_its_own() -> None:
+    study = synthetic.tradeoff(components=True)
     on_front = {column: np.flatnonzero(study.pareto[:, column]).tolist() for column in (0, 1)}
-    assert on_front[1] == [1, 2, 6, 9, 10], "refined meshes have another reference and no front"
-    assert on_front[0] == [1, 2, 9, 10]
+    assert on_front[1] == [1, 2, 5, 6, 9, 10, 11, 12], "refined meshes have another reference and no front"
+    assert on_front[0] == [1, 2, 5, 6, 9, 10, 11, 12]
+    assert study.name(11) == "component modes, for 10 modes, 1 ms"
+
+
+def test_from_how_many_samples_on_a_build_pays() -> None:
+    """0.3 s of preparation and 5 ms a sample against 0.8 s of build and 1 ms a sample: 0.5 s / 4 ms = 125 samples."""
+    study = synthetic.tradeoff()
+    assert envelope(study, study.errors[:, 1], 0.01) == [(1, 5), (126, 2)]
+    total = study.total_seconds(125)
+    assert total[5] <= total[2] and study.total_seconds(126)[2] < study.total_seconds(126)[5]
+    assert envelope(study, study.errors[:, 1], 1e-9) == []
+    (said,) = (piece for piece in advise(study) if piece.startswith("1 % in every output"))
+    assert said == (
+        "1 % in every output: below 126 samples take full order, 1 ms; from 126 samples on, take reduced, 7 + 1 "
+        "modes, 48 angles, spline, 2 ms."
+    )
+
+
+def test_a_surface_goes_through_runs_of_the_reference() -> None:
+    study = replace(synthetic.tradeoff(), reference_model="components", reference="reference: the component model")
+    assert study.name(10) == "response surface, 9 component runs"
+    assert "reference: the component model" in summary(study) and "reference, the scene's meshes: component model" in (
+        summary(study)
+    )
+
+
+def test_without_refined_meshes_it_is_said() -> None:
+    none = MeshErrors(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros((0, 2)))
+    study = replace(synthetic.tradeoff(refined=False), mesh=none)
+    assert any("meshes would change was not measured" in piece for piece in advise(study))
+    assert "mesh error: not measured" in summary(study)
 
 
 def test_the_total_counts_the_build() -> None:

@@ -5,22 +5,30 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgmp_petsc.studies.tradeoff_history import History, largest_errors
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.experiments.history import History, largest_errors
 from pgmp_petsc.studies.tradeoff_reference import ReferenceSequence
 
 N = 10
+FLOORS = np.array([1e-10])
 
 
 def run(n_steps: int, order: float = 2.0, constant: float = 1.0) -> History:
     """Return a run whose error is ``constant / n^order`` of the largest value."""
-    return {"a": np.linspace(0.0, 1.0, N + 1)[:, None] * (1.0 + constant / n_steps**order)}
+    values = np.linspace(0.0, 1.0, N + 1)[None, :, None] * (1.0 + constant / n_steps**order)
+    # kept at the same instants, whatever the number of steps
+    return History(N, 1, values, np.array([Status.FINE]), np.ones(1, dtype=bool), np.full(1, np.nan))
+
+
+def errors(found: History, exact: History) -> np.ndarray:
+    return largest_errors(found, exact, FLOORS)
 
 
 def refine(sequence: ReferenceSequence, settings: list[History], **law: float) -> int:
     """Do what the sequence asks for; return the number of rounds."""
 
     def smallest() -> np.ndarray:
-        return np.min([largest_errors(each, sequence.history) for each in settings], axis=0)
+        return np.min([errors(each, sequence.history) for each in settings], axis=0)
 
     rounds = 0
     while wanted := sequence.wanted(smallest() if sequence.usable else np.array([np.inf])):
@@ -31,9 +39,9 @@ def refine(sequence: ReferenceSequence, settings: list[History], **law: float) -
 
 
 def test_an_eighth_of_the_finest_step_settles_at_once() -> None:
-    sequence = ReferenceSequence(4 * 20, 10**6)
+    sequence = ReferenceSequence(4 * 20, 10**6, FLOORS)
     assert refine(sequence, [run(10), run(20)]) == 1
-    smallest = largest_errors(run(20), sequence.history)
+    smallest = errors(run(20), sequence.history)
     assert sequence.n_steps == 8 * 20
     # 3/64 of the error at the eighth of a step: less than a tenth
     np.testing.assert_allclose(sequence.moved / smallest, [3 / 63], rtol=1e-2)
@@ -41,34 +49,34 @@ def test_an_eighth_of_the_finest_step_settles_at_once() -> None:
 
 
 def test_a_setting_that_is_better_asks_for_a_finer_reference() -> None:
-    sequence = ReferenceSequence(40, 10**6)
+    sequence = ReferenceSequence(40, 10**6, FLOORS)
     assert refine(sequence, [run(10), run(200)]) == 3, "two to begin with, then three at once, then one"
     assert sequence.n_steps == 16 * 80
-    assert sequence.settled(largest_errors(run(200), sequence.history))
+    assert sequence.settled(errors(run(200), sequence.history))
 
 
 def test_a_slow_order_takes_more_rounds() -> None:
-    sequence = ReferenceSequence(40, 10**6)
+    sequence = ReferenceSequence(40, 10**6, FLOORS)
     assert refine(sequence, [run(10, order=1.0)], order=1.0) >= 1
-    moved, smallest = sequence.moved, largest_errors(run(10, order=1.0), sequence.history)
+    moved, smallest = sequence.moved, errors(run(10, order=1.0), sequence.history)
     assert (moved < 0.1 * smallest).all()
 
 
 def test_it_stops_at_the_finest_step_that_is_allowed() -> None:
-    sequence = ReferenceSequence(40, 160)
+    sequence = ReferenceSequence(40, 160, FLOORS)
     refine(sequence, [run(200)])
     assert sequence.n_steps == 160
-    smallest = largest_errors(run(200), sequence.history)
+    smallest = errors(run(200), sequence.history)
     assert not sequence.settled(smallest)
     assert sequence.reason(smallest) == "the finest step that is allowed"
 
 
 def test_the_first_two_runs_are_always_made() -> None:
-    assert ReferenceSequence(40, 10).wanted(np.array([np.inf])) == [40, 80]
+    assert ReferenceSequence(40, 10, FLOORS).wanted(np.array([np.inf])) == [40, 80]
 
 
 def test_it_stops_where_a_finer_run_fails() -> None:
-    sequence = ReferenceSequence(40, 10**6)
+    sequence = ReferenceSequence(40, 10**6, FLOORS)
     for n_steps in (40, 80):
         sequence.add(n_steps, run(n_steps))
     smallest = np.array([1e-9])
@@ -79,7 +87,7 @@ def test_it_stops_where_a_finer_run_fails() -> None:
 
 
 def test_without_two_runs_there_is_no_reference() -> None:
-    sequence = ReferenceSequence(40, 160)
+    sequence = ReferenceSequence(40, 160, FLOORS)
     sequence.give_up("no convergence")
     assert not sequence.usable and sequence.wanted(np.array([np.inf])) == []
     assert sequence.failure == "no convergence"
@@ -87,21 +95,21 @@ def test_without_two_runs_there_is_no_reference() -> None:
 
 @pytest.mark.parametrize("smallest", [np.inf, np.nan])
 def test_an_output_without_any_error_is_settled(smallest: float) -> None:
-    sequence = ReferenceSequence(40, 10**6)
+    sequence = ReferenceSequence(40, 10**6, FLOORS)
     for n_steps in (40, 80):
         sequence.add(n_steps, run(n_steps))
     assert sequence.wanted(np.array([smallest])) == []
 
 
 def test_round_off_is_no_move() -> None:
-    sequence = ReferenceSequence(40, 10**6)
+    sequence = ReferenceSequence(40, 10**6, FLOORS)
     for n_steps in (40, 80):
         sequence.add(n_steps, run(n_steps, constant=1e-13))
     assert sequence.settled(np.array([0.0]))
 
 
 def test_an_error_of_zero_goes_to_the_limit() -> None:
-    sequence = ReferenceSequence(40, 640)
+    sequence = ReferenceSequence(40, 640, FLOORS)
     for n_steps in (40, 80):
         sequence.add(n_steps, run(n_steps))
     assert sequence.wanted(np.array([0.0])) == [160, 320, 640]

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from runs import PAPER_SCENE, paper_scene
 
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Reduction
-from pgmp_petsc.studies.tradeoff_dealing import Dealer, ReferenceRun, tasks_of
+from pgmp_petsc.studies.tradeoff_dealing import Dealer, Prices, ReferenceRun, tasks_of
 from pgmp_petsc.studies.tradeoff_settings import (
     FULL,
     QUICK,
@@ -23,9 +24,11 @@ from pgmp_petsc.studies.tradeoff_settings import (
     first_settings,
     own_setting,
     settings_around,
+    step_of,
 )
 
 LIMITS = Limits(n_modes=28, n_loads=1)
+PRICES = Prices(full=4e-6, components=6e-5, reference=4e-6, timed=4.0)
 
 
 def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
@@ -43,7 +46,7 @@ def varied(settings: list[Setting], around: Setting) -> dict[str, set]:
     return values
 
 
-@pytest.mark.parametrize(("sweep", "least", "most"), [(FULL, 40, 62), (QUICK, 18, 32)])
+@pytest.mark.parametrize(("sweep", "least", "most"), [(FULL, 48, 70), (QUICK, 22, 37)])
 def test_the_number_of_settings(sweep: Sweep, least: int, most: int) -> None:
     scene = radius_scene()
     first = first_settings(scene, sweep, LIMITS)
@@ -88,6 +91,32 @@ def test_other_families() -> None:
     full = {(setting.n_steps, setting.refinement) for setting in settings if setting.family == "full"}
     assert full == {(125, 1), (250, 1), (500, 1), (1000, 1), (2000, 1), (4000, 1), (1000, 2), (1000, 4)}
     assert [setting.nodes for setting in settings if setting.family == "surface"] == [3, 5, 9, 17]
+    components = {(setting.component_modes, setting.n_steps) for setting in settings if setting.family == "components"}
+    assert {modes for modes, n_steps in components if n_steps == 1000} == {4, 10, 22}
+    assert {n_steps for modes, n_steps in components if modes == 22} == {125, 250, 500, 1000, 2000, 4000}
+
+
+def test_meshes_that_are_not_cut_and_terms_that_are_not_there_are_not_asked_for() -> None:
+    of_cells = Limits(28, 1, second_order=False, refinable=False)
+    own = own_setting(radius_scene())
+    settings = [
+        *first_settings(radius_scene(), FULL, of_cells),
+        *settings_around([own], radius_scene(), FULL, of_cells),
+    ]
+    assert {setting.refinement for setting in settings} == {1}
+    assert not any(setting.reduction.second_order for setting in settings if setting.reduction)
+
+
+def test_over_two_coordinates_there_are_fewer_angles_along_each() -> None:
+    assert FULL.over(1) is FULL
+    two = FULL.over(2)
+    assert two.angles == (7, 9, 11, 18, 24) and two.tensor_angles == 15 and "spectral" not in two.schemes
+
+
+def test_component_modes_are_a_command_of_their_own() -> None:
+    setting = Setting("components", 2000, component_modes=10)
+    assert setting.overrides(radius_scene()) == ["reduction.modes=10", "simulation.step=0.0005"]
+    assert Setting("components", 1000, component_modes=15).overrides(radius_scene()) == []
 
 
 def test_without_uncertain_parameters_there_is_no_surface() -> None:
@@ -98,6 +127,12 @@ def test_without_uncertain_parameters_there_is_no_surface() -> None:
 def test_without_loads_there_are_no_static_modes() -> None:
     settings = first_settings(radius_scene("effects={}"), FULL, Limits(28, 0))
     assert not [setting for setting in settings if setting.reduction and setting.reduction.static_modes]
+
+
+@pytest.mark.parametrize(("duration", "n"), [(1.0, 1000), (1.0, 3), (0.3, 7), (2.0, 1), (0.123456, 100003)])
+def test_a_step_gives_its_number_of_steps(duration: float, n: int) -> None:
+    assert count_steps(duration, step_of(duration, n)) == n
+    assert step_of(1.0, 2000) == 5e-4 and step_of(1.0, 1) == 1.0
 
 
 def test_a_step_that_is_coarser_must_divide_the_duration() -> None:
@@ -153,7 +188,7 @@ def test_columns_have_no_gaps() -> None:
     scene = radius_scene()
     settings = [own_setting(scene), Setting("full", 500, 2), Setting("surface", 1000, nodes=5)]
     columns = columns_of(settings, scene)
-    assert set(columns) == {"step", "refinement", "nodes", *Reduction.model_fields}
+    assert set(columns) == {"step", "refinement", "nodes", "component_modes", *Reduction.model_fields}
     np.testing.assert_array_equal(columns["step"], [1e-3, 2e-3, 1e-3])
     np.testing.assert_array_equal(columns["modes"], [15, 0, 0])
     np.testing.assert_array_equal(columns["static_modes"], [False, False, False])
@@ -186,7 +221,7 @@ def test_every_task_is_dealt_once(n_ranks: int) -> None:
     scene = radius_scene()
     settings = first_settings(scene, FULL, LIMITS)
     runs = [ReferenceRun(1, 16000), ReferenceRun(1, 32000)]
-    dealer = Dealer(n_ranks, 36, 128, 3)
+    dealer = Dealer(n_ranks, PRICES, 128, 3)
     dealt = dealer.deal(tasks_of(settings, runs))
     works = [work for tasks in dealt for task in tasks for work in task.work]
     assert len(works) == len(set(works)) == len(settings) + 2
@@ -198,7 +233,7 @@ def test_every_task_is_dealt_once(n_ranks: int) -> None:
 
 
 def test_ranks_have_about_as_much_to_do() -> None:
-    dealer = Dealer(2, 36, 128, 3)
+    dealer = Dealer(2, PRICES, 128, 3)
     dealt = dealer.deal(tasks_of(first_settings(radius_scene(), FULL, LIMITS), []))
     one, other = (sum(dealer.seconds(task) for task in tasks) for tasks in dealt)
     assert 0.8 < one / other < 1.25

@@ -10,7 +10,7 @@ from scenes import HEADER
 from scipy.integrate import solve_ivp
 from spatial_beams import lines_of
 
-from pgmp_petsc.cli.models import components_of
+from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -102,7 +102,7 @@ def test_a_flexible_chain_moves_as_its_mesh() -> None:
     scene = chain(True, "simulation.duration=0.2", "simulation.initial={theta1={position=-0.5}}")
     full = full_model(scene)
     (_, exact), (_, found) = (
-        history(model, samples(scene, 1), 1) for model in (full, components_of(scene, full.meshes, MPI.COMM_SELF))
+        history(model, samples(scene, 1), 1) for model in (full, component_model(scene, full.meshes, MPI.COMM_SELF))
     )
     for name in ("theta0", "theta1", "theta2"):
         assert np.abs(found[name] - exact[name]).max() < 1e-4 * np.abs(exact[name]).max()
@@ -170,7 +170,7 @@ def test_an_arm_with_six_joints_moves_as_its_mesh() -> None:
     meshes = lines_of(scene)
     (_, exact), (_, found) = (
         history(model, samples(scene, 1), 1)
-        for model in (FullModel(scene, meshes), components_of(scene, meshes, MPI.COMM_SELF))
+        for model in (FullModel(scene, meshes), component_model(scene, meshes, MPI.COMM_SELF))
     )
     assert np.abs(found["tip"] - exact["tip"]).max() < 1e-4 * np.abs(exact["tip"]).max()
     assert np.abs(found["deflection"] - exact["deflection"]).max() < 5e-3 * np.abs(exact["deflection"]).max()

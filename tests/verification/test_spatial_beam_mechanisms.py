@@ -73,13 +73,11 @@ joint = "elbow"
 def test_energy_and_momentum_of_free_motion() -> None:
     """Two steel beams thrown about, spectral radius 1: energy and the momentum about the fixed axis stay.
 
-    Generalised-alpha keeps neither exactly: both swing with the square of the step. Measured over 10,000 steps, shares
-    of the first value: 4.7e-7 and 1.4e-7 with 1e-4 s, the same in all quarters; 1.9e-6 and 5.7e-7 with 2e-4 s until
-    step 7,500, and 1.5e-5 and 1.3e-6 after it. With spectral radius 1 an index-3 constraint makes accelerations and
-    multipliers alternate: with mean directors C, ``C (v_n + v_{n+1}) = 0`` has the root -1, and ``A_n + A_{n+1} = 2
-    (v_{n+1} - v_n) / h`` has it once more, so that the alternating part of A grows like the number of steps times h:
-    with steps that do not resolve the stiffest vibration it ends in a Newton iteration that fails (1e-3 s: after 3,600
-    steps). Radii below 1 damp it.
+    Generalised-alpha keeps neither exactly: both swing with the square of the step, the energy by 4.0e-7 to 4.7e-7 in
+    every quarter of 10,000 steps of 1e-4 s. With spectral radius 1 an index-3 constraint by itself makes accelerations
+    and multipliers alternate: with mean directors C, ``C (v_n + v_{n+1}) = 0`` has the root -1, and ``A_n + A_{n+1} = 2
+    (v_{n+1} - v_n) / h`` has it once more, so that the alternating part of A grows like the number of steps times h.
+    The projection after every step takes it away (`alpha_step`).
     """
     step = 1e-4
     scene = arm(
@@ -188,7 +186,8 @@ def test_the_reduced_run_follows_the_full_order_one_out_of_the_plane() -> None:
         values = full.outputs[name]
         share = np.abs(reduced.outputs[name] - values).max() / np.abs(values).max()
         assert share < limit, f"{name}: {share:.2e}"
-    assert any("beams in space" in remark.text for remark in reduced.record.remarks)
+    assert not any("change of stiffness" in remark.text for remark in reduced.record.remarks)
+    assert 0.0 < reduced.validity["stiffness_gained"] < 0.1
 
 
 @pytest.mark.parametrize("strain", ["extension", "bending"])

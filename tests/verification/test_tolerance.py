@@ -17,7 +17,7 @@ from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.selection.choice import Choice, choose
-from pgmp_petsc.selection.history import History, errors_between, floors_of, run_history
+from pgmp_petsc.experiments.history import History, errors_between, floors_of, run_history
 from pgmp_petsc.selection.training import Table
 from pgmp_petsc.studies.settled_step import settle_step
 

@@ -1,0 +1,62 @@
+"""What steps of the models take: measured, beside what `experiments.price` predicts from sizes.
+
+python -m benchmarks.prices SCENE ...
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import closing
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
+from pgmp_petsc.experiments.price import step_seconds
+from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import FullModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.studies.inputs import read_scene
+
+N_SAMPLES = 8
+SECONDS = 3.0  # of a measurement
+
+
+def measured(model: FullModel) -> float:
+    """Return the processor time of a step of a sample, in a batch that fills the lanes, s."""
+    scene, n = model.scene, min(N_SAMPLES, model.largest_batch)
+    values = {name: np.full(n, value) for name, value in scene.values.items()}
+    step = scene.simulation.step
+    # no longer than the scene's own run: beyond, it may go faster than its step can follow
+    most = count_steps(scene.simulation.duration, step)
+    affordable = int(SECONDS / (n * step_seconds(model.kinematics.mechanism)))
+    for n_steps in (4, min(max(8, affordable), most)):
+        simulation = scene.simulation.model_copy(update={"duration": n_steps * step})
+        with closing(model.batch(values, n)) as system:
+            begin = process_time()
+            integrate(system, simulation)
+            seconds = (process_time() - begin) / (n * n_steps)
+    return seconds
+
+
+def main() -> None:
+    """Print a line for every model of every scene."""
+    print(f"{'scene':24s}{'model':12s}{'unknowns':>9s}{'predicted us':>14s}{'measured us':>14s}")
+    for path in sys.argv[1:]:
+        scene, meshes = read_scene(Path(path), (), (), MPI.COMM_SELF, Purpose.FULL)
+        for make in (FullModel, lambda scene, meshes: component_model(scene, meshes, MPI.COMM_SELF)):
+            try:
+                model = make(scene, meshes)
+            except InputError as error:
+                print(f"{scene.name:24s}{error}")
+                continue
+            mechanism = model.kinematics.mechanism
+            times = 1e6 * step_seconds(mechanism), 1e6 * measured(model)
+            print(f"{scene.name:24s}{model.name:12s}{mechanism.n_dofs:9d}{times[0]:14.3g}{times[1]:14.3g}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

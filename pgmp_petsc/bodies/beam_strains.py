@@ -1,0 +1,212 @@
+"""Strains of beams, and the forces and moments in their sections that follow from them.
+
+The elements' one-point rule knows strains in their middles, where they are one order better than elsewhere: there
+extension, shear and curvature are taken. Extension and shear are continued to the ends of an element by their slope to
+the middles of those that go on in the same direction, but never across a node where a load or a joint may make them
+jump. A bending moment changes as the transverse forces say,
+
+    M' = -Q    in the plane,      M_2' = Q_3,  M_3' = -Q_2    in space,
+
+so that moments at the nodes are those of the equilibrium of the element, exact where loads act on nodes. At a node
+every element has a value of its own.
+
+Strains are those of `beam2d` and `beam3d`, in space in the axes of the element, (gamma_1, gamma_2, gamma_3, kappa_1,
+kappa_2, kappa_3), in the plane (eps, gamma, kappa); behind them stands the shear in the middle of the element. Rigid
+motion does not change them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.beam2d import strains
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.strain_kernel import products
+from pgmp_petsc.mesh.line_mesh import LineMesh
+
+STRAIGHT = 1e-9  # 1 - cosine of the angle between elements in one direction: half of 4e-5 rad squared
+ON_LINE = 1e-6  # of the body's extent: how far from an element a place may be that counts as on it
+
+
+@dataclass(frozen=True, eq=False)
+class BeamStrains:
+    """Points of a body of beams, each in an element.
+
+    Attributes
+    ----------
+    body
+        Of flexible beams.
+    elements
+        Their elements, shape (n_points,).
+    along
+        Places in these, 0 at the first node and 1 at the second, shape (n_points,).
+    weights
+        What makes extension and shear at the points from those in the middles of elements, shape (n_points,
+        n_elements).
+    """
+
+    body: Body
+    elements: np.ndarray
+    along: np.ndarray
+    weights: sp.csr_matrix
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return self.elements.size
+
+    @property
+    def in_space(self) -> bool:
+        """Whether the beams are in space."""
+        return self.body.axes is not None
+
+    def of_places(self, frames: np.ndarray) -> np.ndarray:
+        """Return the strains of the points, shape (n_points, n_strains, n), for frames of the nodes.
+
+        Frames are (n_nodes, 3, n) in the plane, and in space (n_nodes, 12, n): positions and directors.
+        """
+        mesh, cells = self.body.mesh, self.body.mesh.cells
+        first, second, lengths = frames[cells[:, 0]], frames[cells[:, 1]], mesh.lengths[:, None]
+        if self.in_space:
+            return self._at_points(_in_space(first[:, :12], second[:, :12], lengths, self.body.axes))
+        psi = 0.5 * (first[:, 2] + second[:, 2]) + self.body.directions[:, None]
+        both = np.moveaxis(np.concatenate([first, second], axis=1), 1, 0)
+        stretch, gamma, kappa = strains.py_func(both, np.cos(psi), np.sin(psi), lengths)
+        return self._at_points(np.stack([stretch - 1.0, gamma, kappa], axis=1))
+
+    def of_displacements(self, displacements: np.ndarray) -> np.ndarray:
+        """Return linear strains, shape (n_points, n_strains, n), for small displacements and rotations in the body's
+        frame, shape (n_nodes, 3, n), in space (n_nodes, 6, n)."""
+        cells, lengths = self.body.mesh.cells, self.body.mesh.lengths[:, None]
+        first, second = displacements[cells[:, 0]], displacements[cells[:, 1]]
+        apart, turned = (second - first) / lengths[:, None], 0.5 * (first + second)
+        if self.in_space:
+            axes = self.body.axes
+            tilted = np.cross(turned[:, 3:], axes[:, :, 0, None], axis=1)
+            along = axes.swapaxes(1, 2)
+            gamma, kappa = products(along, apart[:, :3] - tilted), products(along, apart[:, 3:])
+            return self._at_points(np.concatenate([gamma, kappa], axis=1))
+        angle = self.body.directions[:, None]
+        cos, sin = np.cos(angle), np.sin(angle)
+        eps, across = cos * apart[:, 0] + sin * apart[:, 1], cos * apart[:, 1] - sin * apart[:, 0]
+        return self._at_points(np.stack([eps, across - turned[:, 2], apart[:, 2]], axis=1))
+
+    def _at_points(self, middles: np.ndarray) -> np.ndarray:
+        """Return the strains of the points from those in the middles of all elements, (n_elements, 3 or 6, n)."""
+        n_forces, n_e, _, n = (3 if self.in_space else 2), *middles.shape
+        continued = self.weights @ middles[:, :n_forces].reshape(n_e, -1)
+        own = middles[self.elements]
+        return np.concatenate([continued.reshape(-1, n_forces, n), own[:, n_forces:], own[:, 1:n_forces]], axis=1)
+
+    def forces(self, found: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return forces and moments in the sections of the points, (N, Q, M), in space (N, Q_2, Q_3, T, M_2, M_3).
+
+        Parameters
+        ----------
+        found
+            Strains, shape (n_points, n_strains, n).
+        values
+            Parameter values, numbers or of shape (n,).
+        """
+        resists = stiffnesses(self.body, values, found.shape[2])
+        n = len(resists)
+        resultants, middle = found[:, :n] * resists, found[:, n:] * resists[1 : 1 + found.shape[1] - n]
+        arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]
+        if self.in_space:
+            resultants[:, 4] += arms * middle[:, 1]  # M_2' = Q_3
+            resultants[:, 5] -= arms * middle[:, 0]  # M_3' = -Q_2
+        else:
+            resultants[:, 2] -= arms * middle[:, 0]  # M' = -Q
+        return resultants
+
+    @classmethod
+    def of(cls, body: Body, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
+        """Take points of elements; `held` are the nodes at which a load or a joint may be."""
+        return cls(body, elements, along, _continuation(body.mesh, elements, along, held))
+
+    @classmethod
+    def at_ends(cls, body: Body, held: Collection[int] = (), nodes: np.ndarray | None = None) -> BeamStrains:
+        """Take both ends of all elements, or those that are at some nodes; `held` as for `of`."""
+        chosen = np.ones(body.mesh.cells.shape) if nodes is None else np.isin(body.mesh.cells, nodes)
+        elements, ends = np.nonzero(chosen)
+        return cls.of(body, elements, ends.astype(float), held)
+
+    @classmethod
+    def at_place(cls, body: Body, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
+        """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
+        mesh = body.mesh
+        starts, edges = mesh.nodes[mesh.cells[:, 0]], np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0]
+        along = np.clip(np.sum((place - starts) * edges, axis=1) / mesh.lengths**2, 0.0, 1.0)
+        away = np.linalg.norm(place - starts - along[:, None] * edges, axis=1)
+        near = np.flatnonzero(away <= ON_LINE * float(np.ptp(mesh.nodes, axis=0).max()))
+        return cls.of(body, near, along[near], held) if near.size else None
+
+
+def _continuation(mesh: LineMesh, elements: np.ndarray, along: np.ndarray, held: Collection[int]) -> sp.csr_matrix:
+    """Return what continues values in the middles of elements to points, shape (n_points, n_elements)."""
+    before, after = _neighbours(mesh, held)
+    found = sp.lil_matrix((elements.size, mesh.n_cells))
+    for point, (own, place) in enumerate(zip(elements, along)):
+        away = {own: 0.0}
+        for other, sign in ((before[own], -0.5), (after[own], 0.5)):
+            if other >= 0:
+                away[other] = sign * (mesh.lengths[own] + mesh.lengths[other])
+        low, high = min(away, key=away.__getitem__), max(away, key=away.__getitem__)
+        found[point, own] += 1.0
+        if low != high:
+            slope = (place - 0.5) * mesh.lengths[own] / (away[high] - away[low])
+            found[point, high] += slope
+            found[point, low] -= slope
+    return found.tocsr()
+
+
+def _neighbours(mesh: LineMesh, held: Collection[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the elements that end where an element begins, and that begin where it ends, in its direction: -1 where
+    there is none, or something may jump there; each of shape (n_elements,)."""
+    directions = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0] / mesh.lengths[:, None]
+    counts = np.bincount(mesh.cells.ravel(), minlength=mesh.n_nodes)
+    ends_at = {int(node): element for element, node in enumerate(mesh.cells[:, 1])}
+    before, after = np.full((2, mesh.n_cells), -1)
+    for element, node in enumerate(mesh.cells[:, 0]):
+        other = ends_at.get(int(node), -1)
+        if other >= 0 and counts[node] == 2 and node not in held:
+            if directions[element] @ directions[other] > 1.0 - STRAIGHT:
+                before[element], after[other] = other, element
+    return before, after
+
+
+def stiffnesses(body: Body, values: Mapping[str, np.ndarray | float], n: int) -> np.ndarray:
+    """Return what makes forces and moments of strains, shape (n_strains, n)."""
+    section = body.section
+    if isinstance(section, BeamSection):
+        parts = ((section.axial,), (section.shear,), (section.bending,))
+    else:
+        parts = ((section.axial,), *((q,) for q in section.shear), section.torsion, *((q,) for q in section.bending))
+    return np.array([np.broadcast_to(sum(term.at(values) for term in terms), n) for terms in parts])
+
+
+def _in_space(first: np.ndarray, second: np.ndarray, lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Return the strains of elements in space between frames (n_e, 12, n); see `beam3d`."""
+    n_e, _, n = first.shape
+    one, other = (part[:, 3:].reshape(n_e, 3, 3, n) for part in (first, second))  # directors: (element, k, component)
+    turn = np.sum(one[:, :, None] * other[:, None], axis=3)  # R_1^T R_2
+    trace = turn[:, 0, 0] + turn[:, 1, 1] + turn[:, 2, 2]
+    w = 0.5 * np.stack(
+        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1
+    )
+    c = 0.5 * np.sqrt(1.0 + trace)
+    g = np.sum(0.5 * (one + other) * ((second - first)[:, :3] / lengths[:, None])[:, None], axis=2)
+    along = np.sum(w * g, axis=1)
+    gamma = g / c[:, None] - w * (along / (4.0 * c**3 * (1.0 + c)))[:, None]
+    size = np.linalg.norm(w, axis=1)  # sin |Theta|
+    small = size < 1e-4  # of |Theta| / sin |Theta| = 1 + s^2 / 6 + 3 s^4 / 40 the next term is below 1e-25
+    angle = np.arctan2(size, 0.5 * (trace - 1.0))
+    ratio = np.where(small, 1.0 + size**2 / 6.0 + 0.075 * size**4, angle / np.where(small, 1.0, size))
+    strained, curved = (products(axes.swapaxes(1, 2), part) for part in (gamma, ratio[:, None] * w))
+    strained[:, 0] -= 1.0
+    return np.concatenate([strained, curved / lengths[:, None]], axis=1)

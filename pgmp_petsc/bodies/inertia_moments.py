@@ -1,0 +1,142 @@
+"""Moments of inertia of a body's fields: what its mass matrix does to fields that are turned.
+
+The points of a body have displacements whose component i is ``f_i = C_i y`` in its unknowns y: of a meshed body its
+nodes', of beams those of natural coordinates, in which a node turns with its directors (`beam3d`). The mass m is the
+same for every component, so that with the moments ``P_ij = C_i^T m C_j`` a matrix W that turns all points, in the
+body's frame, has
+
+    (W f)^T m g = y_f^T (sum_ij W_ji P_ij) y_g,        M = sum_i P_ii (+ rotary inertia in the plane, which W leaves).
+
+Rotations in space are rotation vectors phi. Directors are ``exp(phi) e_k``, and their part of second order moves the
+section's mass: with ``J_kl`` the inertia of the directors at a node, accelerations ``A e_k`` do on it the work
+
+    sum_kl J_kl (A e_l) . (1/2 phi x (phi x e_k)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.sparse as sp
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.beam3d import N_FRAME, at_rest, natural_mass
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
+
+CONSISTENT = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+Moments = dict[tuple[int, int], sp.csr_matrix]
+
+
+def inertia_moments(body: Body) -> dict[Monomial, Moments]:
+    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns.
+
+    Raises
+    ------
+    ValueError
+        If they are not known: of flexible condensed bodies without `Component.large`.
+    """
+    found: dict[Monomial, Moments] = {}
+    d, n = body.mesh.nodes.shape[1], body.dofs.size
+    parts = [_of_beams(body) if body.is_beam else iter(()), _of_lumps(body)]
+    if body.component is not None:
+        parts.append(_of_component(body))
+    for part in parts:
+        for weight, dofs, values in part:
+            own = found.setdefault(weight, {(i, j): sp.csr_matrix((n, n)) for i in range(d) for j in range(d)})
+            rows, columns = np.repeat(dofs, dofs.shape[1], axis=1).ravel(), np.tile(dofs, dofs.shape[1]).ravel()
+            for i in range(d):
+                for j in range(d):
+                    own[i, j] = own[i, j] + sp.csr_matrix((values[:, i, j].ravel(), (rows, columns)), shape=(n, n))
+    return found
+
+
+def director_inertia(body: Body) -> dict[Monomial, np.ndarray]:
+    """Return J of the nodes of a body in space by weight, shape (n_nodes, 3, 3), kg m2; none of condensed ones."""
+    found: dict[Monomial, np.ndarray] = {}
+
+    def add(weight: Monomial, nodes: np.ndarray, values: np.ndarray) -> None:
+        np.add.at(found.setdefault(weight, np.zeros((body.n_nodes, 3, 3))), nodes, values)
+
+    if body.is_beam:
+        for weight, coefficients in body.section.mass_terms().items():
+            across = np.array(coefficients)[[2, 1]]
+            density = np.einsum("eis,s,ejs->eij", body.axes[:, :, 1:], across, body.axes[:, :, 1:])
+            for nodes in body.mesh.cells.T:
+                add(weight, nodes, 0.5 * body.mesh.lengths[:, None, None] * density)
+    if body.component is not None and body.component.rigid:
+        for weight, matrix in body.component.mass.items():
+            add(weight, np.array([0]), _directors(matrix[3:, 3:])[None])
+    for node, lumps in body.lumps.items():
+        for weight, lump in lumps.items():
+            add(weight, np.array([node]), 0.5 * lump.inertia * np.eye(3)[None])
+    return found
+
+
+def turned(moments: Moments, turn: np.ndarray) -> sp.csr_matrix:
+    """Return ``sum_ij W_ij P_ij``, which ``f^T m (W g)`` is made of, for W of shape (d, d)."""
+    return sum(turn[i, j] * moment for (i, j), moment in moments.items() if turn[i, j]) + 0.0 * moments[0, 0]
+
+
+def _of_beams(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
+    """Yield weights, unknowns (n_e, k) and moments (n_e, d, d, k, k) of elements."""
+    dofs, lengths = element_dofs(body.mesh.cells, body.node_dofs), body.mesh.lengths
+    for weight, coefficients in body.section.mass_terms().items():
+        if body.is_planar_beam:
+            gradient = np.zeros((2, 2, 6))  # of the places of both nodes
+            for node in range(2):
+                gradient[0, node, 3 * node] = gradient[1, node, 3 * node + 1] = 1.0
+            mass = coefficients[0] * lengths[:, None, None] * CONSISTENT
+        else:
+            gradient = at_rest().reshape(2 * N_FRAME // 3, 3, 12).swapaxes(0, 1)
+            mass = natural_mass(lengths, body.axes, np.array(coefficients))[:, ::3, ::3]
+        yield weight, dofs, np.einsum("iak,eab,jbl->eijkl", gradient, mass, gradient, optimize=True)
+
+
+def _of_lumps(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
+    if not body.lumps:
+        return
+    d, per_node = body.mesh.nodes.shape[1], body.node_dofs
+    alone = body.alone()
+    dofs, values = lumped_entries(alone)
+    dofs = dofs.reshape(-1, per_node)
+    for weight, own in values.items():
+        own = own.reshape(-1, per_node)
+        moments = np.zeros((len(dofs), d, d, per_node, per_node))
+        for i in range(d):
+            for j in range(d):
+                moments[:, i, j, i, j] = own[:, 0]
+        if d == 3:
+            inertia = np.einsum("n,kl->nkl", 0.5 * own[:, 3], np.eye(3))
+            moments += _of_directors(inertia)
+        yield weight, dofs, moments
+
+
+def _of_component(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
+    dofs = np.arange(body.dofs.size)[None]
+    if not body.component.rigid:
+        if body.component.large is None:
+            raise ValueError(f"the moments of inertia of {body.name} are not known")
+        for weight, moments in body.component.large.moments.items():
+            yield weight, dofs, moments[None]
+        return
+    if body.node_dofs == 3:
+        return  # its mass is that of its lumps
+    for weight, matrix in body.component.mass.items():
+        moments = _of_directors(_directors(matrix[3:, 3:])[None])
+        for i in range(3):
+            for j in range(3):
+                moments[0, i, j, i, j] += matrix[0, 0]
+        yield weight, dofs, moments
+
+
+def _directors(inertia: np.ndarray) -> np.ndarray:
+    """Return ``int rho X X^T dV`` of a tensor of inertia (3, 3)."""
+    return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+
+
+def _of_directors(inertia: np.ndarray) -> np.ndarray:
+    """Return the moments of nodes (n, 3, 3, 6, 6) with an inertia of their directors (n, 3, 3)."""
+    gradient = at_rest()[3:N_FRAME, :6].reshape(3, 3, 6).swapaxes(0, 1)
+    return np.einsum("iak,nab,jbl->nijkl", gradient, inertia, gradient, optimize=True)

@@ -1,0 +1,227 @@
+"""What is of second order in the deformation of a body of continuum elements, for a few displacement fields.
+
+The strain energy of `elasticity` is a polynomial of fourth degree in the displacements. With E' = sym grad u and
+E''[u, v] = sym(grad u^T grad v) its third derivative at rest is, for fields u, v, w of a body,
+
+    W3[u, v, w] = int E''[u, v] : C : E'[w] + E''[v, w] : C : E'[u] + E''[w, u] : C : E'[v] dV.
+
+It is the stiffness that a small displacement gives to all others: with u a body's static stretching by centrifugal
+forces, ``W3[u, ., .]`` is its geometric stiffness. In a subspace that answers loads statically (`Component`) it is all
+of third order: let ``u = T y + s`` with s of second order in y, and K-orthogonal to T. Then s has no part in the energy
+up to third order, and the loads that T answers do no work on s.
+
+Inertia forces in a turning frame need the moments ``int rho u_i v_j dV`` of the components of fields.
+
+*Stretching* tells fields that stretch a slender body from those that bend or twist it. The body is cut across its long
+principal axis t into pieces of the volume V_s; with the mean strain e_s along t of each, the energy
+``1/2 sum_s E V_s e_s^2`` is at most the strain energy, all of it where the body is stretched, and none where it bends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.elasticity import Geometry, Lame, volumes_of
+from pgmp_petsc.bodies.solid import Region, Solid
+from pgmp_petsc.mesh.reference_element import reference_element
+from pgmp_petsc.runtime.compiled import njit
+
+NUMBERS_AT_ONCE = 4_000_000  # of products of pairs of fields at quadrature points: 32 MB
+SLENDER = 3.0  # longest over second extent of a body that has a long axis
+
+
+@dataclass(frozen=True, eq=False)
+class LargeDeformation:
+    """Terms of n displacement fields of a body, by weight; what remains when the weight is taken out.
+
+    Attributes
+    ----------
+    third
+        W3, symmetric, shape (n, n, n).
+    moments
+        ``int rho u_i v_j dV``, shape (d, d, n, n), i and u first; their trace is the mass.
+    stretching
+        Stiffness against the mean strains of pieces, shape (n, n).
+    slenderness
+        Longest over second extent of the body along its principal axes: below `SLENDER` stretching means nothing.
+    """
+
+    third: dict[Monomial, np.ndarray]
+    moments: dict[Monomial, np.ndarray]
+    stretching: dict[Monomial, np.ndarray]
+    slenderness: float
+
+    @property
+    def slender(self) -> bool:
+        """Whether the body has a long axis."""
+        return self.slenderness >= SLENDER
+
+
+class LongAxis:
+    """The long principal axis of a mesh, and pieces across it as long as the body's smallest extent.
+
+    Parameters
+    ----------
+    solid
+        The body.
+    """
+
+    def __init__(self, solid: Solid) -> None:
+        mesh = solid.mesh
+        volumes = volumes_of(mesh.nodes[mesh.cells], reference_element(mesh.kind).stiffness).sum(axis=1)
+        middles = mesh.nodes[mesh.cells].mean(axis=1)
+        centre = volumes @ middles / volumes.sum()
+        about = (middles - centre).T @ ((middles - centre) * volumes[:, None])
+        axes = np.linalg.eigh(about)[1]
+        extents = np.sort(np.ptp(mesh.nodes @ axes, axis=0))
+        self.direction = axes[:, -1]
+        self.slenderness = float(extents[-1] / extents[-2])
+        self.n_pieces = max(1, int(extents[-1] / extents[0] + 1e-9))
+        self._lowest, self._length = float(np.min(mesh.nodes @ self.direction)), float(extents[-1])
+
+    def pieces(self, points: np.ndarray) -> np.ndarray:
+        """Return the number of the piece that each of the points (..., d) is in."""
+        along = (points @ self.direction - self._lowest) / self._length
+        return np.clip((self.n_pieces * along).astype(int), 0, self.n_pieces - 1)
+
+
+class FieldsOnCells:
+    """Displacement fields on some cells of a body, and their sums over these cells.
+
+    Parameters
+    ----------
+    solid
+        The body; its cross-section is not scaled.
+    cells
+        Numbers of the cells.
+    places
+        Where the nodes of each of them are in `fields`, shape (n_cells, n_cell_nodes).
+    fields
+        Displacements of the nodes for a unit of every field, shape (n_nodes, d, n).
+    """
+
+    def __init__(self, solid: Solid, cells: np.ndarray, places: np.ndarray, fields: np.ndarray) -> None:
+        self._solid, self._fields = solid, fields
+        self._row = np.full(solid.mesh.n_cells, -1)
+        self._row[cells] = np.arange(cells.size)
+        self._places = places
+
+    @classmethod
+    def everywhere(cls, solid: Solid, fields: np.ndarray) -> FieldsOnCells:
+        """Return fields (n_nodes, d, n) on all cells."""
+        return cls(solid, np.arange(solid.mesh.n_cells), solid.mesh.cells, fields)
+
+    def third(self) -> dict[Monomial, np.ndarray]:
+        """Return W3 by weight, shape (n, n, n)."""
+        d, n = self._fields.shape[1:]
+        axes, n_pairs = np.tril_indices(d), n * (n + 1) // 2
+        found: dict[Monomial, np.ndarray] = {}
+        for region, geometry, gradients, _ in self._shares(axes[0].size * n_pairs):
+            lame, volumes = Lame.of(region.nu, d == 2), geometry.volumes.ravel()
+            strains = np.empty((volumes.size, axes[0].size, n_pairs))
+            _fill_strains(gradients, strains)
+            stresses = lame.shear * (gradients + gradients.swapaxes(1, 2))
+            stresses += lame.first * np.einsum("pkkn,ij->pijn", gradients, np.eye(d))
+            # off the diagonal both orders of the axes
+            twice = np.where(axes[0] == axes[1], 1.0, 2.0)[:, None]
+            stresses = stresses[:, axes[0], axes[1]] * twice * volumes[:, None, None]
+            part = region.modulus.coefficient * (strains.reshape(-1, n_pairs).T @ stresses.reshape(-1, n))
+            weight = region.modulus.monomial
+            found[weight] = found.get(weight, 0.0) + part
+        return {weight: _cyclic(part, n) for weight, part in found.items()}
+
+    def moments(self) -> dict[Monomial, np.ndarray]:
+        """Return ``int rho u_i v_j dV`` by weight, shape (d, d, n, n)."""
+        d, n = self._fields.shape[1:]
+        rule = reference_element(self._solid.mesh.kind).mass
+        found: dict[Monomial, np.ndarray] = {}
+        for region, chosen in self._chosen(rule.weights.size * d * n):
+            mesh = self._solid.mesh
+            volumes = volumes_of(mesh.nodes[mesh.cells[chosen]], rule).ravel()
+            own = self._fields[self._places[self._row[chosen]]]
+            values = np.einsum("qa,eadn->eqdn", rule.values, own, optimize=True).reshape(volumes.size, d * n)
+            part = region.density.coefficient * (values.T @ (volumes[:, None] * values))
+            weight = region.density.monomial
+            found[weight] = found.get(weight, 0.0) + part.reshape(d, n, d, n).swapaxes(1, 2)
+        return found
+
+    def mean_strains(self, axis: LongAxis) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+        """Return the integrals of the strains along the axis over every piece, shape (n_pieces, 1 + n), the volume
+        first, and of Young's modulus by weight, shape (n_pieces,)."""
+        n, t = self._fields.shape[2], axis.direction
+        strains, moduli = np.zeros((axis.n_pieces, 1 + n)), {}
+        for region, geometry, gradients, points in self._shares(n):
+            volumes, pieces = geometry.volumes.ravel(), axis.pieces(points)
+            along = np.einsum("pkln,k,l->pn", gradients, t, t, optimize=True)
+            np.add.at(strains, pieces, volumes[:, None] * np.column_stack([np.ones(volumes.size), along]))
+            own = moduli.setdefault(region.modulus.monomial, np.zeros(axis.n_pieces))
+            np.add.at(own, pieces, region.modulus.coefficient * volumes)
+        return strains, moduli
+
+    def _shares(self, numbers: int) -> Iterator[tuple[Region, Geometry, np.ndarray, np.ndarray]]:
+        """Yield shares of cells of one region, so that `numbers` for each quadrature point stay in bounds: their
+        geometry, ``du_k/dX_l`` of every field at all quadrature points, shape (n_points, d, d, n), and the points."""
+        mesh, rule = self._solid.mesh, reference_element(self._solid.mesh.kind).stiffness
+        d, n = self._fields.shape[1:]
+        for region, chosen in self._chosen(rule.weights.size * numbers):
+            places = mesh.nodes[mesh.cells[chosen]]
+            geometry, own = Geometry.of(places, rule), self._fields[self._places[self._row[chosen]]]
+            gradients = np.einsum("eqla,eakn->eqkln", geometry.gradients, own, optimize=True).reshape(-1, d, d, n)
+            yield region, geometry, gradients, np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
+
+    def _chosen(self, numbers: int) -> Iterator[tuple[Region, np.ndarray]]:
+        """Yield regions and shares of their cells, so that `numbers` a cell stay in bounds."""
+        step = max(1, NUMBERS_AT_ONCE // numbers)
+        for region in self._solid.regions:
+            own = region.cells[self._row[region.cells] >= 0]
+            for first in range(0, own.size, step):
+                yield region, own[first : first + step]
+
+
+def stretching_of(strains: np.ndarray, moduli: dict[Monomial, np.ndarray]) -> dict[Monomial, np.ndarray]:
+    """Return the stiffness against the mean strains of pieces by weight, shape (n, n); see
+    `FieldsOnCells.mean_strains`."""
+    volumes = np.where(strains[:, 0] > 0.0, strains[:, 0], 1.0)
+    means = strains[:, 1:] / volumes[:, None]
+    return {weight: means.T @ (modulus[:, None] * means) for weight, modulus in moduli.items()}
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_strains(gradients, strains):
+    """Fill ``E''_kl = sum_c sym(du_c/dX_k dv_c/dX_l)`` of pairs of fields.
+
+    Parameters
+    ----------
+    gradients
+        ``du_c/dX_k`` at points, shape (n_points, d, d, n).
+    strains
+        Result, shape (n_points, d (d + 1) / 2, n (n + 1) / 2): axes k >= l and fields u >= v, packed.
+    """
+    n_points, d, _, n = gradients.shape
+    for p in range(n_points):
+        pair = 0
+        for k in range(d):
+            for l in range(k + 1):
+                at = 0
+                for u in range(n):
+                    for v in range(u + 1):
+                        strains[p, pair, at + v] = 0.0
+                    for c in range(d):
+                        one, other = 0.5 * gradients[p, c, k, u], 0.5 * gradients[p, c, l, u]
+                        for v in range(u + 1):
+                            strains[p, pair, at + v] += one * gradients[p, c, l, v] + other * gradients[p, c, k, v]
+                    at += u + 1
+                pair += 1
+
+
+def _cyclic(packed: np.ndarray, n: int) -> np.ndarray:
+    """Return the sum of ``G[ij, k]``, packed over i >= j, over the three places of k, symmetric to the last bit."""
+    i, j = np.tril_indices(n)
+    whole = np.empty((n, n, n))
+    whole[i, j] = whole[j, i] = packed
+    a, b, c = np.sort(np.indices((n, n, n)), axis=0)
+    return whole[a, b, c] + whole[b, c, a] + whole[a, c, b]

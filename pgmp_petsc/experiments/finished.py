@@ -1,0 +1,105 @@
+"""What of an experiment is finished: results of its tasks in a folder beside its file, for a run that is resumed.
+
+Every rank writes what it has finished; all ranks read what is there when a run is resumed, with any number of them
+(`runtime.checkpoint_folder`). A task is known by its description, so that the order of tasks has no part in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.seal import BrokenSeal
+from pgmp_petsc.scene import Scene, scene_to_toml
+
+FORMAT = 1
+Arrays = dict[str, np.ndarray]
+
+
+class Finished:
+    """Results of finished tasks. Collective on `comm` where it is made.
+
+    Parameters
+    ----------
+    output
+        The file that the experiment writes in the end.
+    kind
+        What is done with the scene, of the command line; a folder of anything else is refused.
+    scene, meshes
+        What it is about; likewise.
+    comm
+        All ranks.
+    resume
+        Whether to take up what is there.
+
+    Attributes
+    ----------
+    remarks
+        What was found and not taken up.
+
+    Raises
+    ------
+    InputError
+        If what is there belongs to another run.
+    RunError
+        If a rank cannot read what the first one can.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        kind: Mapping[str, object],
+        scene: Scene,
+        meshes: Mapping[str, BodyShape],
+        comm: MPI.Comm,
+        resume: bool,
+    ) -> None:
+        self._comm = comm
+        run = {"format": FORMAT, **kind, "scene": identity(scene_to_toml(scene)), "meshes": identity(meshes)}
+        # ranks may work in different directories
+        self._folder = CheckpointFolder(on_root(comm, output.resolve), run)
+        paths, self.remarks = on_root(comm, self._open, resume)
+        self._known: dict[str, Arrays] = {}
+        with agreed(comm, "reading the checkpoint"):
+            for path in paths:
+                try:
+                    self._known[path.stem] = self._folder.take(path, dict)
+                except BrokenSeal as broken:
+                    raise RunError(f"piece '{path}' cannot be read on every rank: {broken}") from broken
+
+    def get(self, kind: str, task: object) -> Arrays | None:
+        """Return what an earlier run left of a task; None where it left nothing."""
+        return self._known.get(_name(kind, task))
+
+    def put(self, kind: str, task: object, arrays: Arrays) -> None:
+        """Keep the result of a task; by the rank that did it."""
+        self._folder.put(_name(kind, task), arrays)
+
+    def forget(self) -> None:
+        """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
+        if not self._known:
+            self.remove()
+
+    def remove(self) -> None:
+        """Remove the folder once the file is written. Collective on all ranks."""
+        on_root(self._comm, self._folder.remove)
+
+    def _open(self, resume: bool) -> tuple[list[Path], tuple[Remark, ...]]:
+        started = self._folder.open(resume)
+        sound, broken = self._folder.sound(lambda path: self._folder.take(path, dict))
+        return sound, started + broken
+
+
+def _name(kind: str, task: object) -> str:
+    """Return the name of a task's piece: its description is the key, whatever rank or order it has."""
+    return f"{kind}-{hashlib.sha256(repr(task).encode()).hexdigest()[:32]}"

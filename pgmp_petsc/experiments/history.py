@@ -1,0 +1,246 @@
+"""Outputs over time of some samples, and errors between two histories of the same samples: the one definition of error
+of tolerances, of the trade-off and of chosen steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.mechanism.mechanism import Coordinate
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.scene import Scene
+
+AnyModel = FullModel | ReducedModel
+
+MOST_INSTANTS = 1024  # kept of a run: enough for the largest value over time
+# an output below this share of the mechanism's size, of 1 rad, or of the stress of a strain of 1, is taken for zero
+ROUND_OFF = 1e-10
+MARGIN = 0.02  # of a limited range: what the flexible bodies may add to the coordinate
+MOST_MISSING = 0.1  # share of the exact run's instants at which an output may be no number without being a failure
+OF_SAMPLES = ("outputs", "status", "inside", "failure_time")
+
+
+@dataclass(frozen=True)
+class History:
+    """What a run of n samples leaves.
+
+    Attributes
+    ----------
+    n_steps
+        Steps of the run.
+    every
+        Steps between two kept instants.
+    outputs
+        Shape (n_outputs, n_kept, n_samples); NaN where a sample failed.
+    status
+        Of every sample, shape (n_samples,).
+    inside
+        Samples that stayed in the range of their coordinate, shape (n_samples,).
+    failure_time
+        When samples failed, shape (n_samples,), s; NaN where they did not.
+    """
+
+    n_steps: int
+    every: int
+    outputs: np.ndarray
+    status: np.ndarray
+    inside: np.ndarray
+    failure_time: np.ndarray
+
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """All of it as arrays, to be kept in a file."""
+        return {name: np.array(value) for name, value in vars(self).items()}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
+        """Return what was kept by `arrays`."""
+        return cls(**{name: int(value) if name in ("n_steps", "every") else value for name, value in arrays.items()})
+
+    def require_fine(self, values: Mapping[str, np.ndarray]) -> Self:
+        """Return the history, of samples with some parameter values.
+
+        Raises
+        ------
+        RunError
+            If a sample failed, with the first one's values, time and reason.
+        """
+        failed = np.flatnonzero(self.status != Status.FINE)
+        if not failed.size:
+            return self
+        first = failed[0]
+        where = ", ".join(f"{name} = {column[first]:.4g}" for name, column in values.items())
+        raise RunError(
+            f"{failed.size} of {self.status.size} samples failed, the first{f' ({where})' if where else ''} at "
+            f"{self.failure_time[first]:.4g} s: {Status(self.status[first]).meaning}"
+        )
+
+
+def with_steps(scene: Scene, n_steps: int) -> Scene:
+    """Return the scene with so many steps."""
+    step = {"step": scene.simulation.duration / n_steps}
+    return scene.model_copy(update={"simulation": scene.simulation.model_copy(update=step)})
+
+
+def spacing(n_steps: int) -> int:
+    """Return the steps between kept instants: a power of two, so that runs with doubled steps share instants."""
+    every = 1
+    while n_steps > MOST_INSTANTS * every:
+        every *= 2
+    return every
+
+
+def run_history(
+    model: AnyModel,
+    values: Mapping[str, np.ndarray],
+    n_samples: int,
+    n_steps: int,
+    system: SecondOrderSystem | None = None,
+) -> History:
+    """Integrate samples on this rank, in batches as large as the model takes, or on the ranks of a given system.
+
+    Parameters
+    ----------
+    model
+        Any model of a scene.
+    values
+        Parameter values, each of shape (n_samples,).
+    n_samples
+        Number of samples.
+    n_steps
+        Equal time steps over the scene's duration.
+    system
+        The only sample on ranks that share it; made here otherwise.
+    """
+    if system is not None:
+        return _integrated(model, system, n_steps)
+    parts = []
+    for first in range(0, n_samples, model.largest_batch):
+        chosen = slice(first, min(first + model.largest_batch, n_samples))
+        some = {name: column[chosen] for name, column in values.items()}
+        with closing(model.batch(some, chosen.stop - chosen.start)) as made:
+            parts.append(_integrated(model, made, n_steps))
+    if len(parts) == 1:
+        return parts[0]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in OF_SAMPLES}
+    return History(n_steps, parts[0].every, **joined)
+
+
+def _integrated(model: AnyModel, system: SecondOrderSystem, n_steps: int) -> History:
+    """Integrate a system and evaluate the outputs at the kept instants."""
+    every, kept, of_joints, n_samples = spacing(n_steps), [], [], system.n_samples
+    reduced, measures = isinstance(model, ReducedModel), _limited(model)
+    nodes = sorted(set().union(*(needed for _, (_, needed) in measures)))
+
+    def record(step: int, time: float, state: State) -> None:
+        if step % every:
+            return
+        if reduced:  # what is observed of reduced samples is cheap only for many at once
+            kept.append(state.q.copy())
+            return
+        frames = model.frames(system, state)
+        kept.append(model.observed_over(system, [state], frames))
+        of_joints.append(frames[nodes])
+
+    run = integrate(system, with_steps(model.scene, n_steps).simulation, observer=record)
+    if reduced:
+        every_time = {name: np.tile(value, len(kept)) for name, value in system.values.items()}
+        observed = model.observed_of(np.concatenate(kept), every_time)
+        inside = np.ones(n_samples, dtype=bool)
+    else:
+        observed = np.concatenate(kept, axis=-1)
+        by_node = dict(zip(nodes, np.concatenate(of_joints, axis=-1)))
+        inside = _inside([(c, angle(by_node).reshape(-1, n_samples)) for c, (angle, _) in measures], n_samples)
+    outputs = np.array([row.reshape(-1, n_samples) for row in model.outputs.evaluate(observed).values()])
+    outputs[..., run.status != Status.FINE] = np.nan
+    return History(n_steps, every, outputs, run.status, inside, run.failure_time)
+
+
+def _limited(model: AnyModel) -> list[tuple[Coordinate, tuple[Callable, set[int]]]]:
+    """Return the coordinates with a limited range, and what measures them; none of a reduced model, which watches its
+    range itself."""
+    kinematics = model.kinematics
+    if isinstance(model, ReducedModel):
+        return []
+    return [(c, joint_angle(c.connection, kinematics)) for c in kinematics.coordinates if not c.periodic]
+
+
+def _inside(measured: Sequence[tuple[Coordinate, np.ndarray]], n_samples: int) -> np.ndarray:
+    """Return which samples stayed in the ranges of their coordinates, of angles of shape (n_kept, n_samples)."""
+    result = np.ones(n_samples, dtype=bool)
+    for coordinate, angles in measured:
+        margin = MARGIN * (coordinate.upper - coordinate.lower)
+        kept = (angles > coordinate.lower + margin) & (angles < coordinate.upper - margin)
+        # a start near the end of the range is none of the run's doing
+        result &= np.all(kept | (angles == angles[0]), axis=0)
+    return result
+
+
+def floors_of(model: AnyModel) -> np.ndarray:
+    """Return below which every output is taken for zero, in its unit, shape (n_outputs,)."""
+    sizes = {stress.name: stress.size for stress in model.outputs.stresses}
+    units = model.outputs.units.items()
+    return np.array(
+        [ROUND_OFF * sizes.get(name, 1.0 if unit == "rad" else model.kinematics.size) for name, unit in units]
+    )
+
+
+def errors_between(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return the largest error over time of every output and sample, shape (n_outputs, n_samples).
+
+    The error is a share of the largest value of the exact output over time, or of `floors` where that is larger. It is
+    infinite where only `found` failed, or has no number at a tenth of the instants and more at which the exact run has
+    one (a deformation is none outside a limited range); NaN where the exact run failed or has no number at any instant.
+
+    Parameters
+    ----------
+    found, exact
+        Histories of the same samples; one's number of steps divides the other's.
+    floors
+        In the outputs' units, shape (n_outputs,).
+    """
+    one, other = _common(found, exact)
+    known = np.isfinite(other)
+    scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
+    both = known & np.isfinite(one)
+    difference = np.where(both, np.abs(np.where(both, one, 0.0) - np.where(both, other, 0.0)), 0.0)
+    errors = difference.max(axis=1) / np.maximum(scale, floors[:, None])
+    # one of them may be at the end of the range a little before the other
+    errors[both.sum(axis=1) < (1.0 - MOST_MISSING) * known.sum(axis=1)] = np.inf
+    errors[:, found.status != Status.FINE] = np.inf
+    errors[~known.any(axis=1)] = np.nan
+    return errors
+
+
+def largest_errors(found: History, exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return the largest error of every output over time and samples, shape (n_outputs,); see `errors_between`.
+
+    NaN where a sample's output has no number where the exact one has, or no sample has any to compare with.
+    """
+    errors = errors_between(found, exact, floors)
+    known = np.isfinite(errors) | np.isposinf(errors)
+    largest = np.max(errors, axis=1, initial=-1.0, where=known)
+    return np.where(np.isinf(largest) | (largest < 0.0), np.nan, largest)
+
+
+def round_off_of(exact: History, floors: np.ndarray) -> np.ndarray:
+    """Return below which share of its largest value an output's error is round-off, shape (n_outputs, n_samples)."""
+    scale = np.max(np.abs(exact.outputs), axis=1, initial=0.0, where=np.isfinite(exact.outputs))
+    return floors[:, None] / np.maximum(scale, floors[:, None])
+
+
+def _common(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the outputs of both at the instants that both kept."""
+    finest = max(one.n_steps, other.n_steps)
+    strides = [item.every * (finest // item.n_steps) for item in (one, other)]
+    shared = int(np.lcm(*strides))
+    return tuple(item.outputs[:, :: shared // stride] for item, stride in zip((one, other), strides))

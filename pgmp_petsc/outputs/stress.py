@@ -1,0 +1,270 @@
+"""Stress outputs: strains at points of a body, what a quantity makes of them, and the largest of the points.
+
+Every model knows the strains in its own way (`models.stresses`): from the positions of a mesh, or as a constant linear
+map of the coordinates that a body is condensed to. From there on all is the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.beam_strains import BeamStrains, stiffnesses
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.elasticity import Lame
+from pgmp_petsc.bodies.framed_solid import cells_of_materials
+from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.mechanism.composition import bodies_of
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.outputs.stress_quantities import EXTREMES, FURTHEST, LARGEST, hooke, outermost, principal, von_mises
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.bodies import Circle
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
+from pgmp_petsc.scene.points import points_used
+from pgmp_petsc.scene.stress_checks import stressed_bodies
+
+Values = Mapping[str, "np.ndarray | float"]
+
+
+@dataclass(frozen=True, eq=False)
+class SolidLaw:
+    """Stresses of a continuum body.
+
+    Attributes
+    ----------
+    materials
+        Young's modulus (Pa) and Lame's constants over it of every material.
+    """
+
+    materials: tuple[tuple[Quantity, Lame], ...]
+
+    def values(self, quantity: str, points: SolidStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
+        stresses = np.empty_like(strains)
+        for number, (modulus, lame) in enumerate(self.materials):
+            own = points.material == number
+            stresses[own] = hooke(strains[own], lame) * modulus.at(parameters)
+        if quantity == "von_mises":
+            return von_mises(stresses)
+        return principal(stresses, quantity == "principal_max")
+
+    def size(self, quantity: str, body: Body | SolidMesh, nominal: Mapping[str, float]) -> float:
+        """Return the quantity for a strain of 1, at nominal parameters."""
+        return max(float(modulus.at(nominal)) for modulus, _ in self.materials)
+
+
+@dataclass(frozen=True, eq=False)
+class BeamLaw:
+    """Forces and moments in the sections of beams, and stresses in their outermost fibres.
+
+    Attributes
+    ----------
+    modulus
+        Young's modulus, Pa; None of a section given by coefficients.
+    reach
+        Distances of the outermost fibre from the axis, along the section's second and third axis, m.
+    round
+        Whether the section is a circle.
+    """
+
+    modulus: Quantity | None
+    reach: tuple[Quantity, Quantity] | None
+    round: bool
+
+    def values(self, quantity: str, points: BeamStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
+        forces = points.forces(strains, parameters)
+        if quantity not in OF_FIBRES:
+            return forces[:, _number_of(quantity, points.body)]
+        young = self.modulus.at(parameters)
+        bent = forces / stiffnesses(points.body, parameters, strains.shape[2])  # strains again, moments at the points
+        along_2, along_3 = (reach.at(parameters) for reach in self.reach)
+        if not points.in_space:
+            bending = np.abs(bent[:, 2]) * along_2
+        elif self.round:
+            bending = np.hypot(bent[:, 4], bent[:, 5]) * along_2
+        else:
+            bending = np.abs(bent[:, 5]) * along_2 + np.abs(bent[:, 4]) * along_3
+        return outermost(young * bent[:, 0], young * bending, quantity == "stress_max")
+
+    def size(self, quantity: str, body: Body | SolidMesh, nominal: Mapping[str, float]) -> float:
+        """Return the quantity for a strain of 1, or a curvature of 1 over the body's length, at nominal parameters."""
+        if quantity in OF_FIBRES:
+            return float(self.modulus.at(nominal))
+        resists = stiffnesses(body, nominal, 1)[_number_of(quantity, body), 0]
+        return float(resists / (body.extent if "moment" in quantity else 1.0))
+
+
+def _number_of(quantity: str, body: Body) -> int:
+    """Return which of the forces and moments in a body's sections a quantity is."""
+    return list(STRESSES[f"beam{body.mesh.nodes.shape[1]}d"]).index(quantity)
+
+
+@dataclass(frozen=True, eq=False)
+class StressOutput:
+    """One stress output.
+
+    Attributes
+    ----------
+    name, entry
+        In the scene.
+    body
+        Number of the body.
+    points
+        Where strains are taken.
+    law
+        What makes the quantity of them.
+    size
+        The quantity for a strain of 1: what is small beside it by the round-off of strains is nothing.
+    """
+
+    name: str
+    entry: Stress
+    body: int
+    points: SolidStrains | BeamStrains
+    law: SolidLaw | BeamLaw
+    size: float
+
+    @property
+    def unit(self) -> str:
+        """Unit of the output."""
+        return next(table[self.entry.quantity] for table in STRESSES.values() if self.entry.quantity in table)
+
+    def value(self, strains: np.ndarray, parameters: Values) -> np.ndarray:
+        """Return the output, shape (n,), for strains of the points (n_points, n_strains, n).
+
+        Forces and moments have their sign at a place. Of many sections the magnitude is reported: the largest ones of
+        either sign may be equal, and an output that jumped from one to the other would have no error to speak of.
+        Parameter values are numbers, or of shape (n,).
+        """
+        values = self.law.values(self.entry.quantity, self.points, strains, parameters)
+        if self.entry.quantity in EXTREMES:
+            return EXTREMES[self.entry.quantity](values)
+        return LARGEST(np.abs(values)) if self.entry.at is None else FURTHEST(values)
+
+    @classmethod
+    def of(cls, name: str, scene: Scene, number: int, body: Body) -> StressOutput:
+        """Prepare an output of a scene.
+
+        Parameters
+        ----------
+        name
+            In the scene.
+        number, body
+            The body that the output names, with its number.
+
+        Raises
+        ------
+        InputError
+            If the place is not on the body's mesh, or the body was condensed without what stresses need.
+        """
+        entry = scene.outputs[name]
+        carrier = carrier_of(body)
+        if carrier is None:
+            raise InputError(
+                f'outputs.{name}.body = "{entry.body}": the reduced model was built without the mesh of this body; '
+                "name the output in the scene and run pgmp build again"
+            )
+        law = law_of(scene, entry.body, carrier)
+        points = _points(f"outputs.{name}", entry, scene, carrier)
+        return cls(name, entry, number, points, law, law.size(entry.quantity, carrier, scene.nominal))
+
+
+def carrier_of(body: Body) -> SolidMesh | Body | None:
+    """Return what a flexible body's stresses live on: its mesh, or for beams itself; None where it is not known."""
+    if body.is_beam:
+        return body
+    if body.meshed is not None:
+        return body.meshed.solid.mesh
+    recovery: Recovery | None = (body.component or body.floating).recovery
+    return None if recovery is None else recovery.carrier
+
+
+def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | BeamLaw:
+    """Return what makes stresses of a body's strains."""
+    entry = scene.bodies[name]
+    if isinstance(carrier, SolidMesh):
+        used = (scene.materials[material] for material, _ in cells_of_materials(name, entry, carrier))
+        plane = carrier.dimension == 2
+        return SolidLaw(tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used))
+    if entry.material is None:
+        return BeamLaw(None, None, False)
+    modulus, section = Quantity.of(scene.materials[entry.material].E), entry.section
+    if isinstance(section, Circle):
+        return BeamLaw(modulus, (Quantity.of(section.radius),) * 2, True)
+    return BeamLaw(modulus, (0.5 * Quantity.of(section.height), 0.5 * Quantity.of(section.width)), False)
+
+
+def quantities_of(scene: Scene, name: str) -> dict[str, str]:
+    """Return the quantities that a body has, with their units: no fibre of a section given by coefficients."""
+    entry = scene.bodies[name]
+    return {key: unit for key, unit in STRESSES[entry.element].items() if entry.material or key not in OF_FIBRES}
+
+
+def all_points(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
+    """Return all points of a body: the nodes of a mesh of cells, the ends of all elements of beams."""
+    if not isinstance(carrier, SolidMesh):
+        return BeamStrains.at_ends(carrier, _held(scene, name, carrier))
+    materials = [cells for _, cells in cells_of_materials(name, scene.bodies[name], carrier)]
+    return SolidStrains.at_nodes(carrier, materials, np.arange(carrier.n_nodes))
+
+
+def _held(scene: Scene, name: str, body: Body) -> set[int]:
+    """Return the nodes of beams that joints, effects or outputs hold."""
+    return {body.mesh.point(point, entry) for point, entry in points_used(scene, name).items()}
+
+
+def check_stresses(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> None:
+    """Refuse stress outputs at places that their body's mesh has not, before anything is computed.
+
+    Raises
+    ------
+    InputError
+        Naming the entry, what came, and what is there.
+    """
+    if stressed_bodies(scene):
+        bodies = {body.name: body for body in bodies_of(scene, meshes)}
+        for name, entry in scene.outputs.items():
+            if isinstance(entry, Stress):
+                _points(f"outputs.{name}", entry, scene, carrier_of(bodies[entry.body]))
+
+
+def _points(name: str, entry: Stress, scene: Scene, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
+    if entry.at is not None:
+        return _at_place(name, entry, scene, carrier)
+    if not isinstance(carrier, SolidMesh):
+        if entry.group is None:
+            return all_points(scene, entry.body, carrier)
+        node = carrier.mesh.point(entry.group, f"{name}.group")
+        return BeamStrains.at_ends(carrier, _held(scene, entry.body, carrier), np.array([node]))
+    if entry.group is None and entry.region is None:
+        return all_points(scene, entry.body, carrier)
+    materials = [cells for _, cells in cells_of_materials(entry.body, scene.bodies[entry.body], carrier)]
+    if entry.region is not None:
+        cells = carrier.region(entry.region, f"{name}.region")
+        return SolidStrains.at_nodes(carrier, materials, np.unique(carrier.cells[cells])).within(materials, cells)
+    return SolidStrains.at_nodes(carrier, materials, np.unique(carrier.faces(entry.group, f"{name}.group")))
+
+
+def _at_place(name: str, entry: Stress, scene: Scene, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
+    place = np.array(entry.at)
+    if isinstance(carrier, SolidMesh):
+        materials = [cells for _, cells in cells_of_materials(entry.body, scene.bodies[entry.body], carrier)]
+        points, nodes = SolidStrains.at_place(carrier, materials, place), carrier.nodes
+    else:
+        held = _held(scene, entry.body, carrier)
+        points, nodes = BeamStrains.at_place(carrier, place, held), carrier.mesh.nodes
+    if points is None:
+        nearest = nodes[np.argmin(np.linalg.norm(nodes - place, axis=1))]
+        low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in (nodes.min(axis=0), nodes.max(axis=0)))
+        raise InputError(
+            f"{name}.at = {list(entry.at)}: outside the mesh of {entry.body}, which reaches from ({low}) to ({high}) "
+            f"m; its nearest node is at ({', '.join(f'{x:.6g}' for x in nearest)})"
+        )
+    return points

@@ -1,0 +1,63 @@
+"""Checks of stress outputs against the bodies that they name; places on a mesh are checked where there is a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from pgmp_petsc.runtime.errors import nearest_name
+from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.outputs import OF_FIBRES, STRESSES, Stress
+
+if TYPE_CHECKING:
+    from pgmp_petsc.scene.bodies import Body
+    from pgmp_petsc.scene.schema import Scene
+
+PLACES = ("at", "group", "region")
+
+
+def stressed_bodies(scene: Scene) -> set[str]:
+    """Return the names of the bodies that stress outputs name."""
+    return {output.body for output in scene.outputs.values() if isinstance(output, Stress)}
+
+
+def stress_problems(scene: Scene, name: str, output: Stress) -> Iterator[str]:
+    """Yield one line for each entry of a stress output that does not fit the body it names."""
+    entry = f"outputs.{name}"
+    if output.body not in scene.bodies:
+        yield problem(f"{entry}.body", f"there is no such body{nearest_name(output.body, scene.bodies)}", output.body)
+        return
+    body = scene.bodies[output.body]
+    if not body.flexible:
+        why = "this body is rigid, so nothing is known of its stresses; take a flexible body, or make it flexible"
+        yield problem(f"{entry}.body", why, output.body)
+        return
+    if body.section_scale is not None:
+        why = f"a body with section_scale has no stress outputs; leave bodies.{output.body}.section_scale out"
+        yield problem(f"{entry}.body", why, output.body)
+    yield from _quantity(entry, output, body)
+    yield from _place(entry, output, body)
+
+
+def _quantity(entry: str, output: Stress, body: Body) -> Iterator[str]:
+    allowed = STRESSES[body.element]
+    if output.quantity not in allowed:
+        why = f"a {body.element} has no such quantity; allowed: {', '.join(allowed)}"
+        yield problem(f"{entry}.quantity", why, output.quantity)
+    elif output.quantity in OF_FIBRES and body.material is None:
+        forces = ", ".join(name for name in allowed if name not in OF_FIBRES)
+        why = f"a section given by coefficients has no outermost fibre; allowed: {forces}"
+        yield problem(f"{entry}.quantity", why, output.quantity)
+
+
+def _place(entry: str, output: Stress, body: Body) -> Iterator[str]:
+    given = [key for key in PLACES if getattr(output, key) is not None]
+    if len(given) > 1:
+        why = f"at most one of {', '.join(PLACES)} is needed; {' and '.join(given)} are given"
+        yield problem(f"{entry}.{given[-1]}", why)
+    if output.at is not None and len(output.at) != body.dimension:
+        words = "two numbers (x, y)" if body.dimension == 2 else "three numbers (x, y, z)"
+        yield problem(f"{entry}.at", f"{words} are needed for a {body.element}", list(output.at))
+    if output.region is not None and not body.continuum:
+        why = f"a {body.element} has no regions; take at or group, or leave it out for the whole body"
+        yield problem(f"{entry}.region", why, output.region)

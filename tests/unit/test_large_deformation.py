@@ -1,0 +1,161 @@
+"""What is of second order in the deformation of continuum bodies: against a Green-Lagrange energy written here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from green_lagrange import energy_of
+from mpi4py import MPI
+from scipy.linalg import eigh
+from solid_scenes import solid_meshes, solid_slider_crank
+from solids import body_of, matrices_of, mesh_of, rod
+
+from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
+from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
+from pgmp_petsc.bodies.section_scale import SectionScale
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.runtime.groups import RankGroup
+
+
+KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
+COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3
+
+
+def third_along(energy: Callable[[np.ndarray], float], u: np.ndarray) -> float:
+    """Return the third derivative at rest along u, exact: the energy is a polynomial of fourth degree."""
+    one, two = (energy(h * u) - energy(-h * u) for h in (1.0, 2.0))
+    return 0.5 * (two - 2.0 * one)  # of c_1 h + c_3 h^3: 6 c_3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) -> None:
+    solid = body_of(mesh_of(kind, COUNTS, LENGTHS), 2.0, nu=NU)
+    rng = np.random.default_rng(3)
+    fields = rng.normal(size=(solid.mesh.n_nodes, solid.mesh.dimension, 4))
+    (third,) = FieldsOnCells.everywhere(solid, fields).third().values()
+    energy = energy_of(solid, {})
+    for y in rng.normal(size=(5, 4)):
+        expected = third_along(energy, fields @ y)
+        assert np.einsum("ijk,i,j,k", third, y, y, y) == pytest.approx(
+            expected, rel=1e-10, abs=1e-12 * abs(third).max()
+        )
+    for order in ((0, 2, 1), (1, 0, 2), (2, 1, 0)):
+        np.testing.assert_array_equal(third.transpose(order), third)
+
+
+def test_terms_of_two_materials_are_affine() -> None:
+    solid, frames, points = rod("quad8", two_materials=True)
+    component, recovery, _ = condense(solid, frames, points, 6, MPI.COMM_SELF, large=True)
+    assert set(component.large.third) == set(component.stiffness)
+    assert set(component.large.moments) == set(component.mass)
+    for values in ({"E": 1.3e11}, {"E": 2.6e11}):
+        energy = energy_of(solid, values)
+        third = np.tensordot(
+            evaluate_weights(component.large.third, values), np.array(list(component.large.third.values())), 1
+        )
+        y = np.random.default_rng(1).normal(size=component.n)
+        y *= 1e-2 / np.abs(recovery @ y).max()
+        expected = third_along(energy, (recovery @ y).reshape(-1, 2))
+        # round-off of the energies, beside a third of a hundredth of which the cubic part is
+        assert np.einsum("ijk,i,j,k", third, y, y, y) == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_moments_make_the_mass_and_turn_with_the_body(kind: str) -> None:
+    solid = body_of(mesh_of(kind, COUNTS, LENGTHS), 2.0, 3.0)
+    n_nodes, d = solid.mesh.n_nodes, solid.mesh.dimension
+    fields = np.random.default_rng(4).normal(size=(n_nodes, d, 3))
+    (moments,) = FieldsOnCells.everywhere(solid, fields).moments().values()
+    mass, flat = matrices_of(solid)[1], fields.reshape(n_nodes * d, 3)
+    np.testing.assert_allclose(np.trace(moments), flat.T @ (mass @ flat), rtol=1e-10)
+    turn = np.random.default_rng(5).normal(size=(d, d))
+    turned = np.einsum("ij,njk->nik", turn, fields).reshape(flat.shape)
+    expected = flat.T @ (mass @ turned)
+    found = np.einsum("ij,ijkl->kl", turn, moments)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stretching_is_told_from_bending_and_torsion(kind: str) -> None:
+    """A bar along an oblique axis: all of the energy of a pull, none of bending's, and never more than there is."""
+    mesh = mesh_of(kind, (12, 2, 2), (1.0, 0.05, 0.05))
+    x, *across = mesh.nodes.T
+    y, d = across[0] - 0.025, mesh.dimension
+    pulled = np.column_stack([x, *(-NU * (c - 0.025) for c in across)])
+    bent = np.column_stack([-x * y, 0.5 * x**2, *[0.0 * x] * (d - 2)])
+    fields = [pulled, bent]
+    if d == 3:
+        z = across[1] - 0.025
+        fields.append(np.column_stack([0.0 * x, -x * z, x * y]))
+    turn = np.linalg.qr(np.random.default_rng(6).normal(size=(d, d)))[0]
+    turn[:, 0] *= np.sign(np.linalg.det(turn))
+    solid = body_of(replace(mesh, nodes=mesh.nodes @ turn.T), 1.0, nu=NU)
+    moved = np.stack([field @ turn.T for field in fields], axis=2)
+    axis = LongAxis(solid)
+    assert abs(axis.direction @ turn[:, 0]) == pytest.approx(1.0, abs=1e-3) and axis.slenderness > 10
+    strains, moduli = FieldsOnCells.everywhere(solid, moved).mean_strains(axis)
+    (stretching,) = stretching_of(strains, moduli).values()
+    flat = moved.reshape(-1, len(fields))
+    share = np.diag(stretching) / np.diag(flat.T @ (matrices_of(solid)[0] @ flat))
+    assert share[0] == pytest.approx(1.0, abs=1e-3)
+    # pieces of cells that are not columns (tetrahedra, triangles) have a little of it
+    assert share[1:].max() < 0.02
+    noise = np.random.default_rng(7).normal(size=(*mesh.nodes.shape, 5))
+    strains, moduli = FieldsOnCells.everywhere(solid, noise).mean_strains(axis)
+    (stretching,), flat = stretching_of(strains, moduli).values(), noise.reshape(-1, 5)
+    left = flat.T @ (matrices_of(solid)[0] @ flat) - stretching
+    assert np.linalg.eigvalsh(left)[0] > 0.0
+
+
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
+def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -> None:
+    """Forces as of linear fields, balanced by those of rigid accelerations, against the whole mesh."""
+    solid, frames, points = rod(kind)
+    component, recovery, _ = condense(solid, frames, points, 3, MPI.COMM_SELF, large=True)
+    bare, *_ = condense(solid, frames, points, 3, MPI.COMM_SELF)
+    assert component.n > bare.n
+    stiffness, mass = (matrix.toarray() for matrix in matrices_of(solid))
+    fields = linear_fields(solid.mesh.nodes)
+    values, vectors = eigh(stiffness, mass)
+    elastic = slice(solid.mesh.dimension * (solid.mesh.dimension + 1) // 2, None)
+    forces = mass @ fields
+    exact = vectors[:, elastic] @ ((vectors[:, elastic].T @ forces) / values[elastic, None])
+    reduced, own = recovery.T @ stiffness @ recovery, recovery.T @ forces
+    values, vectors = eigh(reduced, recovery.T @ mass @ recovery)
+    found = recovery @ (vectors[:, elastic] @ ((vectors[:, elastic].T @ own) / values[elastic, None]))
+    work = np.einsum("ik,ik->k", forces, exact)
+    left = np.einsum("ik,ij,jk->k", found - exact, stiffness, found - exact)
+    # the answers are those with the small shift of the factor
+    assert np.all(left < 1e-9 * np.max(work))
+
+
+def test_a_checkpoint_keeps_it(tmp_path: Path) -> None:
+    scene, meshes = solid_slider_crank("reduction.second_order=true", "reduction.modes=3"), solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        first = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=False)
+        made = condensed(scene, meshes, group, first)
+        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, resume=True).components
+    for name, component in made.items():
+        other = kept[name].large
+        assert other.slenderness == component.large.slenderness
+        for kind in ("third", "moments", "stretching"):
+            terms, found = getattr(component.large, kind), getattr(other, kind)
+            assert terms.keys() == found.keys()
+            for weight, term in terms.items():
+                np.testing.assert_array_equal(found[weight], term)
+
+
+def test_of_a_scaled_cross_section_it_is_not_known() -> None:
+    solid, frames, points = rod("quad8")
+    scaled = replace(solid, section_scale=SectionScale(Quantity(1.0, Monomial((("s", 1),)))))
+    component, *_ = condense(scaled, frames, [{"s": 1.0}], 3, MPI.COMM_SELF, large=True)
+    assert component.large is None
+    assert condense(solid, frames, points, 3, MPI.COMM_SELF)[0].large is None

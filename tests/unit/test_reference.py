@@ -1,0 +1,164 @@
+"""What errors are measured against: the mesh, or the component model where it is too dear; its price and distance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from combinations import meshes_for, scene_of
+from mpi4py import MPI
+from runs import full_model, reduced_model
+
+from pgmp_petsc.experiments import reference
+from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
+from pgmp_petsc.experiments.period import first_period, period_of
+from pgmp_petsc.experiments.price import Price, duration_text, step_seconds
+from pgmp_petsc.experiments.reference import (
+    CHECK_SHARE,
+    FEWEST_STEPS,
+    Demand,
+    Reference,
+    choose_reference,
+    component_model,
+    distance_from_mesh,
+)
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.models import ComponentModel, FullModel
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, scene_from_toml, scene_to_toml
+
+SELF = MPI.COMM_SELF
+STEPS = 1e5
+DEMAND = Demand("reduction.tolerance = 0.01", STEPS, "5 samples under 3 loads", "shorten simulation.duration", 4)
+
+
+def changed(scene: Scene, *overrides: str) -> Scene:
+    return scene_from_toml(scene_to_toml(scene), ".", overrides)
+
+
+def cells(*overrides: str) -> Scene:
+    return changed(scene_of("cells in the plane", "torque"), *overrides)
+
+
+def chosen(scene: Scene) -> Reference:
+    meshes = meshes_for(scene)
+    return choose_reference(scene, meshes, RigidKinematics(Mechanism.from_scene(scene, meshes)), DEMAND, SELF)
+
+
+def prices() -> tuple[float, float]:
+    """Return what the runs of mesh and component model are predicted to take, s."""
+    scene = cells()
+    models = FullModel(scene, meshes_for(scene)), component_model(scene, meshes_for(scene), SELF, DEMAND.n_modes)
+    return tuple(STEPS * step_seconds(model.kinematics.mechanism) for model in models)
+
+
+def test_the_mesh_where_it_is_within_the_budget() -> None:
+    found = chosen(cells())
+    assert found.is_mesh and found.model.name == "full" and found.from_mesh == {}
+    assert found.price.seconds == pytest.approx(prices()[0])
+    assert "reference: the mesh" in found.why and "within reference.budget = 600 s" in found.why
+
+
+def test_the_component_model_where_the_mesh_is_too_dear() -> None:
+    mesh, components = prices()
+    assert components < mesh
+    found = chosen(cells(f"reference.budget={0.5 * (mesh + components)}"))
+    assert not found.is_mesh and isinstance(found.model, ComponentModel)
+    assert found.about["model"] == "components" and found.about["predicted_seconds"] == pytest.approx(components)
+    assert "runs of the mesh would take" in found.why and "modes: crank" in found.why
+
+
+def test_neither_is_one_message_with_prices_and_cures() -> None:
+    with pytest.raises(InputError) as raised:
+        chosen(cells("reference.budget=1e-6"))
+    message = str(raised.value)
+    for words in (
+        "reduction.tolerance = 0.01: no reference is within reference.budget = 1e-06 s",
+        "5 samples under 3 loads take 1e+05 steps",
+        "predicted for the mesh",
+        "of the component model",
+        "raise reference.budget",
+        "shorten simulation.duration",
+    ):
+        assert words in message, message
+
+
+@pytest.mark.parametrize(("model", "name"), [("mesh", "full"), ("components", "components")])
+def test_a_model_that_is_named_is_taken_at_its_price(model: str, name: str) -> None:
+    found = chosen(cells("reference.budget=1e-6", f'reference.model="{model}"'))
+    assert found.model.name == name and "as reference.model says" in found.why
+
+
+def test_a_scene_without_component_model_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise InputError("bodies.rod: no frame")
+
+    monkeypatch.setattr(reference, "component_model", refuse)
+    dear = cells("reference.budget=1e-6")
+    with pytest.raises(InputError, match="there is no component model in its place: bodies.rod: no frame"):
+        chosen(dear)
+    with pytest.raises(InputError, match='reference.model = "components": bodies.rod: no frame'):
+        chosen(changed(dear, 'reference.model="components"'))
+
+
+def points(scene: Scene, n: int) -> dict[str, np.ndarray]:
+    shares = 1.0 + 0.02 * np.array([0.0, -1.0, 1.0, 0.5])[:n]
+    return {name: value * shares for name, value in scene.values.items()}
+
+
+def test_the_distance_is_that_of_two_runs() -> None:
+    scene = cells('reference.model="components"')
+    found, values = chosen(scene), points(scene, 3)
+    told = distance_from_mesh(found, meshes_for(scene), values, 3, 20, SELF)
+    runs = [run_history(model, values, 3, 20) for model in (found.model, FullModel(scene, meshes_for(scene)))]
+    expected = errors_between(*runs, floors_of(found.model)).max(axis=1)
+    np.testing.assert_allclose(list(told.from_mesh.values()), expected, rtol=1e-6, atol=1e-12)
+    assert "away from the mesh at" in told.why and "20 steps" in told.why and "over the first" not in told.why
+    assert 0.0 < max(told.from_mesh.values()) < 0.05
+
+
+def test_a_dear_mesh_is_compared_over_a_part_of_the_run_or_not_at_all() -> None:
+    scene = cells('reference.model="components"')
+    step = step_seconds(FullModel(scene, meshes_for(scene)).kinematics.mechanism)
+    for steps, words in ((20.5, "over the first 0.0012 s of 0.003 s, 20 steps"), (1.0, "is not known: 16 steps")):
+        poor = changed(scene, f"reference.budget={steps * step / CHECK_SHARE}")
+        told = distance_from_mesh(chosen(poor), meshes_for(poor), points(poor, 1), 1, 50, SELF)
+        assert words in told.why, told.why
+        assert bool(told.from_mesh) == (steps >= FEWEST_STEPS)
+
+
+def test_the_mesh_is_no_distance_from_itself() -> None:
+    scene = cells()
+    found = chosen(scene)
+    assert distance_from_mesh(found, meshes_for(scene), points(scene, 1), 1, 20, SELF) is found
+
+
+def test_prices_are_proportional_and_readable() -> None:
+    assert Price(2e-3, 1e3).seconds == 2.0 and str(Price(1.0, 100.0)) == "1e+02 s"
+    assert [duration_text(s) for s in (0.5, 600.0, 7200.0 * 3, 86400.0 * 10)] == ["0.5 s", "10 min", "6 h", "10 days"]
+
+
+@pytest.mark.parametrize("kind", ["beams", "cells in the plane"])
+def test_models_agree_on_the_first_period(kind: str) -> None:
+    """By the eigenproblem of modes, from bodies in floating frames, and from a reduced model's tables."""
+    scene = changed(scene_of(kind, "gravity"), "reduction.modes=6", "reduction.angles=8")
+    meshes = meshes_for(scene)
+    expected = first_period(scene, RigidKinematics(Mechanism.from_scene(scene, meshes)), SELF, SELF)
+    components = period_of(component_model(scene, meshes, SELF), SELF)
+    assert components == pytest.approx(expected, rel=1e-4)
+    if kind == "beams":
+        assert period_of(FullModel(scene, meshes), SELF) == expected
+
+
+def test_tables_know_the_first_period() -> None:
+    from scenes import slider_crank
+
+    scene = slider_crank("reduction.angles=24", "reduction.modes=4")
+    assert period_of(reduced_model(scene), SELF) == pytest.approx(period_of(full_model(scene), SELF), rel=1e-8)
+
+
+def test_a_reference_keeps_what_it_was_asked_for() -> None:
+    found = chosen(cells())
+    assert replace(found, from_mesh={"x": 1.0}).about["from_mesh"] == {"x": 1.0}

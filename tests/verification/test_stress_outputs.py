@@ -1,0 +1,422 @@
+"""Stress outputs of all models, single and in ensembles, against statics, Kirsch's hole, and the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import accurate_scene, full_model, reduced_model
+from scenes import HEADER
+from sealed import resealed
+from solid_scenes import solid_meshes, solid_slider_crank
+from solids import box_mesh, rectangle_mesh
+
+from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.mesh import SolidMesh
+from pgmp_petsc.mesh.solid_mesh_reading import solid_mesh
+from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+WITHIN = 0.02  # what stress outputs are asked to be within
+LENGTH, HEIGHT, WIDTH, FORCE = 1.0, 0.1, 0.01, 100.0
+MODELS = ("full", "components", "reduced")
+
+HELD = (
+    HEADER
+    + """
+[parameters.E1]
+nominal = 210e9
+distribution = {{ name = "uniform", loc = 190e9, scale = 40e9 }}
+[materials.soft]
+E = "E1"
+nu = 0.3
+rho = 7800.0
+[bodies.bar]
+mesh = "0.0:1.0:5"
+element = "{element}"
+material = "soft"
+{more}
+[joints.hinge]
+type = "revolute"
+connect = ["ground:origin", "bar:{root}"]
+{axis}
+[coordinates.theta]
+joint = "hinge"
+range = [-0.2, 0.2]
+[effects.hold]
+type = "prescribed_motion"
+coordinate = "theta"
+table = [[0.0, 0.0], [10.0, 0.0]]
+[effects.pull]
+type = "force"
+point = "bar:{tip}"
+direction = {direction}
+table = [[0.0, 100.0], [10.0, 100.0]]
+[initial]
+equilibrium = true
+[reduction]
+modes = 4
+static_modes = true
+inertia_modes = true
+angles = 6
+interpolation = "spline"
+[simulation]
+duration = 2e-4
+step = 1e-4
+frames = 2
+"""
+)
+
+
+def held(element: str, *overrides: str, direction: tuple[float, ...] = (0.0, -1.0)) -> Scene:
+    """Return a body that is clamped at its first end and has a force at its other one, in static equilibrium."""
+    solid, space = element.startswith("solid"), element.endswith("3d")
+    section = f'section = {{ shape = "rectangle", height = {HEIGHT}, width = {WIDTH} }}'
+    if solid:
+        more = "" if space else f"thickness = {WIDTH}"
+    else:
+        more = section + ("\norientation = [0.0, 1.0, 0.0]" if space else "")
+    words = {
+        "element": element,
+        "more": more,
+        "root": "left" if solid else "hinge",
+        "tip": "right" if solid else "tip",
+        "axis": "axis = [0.0, 0.0, 1.0]" if space else "",
+        "direction": [*direction, 0.0] if space else list(direction),
+    }
+    return scene_from_toml(HELD.format(**words), ".", overrides)
+
+
+def asked(name: str, quantity: str, place: str = "", body: str = "bar") -> str:
+    """Return the override that adds a stress output."""
+    return f'outputs.{name}={{type="stress", body="{body}", quantity="{quantity}"{place and ", " + place}}}'
+
+
+def runs(scene: Scene, meshes: Mapping, models: tuple[str, ...] = MODELS) -> dict[str, Trajectory]:
+    """Return a run of every model."""
+    return {name: run(model_of(name, scene, meshes)) for name in models}
+
+
+def model_of(name: str, scene: Scene, meshes: Mapping) -> FullModel | ReducedModel:
+    if name == "full":
+        return FullModel(scene, meshes)
+    if name == "components":
+        return component_model(scene, meshes, MPI.COMM_SELF)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return ReducedModel(scene, build_rom(scene, meshes, group))
+
+
+def run(model: FullModel | ReducedModel) -> Trajectory:
+    found = (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, MPI.COMM_SELF)
+    assert found.status == 0
+    return found
+
+
+def bar(kind: str) -> SolidMesh:
+    """Return a bar of rectangular section, its axis on the x axis."""
+    if kind.startswith("hex") or kind.startswith("tet"):
+        mesh, size = box_mesh(kind, (10, 2, 1), (LENGTH, HEIGHT, WIDTH)), (0.0, HEIGHT, WIDTH)
+    else:
+        mesh, size = rectangle_mesh(kind, (10, 2), (LENGTH, HEIGHT)), (0.0, HEIGHT)
+    return replace(mesh, nodes=mesh.nodes - 0.5 * np.array(size))
+
+
+@pytest.mark.parametrize(("element", "kind"), [("solid2d", "quad8"), ("solid3d", "hexahedron20")])
+def test_a_cantilever_of_cells_has_the_stresses_of_beam_theory(element: str, kind: str) -> None:
+    """Bending F (L - x) y / I: at the root and half-way; all models, with the mesh's own error."""
+    middle = [0.5 * LENGTH, 0.5 * HEIGHT] + [0.0] * (element == "solid3d")
+    outputs = (
+        asked("root", "von_mises", 'group="left"'),
+        asked("pulled", "principal_max"),
+        asked("pressed", "principal_min"),
+        asked("middle", "principal_max", f"at={middle}"),
+    )
+    root = 6.0 * FORCE * LENGTH / (WIDTH * HEIGHT**2)
+    expected = {"root": root, "pulled": root, "pressed": -root, "middle": 0.5 * root}
+    for name, found in runs(held(element, *outputs), {"bar": bar(kind)}).items():
+        for output, value in expected.items():
+            assert abs(found.outputs[output][0] / value - 1.0) < WITHIN, (name, output, found.outputs[output][0])
+            assert found.units[output] == "Pa"
+
+
+def test_a_slow_run_goes_through_states_of_equilibrium() -> None:
+    """A force that grows over 16 periods of the first bending: the root's stress is that of statics all the way."""
+    ramp = ("effects.pull.table=[[0.0, 0.0], [0.2, 100.0]]", "initial.equilibrium=false", "simulation.duration=0.2",
+            "simulation.step=2e-3", "simulation.spectral_radius=0.3")  # fmt: skip
+    scene = held("solid2d", *ramp, asked("middle", "von_mises", f"at={[0.5, 0.5 * HEIGHT]}"))
+    for name, found in runs(scene, {"bar": bar("quad8")}).items():
+        expected = found.time / 0.2 * 3.0 * FORCE * LENGTH / (WIDTH * HEIGHT**2)
+        away = np.max(np.abs(found.outputs["middle"] - expected)) / expected[-1]
+        assert away < WITHIN, (name, away)
+
+
+def plate(n_around: int, n_out: int, hole: float = 1.0, half_width: float = 20.0) -> SolidMesh:
+    """Return a square plate of quad8 with a round hole, its group hole, and left and right."""
+    radial = np.linspace(0.0, 1.0, n_out + 1) ** 2.5
+    radial = np.interp(np.arange(2 * n_out + 1) / 2.0, np.arange(n_out + 1), radial)
+    angle = 2.0 * np.pi * np.arange(2 * n_around) / (2 * n_around)
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    edge = half_width / np.abs(out).max(axis=1)
+    reach = hole + radial[:, None] * (edge - hole)
+    places = reach[..., None] * out  # (radial, around, 2), every second one a corner
+    number = np.arange(places.shape[0] * places.shape[1]).reshape(places.shape[:2])
+    around = lambda k: k % (2 * n_around)  # noqa: E731
+    cells, inner, outer = [], [], []
+    for i in range(0, 2 * n_out, 2):
+        for j in range(0, 2 * n_around, 2):
+            at = lambda r, a: number[i + r, around(j + a)]  # noqa: B023, E731
+            corners = [at(0, 0), at(2, 0), at(2, 2), at(0, 2)]
+            cells.append([*corners, at(1, 0), at(2, 1), at(1, 2), at(0, 1)])
+            if i == 0:
+                inner.append([at(0, 0), at(0, 2), at(0, 1)])
+            if i == 2 * n_out - 2:
+                outer.append([at(2, 0), at(2, 2), at(2, 1)])
+    used, cells = np.unique(cells, return_inverse=True)
+    renumber = np.full(number.size, -1)
+    renumber[used] = np.arange(used.size)
+    places, outer = places.reshape(-1, 2)[used], renumber[outer]
+    sides = {
+        name: outer[np.isclose(places[outer, 0], x).all(axis=1)]
+        for name, x in (("left", -half_width), ("right", half_width))
+    }
+    faces = {"hole": renumber[inner], **sides}
+    blocks = [("quad8", cells.reshape(-1, 8)), *(("line3", face) for face in faces.values())]
+    tags = [np.full(len(block), k) for k, (_, block) in enumerate(blocks, start=1)]
+    names = {"plate": np.array([1, 2])} | {name: np.array([k, 1]) for k, name in enumerate(faces, start=2)}
+    points = np.column_stack([places, np.zeros(len(places))])
+    data = {"gmsh:physical": tags, "gmsh:geometrical": list(tags)}
+    return solid_mesh(meshio.Mesh(points, blocks, cell_data=data, field_data=names), 2, "plate")
+
+
+def test_the_edge_of_a_hole_has_three_times_the_stress_converging_with_the_mesh() -> None:
+    """Kirsch (1898), of an infinite plate; Heywood's formula for the finite one is 3.008 at this width."""
+    outputs = (asked("edge", "principal_max", 'group="hole"'), asked("top", "principal_max", "at=[0.0, 1.0]"))
+    scene = held("solid2d", *outputs, direction=(1.0, 0.0))
+    far = FORCE / (WIDTH * 40.0)
+    errors = [
+        abs(run(model_of("components", scene, {"bar": plate(n, n // 2)})).outputs["edge"][0] / far - 3.008)
+        for n in (16, 32, 48)
+    ]
+    assert errors[1] < 0.5 * errors[0] and errors[2] < errors[1] / 1.5, errors
+    for name, found in runs(scene, {"bar": plate(48, 8)}).items():
+        assert abs(found.outputs["edge"][0] / far / 3.0 - 1.0) < WITHIN, (name, found.outputs["edge"][0] / far)
+        # the largest is on the hole's side, where the place is
+        assert found.outputs["top"][0] == pytest.approx(found.outputs["edge"][0], rel=1e-4)
+
+
+@pytest.mark.parametrize("element", ["beam2d", "beam3d"])
+def test_a_cantilever_of_beams_has_the_forces_of_statics(element: str) -> None:
+    """Exact for any number of elements but for what is of second order: the force's arm is shorter by 1e-5."""
+    space = element == "beam3d"
+    bending, shear = ("bending_moment_3", "shear_force_2") if space else ("bending_moment", "shear_force")
+    middle = [0.3] + [0.0] * (2 if space else 1)
+    outputs = (
+        asked("root", bending, f"at={[0.0] * len(middle)}"),
+        asked("held", bending, 'group="hinge"'),
+        asked("middle", bending, f"at={middle}"),
+        asked("shear", shear),
+        asked("axial", "axial_force"),
+        asked("fibre", "stress_max"),
+        asked("pressed", "stress_min", 'group="hinge"'),
+    )
+    direction = np.array([0.6, -0.8])
+    scene = held(element, *outputs, direction=tuple(direction))
+    axial, across = FORCE * direction
+    fibre = 6.0 * abs(across) * LENGTH / (WIDTH * HEIGHT**2)
+    expected = {
+        "root": across * LENGTH,
+        "held": abs(across) * LENGTH,
+        "middle": across * (LENGTH - 0.3),
+        "shear": abs(across),
+        "axial": axial,
+        "fibre": fibre + axial / (WIDTH * HEIGHT),
+        "pressed": -fibre + axial / (WIDTH * HEIGHT),
+    }
+    for name, found in runs(scene, {"bar": straight_beam(LENGTH, 5, 0.0, 3 if space else 2)}).items():
+        for output, value in expected.items():
+            assert found.outputs[output][0] == pytest.approx(value, rel=1e-3), (name, output)
+        assert [found.units[output] for output in ("root", "shear", "fibre")] == ["N m", "N", "Pa"]
+
+
+def spinning(element: str, *overrides: str) -> Scene:
+    """Return a bar that turns about its end at a constant speed, 30 rad/s."""
+    turning = (
+        'effects={hold={type="prescribed_motion", coordinate="theta", spin_up={speed=30.0, time=0.4}}}',
+        "coordinates.theta.range=[0.0, 6.283185307179586]",
+        "coordinates.theta.periodic=true",
+        "initial.equilibrium=false",
+        "simulation.duration=0.6",
+        "simulation.step=1e-3",
+    )
+    return held(element, *turning, *overrides)
+
+
+@pytest.mark.parametrize(("element", "kind"), [("solid2d", "quad8"), ("beam2d", "")])
+def test_a_spinning_bar_is_pulled_by_centripetal_forces(element: str, kind: str) -> None:
+    """rho omega^2 (L^2 - x^2) / 2 at x: no joint's load does it, the answers to inertia forces have to.
+
+    One joint alone holds the bar, and nothing else names a point of it.
+    """
+    quantity = "principal_max" if kind else "stress_max"
+    outputs = (asked("middle", quantity, "at=[0.5, 0.0]"), asked("far", quantity, "at=[0.8, 0.0]"))
+    scene = spinning(element, *outputs, "reduction.modes=2")
+    mesh = bar(kind) if kind else straight_beam(LENGTH, 10, 0.0, 2)
+    found = runs(scene, {"bar": mesh})
+    for name, run_of_model in found.items():
+        for output, x in (("middle", 0.5), ("far", 0.8)):
+            expected = 7800.0 * 30.0**2 * (LENGTH**2 - x**2) / 2.0
+            values, exact = run_of_model.outputs[output], found["full"].outputs[output]
+            assert abs(values[found[name].time > 0.5].mean() / expected - 1.0) < WITHIN, (name, output)
+            # few modes, and yet: less than a third of what is left without these answers at the place that is far
+            away = np.max(np.abs(values - exact)) / np.max(exact)
+            assert name == "full" or away < 5e-4 or not kind, (name, output, away)
+
+
+OVER_A_RUN = ("simulation.duration=0.25", "simulation.step=1e-3", "simulation.frames=3", "reduction.modes=6",
+              "reduction.inertia_modes=true", "reduction.static_modes=true", "reduction.angles=48")  # fmt: skip
+
+
+def largest(found: Trajectory, name: str) -> float:
+    return float(np.max(np.abs(found.outputs[name])))
+
+
+def test_largest_stresses_over_a_run_are_those_of_the_mesh() -> None:
+    """Slider-crank of plane-stress elements under its torque: the whole bodies, a group, over the whole run."""
+    outputs = (
+        asked("crank_mises", "von_mises", body="crank"),
+        asked("rod_mises", "von_mises", body="rod"),
+        asked("rod_pressed", "principal_min", body="rod"),
+        asked("hinge", "von_mises", 'group="left"', body="crank"),
+    )
+    scene = solid_slider_crank(*OVER_A_RUN, *outputs)
+    found = runs(scene, solid_meshes())
+    for name in ("crank_mises", "rod_mises", "rod_pressed", "hinge"):
+        exact = found["full"].outputs[name]
+        for model in ("components", "reduced"):
+            away = np.max(np.abs(found[model].outputs[name] - exact)) / largest(found["full"], name)
+            assert abs(largest(found[model], name) / largest(found["full"], name) - 1.0) < WITHIN, (model, name)
+            assert away < WITHIN, (model, name, away)
+    _fields_are_those_of_outputs(found)
+    remarks = " ".join(remark.text for remark in found["reduced"].record.remarks)
+    assert "errors were not estimated: bodies.crank is of continuum elements" in remarks
+
+
+def _fields_are_those_of_outputs(found: Mapping[str, Trajectory]) -> None:
+    """At the instants of the frames the largest value of a field is the output of the whole body, in every model."""
+    for run_of_model in found.values():
+        at = [int(np.argmin(np.abs(run_of_model.time - t))) for t in run_of_model.frames.time]
+        for body in ("crank", "rod"):
+            field = run_of_model.stresses[body]
+            mises = field.quantities["von_mises"]
+            np.testing.assert_allclose(mises.max(axis=1), run_of_model.outputs[f"{body}_mises"][at], rtol=1e-9)
+            assert field.kind == "quad8" and field.units["von_mises"] == "Pa"
+        full = found["full"].stresses["rod"].positions
+        extent = np.ptp(full[0, :, 0])
+        np.testing.assert_allclose(run_of_model.stresses["rod"].positions, full, rtol=0, atol=1e-3 * extent)
+
+
+def test_reduced_stresses_without_static_answers_say_so() -> None:
+    without = ("reduction.static_modes=false", "reduction.inertia_modes=false", "simulation.duration=0.01")
+    scene = solid_slider_crank(*OVER_A_RUN, *without, asked("high", "von_mises", body="rod"))
+    found = run(model_of("reduced", scene, solid_meshes(n_per_metre=20)))
+    said = [
+        remark.text for remark in found.record.remarks if remark.text.startswith("outputs.high: stresses of 6 modes")
+    ]
+    assert len(said) == 1 and "reduction.static_modes = true and reduction.inertia_modes = true" in said[0]
+
+
+def test_a_reduced_model_of_other_outputs_has_no_stresses_of_cells() -> None:
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8")
+    meshes = solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, meshes, group)
+    asking = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
+    with pytest.raises(InputError, match=r'outputs.high.body = "rod": the reduced model was built without the mesh'):
+        ReducedModel(asking, rom)
+
+
+def test_the_mesh_comes_back_from_the_file_and_stresses_with_it(tmp_path) -> None:
+    outputs = (asked("tip", "von_mises", 'group="right"', body="rod"), asked("all", "principal_max", body="crank"))
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", "simulation.duration=0.02", *outputs)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, solid_meshes(n_per_metre=20), group)
+    rom.write(tmp_path / "rom.h5")
+    again = ReducedOrderModel.read(tmp_path / "rom.h5")
+    assert again.identity == rom.identity
+    first, second = (run(ReducedModel(scene, one)) for one in (rom, again))
+    for name in ("tip", "all"):
+        np.testing.assert_array_equal(first.outputs[name], second.outputs[name])
+    with resealed(tmp_path / "rom.h5") as file:
+        shapes = file["mesh/rod/recovery/shapes"][:-1]
+        del file["mesh/rod/recovery/shapes"]
+        file["mesh/rod/recovery/shapes"] = shapes
+    with pytest.raises(InputError, match="/mesh/rod/recovery has shapes"):
+        ReducedOrderModel.read(tmp_path / "rom.h5")
+    first.write(tmp_path / "run.h5")
+    kept = Trajectory.read(tmp_path / "run.h5").stresses
+    assert kept.keys() == {"crank", "rod"}
+    for body, field in first.stresses.items():
+        np.testing.assert_array_equal(kept[body].positions, field.positions)
+        np.testing.assert_array_equal(kept[body].cells, field.cells)
+        for quantity, values in field.quantities.items():
+            np.testing.assert_array_equal(kept[body].quantities[quantity], values)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_samples_have_the_stresses_of_their_own_modulus(name: str, tmp_path) -> None:
+    """Under a force stresses do not depend on the modulus; under a given displacement they are proportional to it."""
+    outputs = (asked("all", "von_mises"), asked("there", "principal_max", "at=[0.2, 0.05]"))
+    model = model_of(name, held("solid2d", *outputs, "ensemble.checked_share=0.0"), {"bar": bar("quad8")})
+    values = {"E1": np.array([200e9, 210e9, 220e9])}
+    system = model.batch(values, 3)
+    observed = model.outputs.evaluate(model.observed(system, system.start()))
+    for output in ("all", "there"):
+        # linear but for the second order of the deflection
+        np.testing.assert_allclose(observed[output], observed[output][1], rtol=1e-3)
+    state = system.start()
+    still = model.batch({"E1": np.full(3, 210e9)}, 3).start()
+    state.q[...] = still.q
+    bent = model.outputs.evaluate(model.observed(system, state))
+    for output in ("all", "there"):
+        np.testing.assert_allclose(bent[output] / bent[output][1], values["E1"] / 210e9, rtol=1e-9)
+
+
+def test_section_forces_of_reduced_beams_have_an_estimate_of_their_error() -> None:
+    """Slider-crank of the repository's scenes: largest estimated over largest true error, within a factor of 3."""
+    outputs = (
+        asked("bending", "bending_moment", body="rod"),
+        asked("fibre", "stress_max", body="crank"),
+        asked("middle", "bending_moment", "at=[0.65, 0.0]", body="rod"),
+    )
+    scene = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2")
+    reduced = run(reduced_model(scene))
+    fine = accurate_scene(*outputs, "simulation.duration=0.25", "simulation.frames=2", "simulation.step=6.25e-5")
+    full = run(full_model(fine))
+    for name in ("bending", "fibre", "middle"):
+        error = np.max(np.abs(reduced.outputs[name] - full.outputs[name][::16]))
+        assert error < WITHIN * largest(full, name), name
+        assert 1 / 3 < reduced.errors.maximum(name) / error < 3, (name, reduced.errors.maximum(name) / error)
+
+
+def test_a_resumed_build_takes_up_the_mesh_of_a_condensed_body(tmp_path) -> None:
+    scene = solid_slider_crank(*OVER_A_RUN, "reduction.angles=8", asked("high", "von_mises", body="rod"))
+    meshes = solid_meshes(n_per_metre=10)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        checkpoint = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, False)
+        rom = build_rom(scene, meshes, group, checkpoint=checkpoint)
+        kept = BuildCheckpoint(tmp_path / "rom.h5", scene, meshes, group, True).components
+    assert kept["crank"].recovery is None
+    assert identity(kept["rod"].recovery) == identity(rom.meshes["rod"].recovery)
