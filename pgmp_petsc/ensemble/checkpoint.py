@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,14 +111,12 @@ class Checkpoint:
     def columns(self) -> Columns:
         """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``.
 
-        They are in a file of the folder and last as long as it does.
-
         Raises
         ------
         RunError
             As `batches`, or if the system fails to write.
         """
-        columns = Columns(self.folder / f".columns.{os.getpid()}.partial", self._plan.n_samples)
+        columns = Columns(self.folder, self._plan.n_samples)
         for batch in self.batches():
             columns.put(batch.first, {**_ends(batch), **_named(batch, IN_ALL)})
         for batch in self.estimates():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -18,19 +18,26 @@ _AT_ONCE = 1 << 16  # numbers
 class Columns(Mapping[str, np.ndarray]):
     """Columns (n_samples,) by name, read when they are asked for; NaN where nothing was put.
 
+    The file has no name: it is gone with the last reference to it, however the run ends.
+
     Parameters
     ----------
-    path
-        The file, which is made anew.
+    folder
+        Where there is space for it.
     n_samples
         Length of every column.
+
+    Raises
+    ------
+    RunError
+        If the system fails to make it.
     """
 
-    def __init__(self, path: Path, n_samples: int) -> None:
-        self._path, self._n_samples = path, n_samples
+    def __init__(self, folder: Path, n_samples: int) -> None:
+        self._folder, self._n_samples = folder, n_samples
         self._places: dict[str, int] = {}
-        with self._written("wb"):
-            pass
+        with self._written():
+            self._file = TemporaryFile(dir=folder, buffering=0)
 
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
         """Put in what is known of samples first, first + 1, and so on.
@@ -40,37 +47,48 @@ class Columns(Mapping[str, np.ndarray]):
         RunError
             If the system fails to write.
         """
-        with self._written("r+b") as file:
+        with self._written():
             for name, values in columns.items():
                 if name not in self._places:
-                    self._add(name, file)
-                file.seek(self._offset(name) + first * _NUMBER.itemsize)
-                file.write(np.ascontiguousarray(values, dtype=_NUMBER))
+                    self._add(name)
+                self._write(self._offset(name) + first * _NUMBER.itemsize, values)
 
     def of(self, kind: str) -> Mapping[str, np.ndarray]:
         """Return the columns whose names begin with ``<kind>.``, by what follows."""
         return _Part(self, kind)
 
     @contextmanager
-    def _written(self, mode: str) -> Iterator[BinaryIO]:
+    def _written(self) -> Iterator[None]:
         try:
-            with open(self._path, mode) as file:
-                yield file
+            yield
         except OSError as error:
-            raise RunError(f"'{self._path}' could not be written: {error.strerror}") from error
+            what = f"samples could not be put together in '{self._folder}'"
+            raise RunError(f"{what}: {error.strerror}; what is finished is kept, and --resume takes it up") from error
 
-    def _add(self, name: str, file: BinaryIO) -> None:
+    def _add(self, name: str) -> None:
         """Add a column of NaN."""
         self._places[name] = len(self._places)
-        file.seek(self._offset(name))
         for begin in range(0, self._n_samples, _AT_ONCE):
-            file.write(np.full(min(_AT_ONCE, self._n_samples - begin), np.nan))
+            n = min(_AT_ONCE, self._n_samples - begin)
+            self._write(self._offset(name) + begin * _NUMBER.itemsize, np.full(n, np.nan))
+
+    def _write(self, offset: int, values: np.ndarray) -> None:
+        """Write numbers at an offset (bytes); the system may take them in parts."""
+        left = memoryview(np.ascontiguousarray(values, dtype=_NUMBER)).cast("B")
+        self._file.seek(offset)
+        while left:
+            left = left[self._file.write(left) :]
 
     def _offset(self, name: str) -> int:
         return self._places[name] * self._n_samples * _NUMBER.itemsize
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return np.fromfile(self._path, _NUMBER, self._n_samples, offset=self._offset(name))
+        self._file.seek(self._offset(name))
+        values = np.empty(self._n_samples, dtype=_NUMBER)
+        left = memoryview(values).cast("B")
+        while left:
+            left = left[self._file.readinto(left) :]
+        return values
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)

@@ -229,7 +229,7 @@ def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], st
 def describe_ensemble(
     model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
 ) -> Ensemble:
-    """Put pieces together and describe parameters and outputs; they are as long as the checkpoint is."""
+    """Put pieces together and describe parameters and outputs."""
     scene, columns = model.scene, checkpoint.columns()
     parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
     estimates = {kind: columns.of(kind) for kind in ("errors", "errors_at_end", "validity", "balance")}

@@ -13,7 +13,7 @@ from pgmp_petsc.runtime.errors import RunError
 
 
 def test_a_column_is_what_was_put_in_and_nan_elsewhere(tmp_path: Path) -> None:
-    columns = Columns(tmp_path / "columns", 5)
+    columns = Columns(tmp_path, 5)
     columns.put(3, {"outputs.x": np.array([3.0, 4.0]), "status": np.array([0, 2])})
     columns.put(0, {"outputs.x": np.array([0.5]), "outputs.y.z": np.array([True])})
     assert list(columns) == ["outputs.x", "status", "outputs.y.z"] and len(columns) == 3
@@ -26,29 +26,27 @@ def test_a_column_is_what_was_put_in_and_nan_elsewhere(tmp_path: Path) -> None:
         outputs["z"]
 
 
-def test_a_file_that_was_there_is_made_anew(tmp_path: Path) -> None:
-    (tmp_path / "columns").write_bytes(bytes(100))
-    columns = Columns(tmp_path / "columns", 2)
-    assert not columns
-    columns.put(1, {"a": np.array([1.0])})
-    np.testing.assert_array_equal(columns["a"], [np.nan, 1.0])
+def test_it_leaves_no_file_and_lasts_longer_than_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    columns = Columns(tmp_path / "folder", 100_000)
+    columns.put(1, {"a": np.arange(99_999.0)})
+    (tmp_path / "folder").rmdir()
+    np.testing.assert_array_equal(columns["a"], [np.nan, *range(99_999)])
 
 
 def test_a_full_disk_is_said(tmp_path: Path) -> None:
-    columns = Columns(tmp_path / "columns", 1000)
+    columns = Columns(tmp_path, 1000)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        with pytest.raises(RunError, match=r"columns' could not be written: File too large"):
+        with pytest.raises(
+            RunError, match="samples could not be put together in .*: File too large; what is finished is kept"
+        ):
             columns.put(0, {"a": np.zeros(1000)})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_a_folder_that_is_gone_is_said(tmp_path: Path) -> None:
-    columns = Columns(tmp_path / "columns", 2)
-    (tmp_path / "columns").unlink()
-    with pytest.raises(RunError, match="could not be written: No such file"):
-        columns.put(0, {"a": np.zeros(2)})
-    with pytest.raises(RunError, match="could not be written: No such file"):
-        Columns(tmp_path / "gone" / "columns", 2)
+    with pytest.raises(RunError, match="samples could not be put together in .*gone': No such file"):
+        Columns(tmp_path / "gone", 2)
