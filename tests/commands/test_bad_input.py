@@ -451,7 +451,6 @@ ON_THREE_RANKS = (
     "unknown effect",
     "contradictory effects",
     "change point",
-    "tolerance for two coordinates",
     "older version",
     "not finite",
     "too many modes, build",

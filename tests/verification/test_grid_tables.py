@@ -206,8 +206,6 @@ THIRD = (
             "reduction.sampling_tolerance = 0.1: for one rigid coordinate only, but the scene "
             "has 2: theta1, theta2; leave it out",
         ),
-        (("reduction.tolerance=0.01",), "reduction.tolerance = 0.01: for one rigid coordinate only"),
-        (("simulation.tolerance=0.01",), "simulation.tolerance = 0.01: for one rigid coordinate only"),
         (
             THIRD,
             "coordinates: theta1, theta2, theta3: 3 independent coordinates were given; at most 2 are taken. "
