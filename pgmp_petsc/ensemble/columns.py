@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
+from weakref import finalize
 
 import numpy as np
 
@@ -38,6 +39,7 @@ class Columns(Mapping[str, np.ndarray]):
         self._places: dict[str, int] = {}
         with self._written():
             self._file = TemporaryFile(dir=folder, buffering=0)
+        finalize(self, self._file.close)
 
     def put(self, first: int, columns: Mapping[str, np.ndarray]) -> None:
         """Put in what is known of samples first, first + 1, and so on.
