@@ -20,11 +20,12 @@ from pgmp_petsc.dynamics.rotations import factors_of, rotation_of, spin_of
 from pgmp_petsc.runtime.compiled import njit
 from pgmp_petsc.runtime.lane_items import WIDE, items, sine_cosine
 from pgmp_petsc.runtime.vectors import (
+    N_POWERS,
     add,
     add_product,
     differing,
-    first_lane,
     equal,
+    first_lane,
     load,
     load_rows,
     polynomial,
@@ -123,7 +124,7 @@ def place_nodes(places, grid, d, q, kept, work):
             store(work.rigid_slopes, k * n_rigid + entry, slopes[k])
     _come_to_cells(places.shapes, grid, q, 0, kept.cells, kept.shapes, work.place)
     place = load_rows(work.place, 0, 1, grid)
-    n_shapes = kept.shapes.shape[0] // (4**n_theta * n_dofs * places.n_nodes)
+    n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
     for node in range(places.n_nodes):
         for dof in range(n_dofs):
             _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, dof, work)

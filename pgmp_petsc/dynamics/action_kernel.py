@@ -20,8 +20,8 @@ from pgmp_petsc.effects.action import Actions
 from pgmp_petsc.effects.laws import depth, law
 from pgmp_petsc.mechanism.statements import evaluate
 from pgmp_petsc.runtime.compiled import njit
-from pgmp_petsc.runtime.lane_items import WIDE, items
-from pgmp_petsc.runtime.vectors import LANES, add, aligned_zeros, differing, load, spread, store
+from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, differing, load, spread, store
 
 POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
 
@@ -87,44 +87,33 @@ MEASURE, RATE, STRENGTH, STIFFNESS, DAMPING = range(5)  # rows of `LocalWork.mea
 
 
 @njit(error_model="numpy", forceinline=True)
-def _wide(shape):
-    """Return an array of vectors that begins at a cache line, not set."""
-    size = LANES
-    for n in shape:
-        size *= n
-    buffer = np.empty(size + LANES)
-    first = (-buffer.ctypes.data % (8 * LANES)) // 8
-    return buffer[first : first + size]
-
-
-@njit(error_model="numpy", forceinline=True)
 def allocate_local(local, r, n_eta):
     """Return work arrays."""
     d, n_nodes = local.actions.statements.axes.shape[2], local.places.n_nodes
     n_frame, n_dofs = d * (d + 1), d * (d + 1) // 2
-    n_rigid = local.places.rigid.shape[1] // 4**r
+    n_rigid = local.places.rigid.shape[1] // N_POWERS**r
     n = 2 * n_frame
     frames = Frames(
-        _wide((r,)).reshape((r, LANES)),
-        _wide((n_rigid,)).reshape((n_rigid, LANES)),
-        _wide((r, n_rigid)).reshape((r * n_rigid, LANES)),
-        _wide((n_dofs,)).reshape((n_dofs, LANES)),
-        _wide((n_dofs, n_eta)).reshape((n_dofs, n_eta, LANES)),
-        _wide((3, 3)).reshape((3, 3, LANES)),
-        _wide((3,)).reshape((3, LANES)),
-        _wide((n_nodes, n_frame)).reshape((n_nodes, n_frame, LANES)),
-        _wide((n_nodes, n_frame, n_eta)).reshape((n_nodes, n_frame, n_eta, LANES)),
+        empty_lanes(r, LANES),
+        empty_lanes(n_rigid, LANES),
+        empty_lanes(r * n_rigid, LANES),
+        empty_lanes(n_dofs, LANES),
+        empty_lanes(n_dofs * n_eta, LANES).reshape((n_dofs, n_eta, LANES)),
+        empty_lanes(9, LANES).reshape((3, 3, LANES)),
+        empty_lanes(3, LANES),
+        empty_lanes(n_nodes * n_frame, LANES).reshape((n_nodes, n_frame, LANES)),
+        empty_lanes(n_nodes * n_frame * n_eta, LANES).reshape((n_nodes, n_frame, n_eta, LANES)),
     )
     return LocalWork(
         frames,
-        _wide((n,)).reshape((n, LANES)),
-        _wide((n,)).reshape((n, LANES)),
-        _wide((n,)).reshape((n, LANES)),
-        _wide((n, n)).reshape((n, n, LANES)),
-        _wide((n, n_eta)).reshape((n, n_eta, LANES)),
-        _wide((n_eta,)).reshape((n_eta, LANES)),
-        _wide((n_eta,)).reshape((n_eta, LANES)),
-        _wide((5,)).reshape((5, LANES)),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n * n, LANES).reshape((n, n, LANES)),
+        empty_lanes(n * n_eta, LANES).reshape((n, n_eta, LANES)),
+        empty_lanes(n_eta, LANES),
+        empty_lanes(n_eta, LANES),
+        empty_lanes(DAMPING + 1, LANES),
     )
 
 
