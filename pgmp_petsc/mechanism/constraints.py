@@ -13,7 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
+from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.body_gradients import BodyGradients
+from pgmp_petsc.mechanism.connection import Connection
 from pgmp_petsc.mechanism.mechanism import Coordinate, Mechanism
 from pgmp_petsc.mechanism.statement_rows import StatementRows
 
@@ -97,25 +99,38 @@ class ConstraintHessian:
     values: np.ndarray
 
 
-def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[ConstraintHessian]:
-    """Return the second derivatives of joints that are not linear, at poses (n_bodies, n_pose).
+class ConstraintHessians:
+    """Second derivatives of the joints that are not linear, in body frames, at configurations of the rigid mechanism.
 
     With the frames ``z(u)`` of the nodes in their displacements u these are ``F^T h F + g.z''``, F the frames'
     gradient, and g and h the derivatives of a statement in the frames; z'' is zero in the plane.
     """
-    space, hessians = mechanism.space, []
-    for connection in mechanism.connections:
-        parts = connection.joint.statements
-        moving = [side for side in connection.sides if not side.on_ground]
-        numbers = {side.node: space.n_pose * k for k, side in enumerate(moving)}
-        rows = StatementRows(
-            parts,
-            [connection.sides] * len(parts),
-            lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(space.n_pose),
-            space.dimension,
-        )
-        if not (rows.curvature_pattern[0].size or space.n_tied):
-            continue
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism = mechanism
+        n_pose = mechanism.space.n_pose
+        self._joints: list[tuple[Connection, list[Attachment], StatementRows]] = []
+        for connection in mechanism.connections:
+            parts = connection.joint.statements
+            moving = [side for side in connection.sides if not side.on_ground]
+            numbers = {side.node: n_pose * k for k, side in enumerate(moving)}
+            rows = StatementRows(
+                parts,
+                [connection.sides] * len(parts),
+                lambda node, numbers=numbers: numbers.get(node, 0) + np.arange(n_pose),
+                mechanism.space.dimension,
+            )
+            if rows.curvature_pattern[0].size or mechanism.space.n_tied:
+                self._joints.append((connection, moving, rows))
+
+    def at(self, poses: np.ndarray) -> list[ConstraintHessian]:
+        """Return them at poses (n_bodies, n_pose)."""
+        return [self._of_joint(*joint, poses) for joint in self._joints]
+
+    def _of_joint(
+        self, connection: Connection, moving: list[Attachment], rows: StatementRows, poses: np.ndarray
+    ) -> ConstraintHessian:
+        space = self._mechanism.space
         at = [poses[side.body] for side in moving]
         places = [space.place(pose, (side.point - side.arm)[None])[0] for pose, side in zip(at, moving)]
         q = np.concatenate(places)
@@ -126,6 +141,5 @@ def constraint_hessians(mechanism: Mechanism, poses: np.ndarray) -> list[Constra
         for k, pose in enumerate(at):
             own = slice(space.n_dofs * k, space.n_dofs * (k + 1))
             curved[:, own, own] += space.frame_curvature(pose, slopes[:, space.n_pose * k : space.n_pose * (k + 1)])
-        dofs = np.concatenate([mechanism.node_dofs(side.node) for side in moving])
-        hessians.append(ConstraintHessian(connection.rows, dofs, curved))
-    return hessians
+        dofs = np.concatenate([self._mechanism.node_dofs(side.node) for side in moving])
+        return ConstraintHessian(connection.rows, dofs, curved)

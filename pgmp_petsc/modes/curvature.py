@@ -30,7 +30,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.matrices import axial_stiffness
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.mechanism.constraints import ConstraintHessian, constraint_hessians
+from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessians
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.rotary_curvature import RotaryCurvature
@@ -68,6 +68,7 @@ class CurvatureProblem:
         bodies = problem.mechanism.bodies
         self._third = ThirdDerivative(bodies, problem.rows)
         self.rotary = RotaryCurvature(problem.mechanism)
+        self._joints = ConstraintHessians(problem.mechanism)
         self._axial = axial_stiffness(bodies, problem.rows, problem.values) if static_stretching else None
 
     def solve(self, modes: ModeSet, shape: np.ndarray, answered: np.ndarray) -> Curvature:
@@ -144,7 +145,7 @@ class CurvatureProblem:
         problem = self._problem
         chi = np.zeros_like(forces)
         poses = problem.kinematics.motion(modes.theta).poses
-        hessians = constraint_hessians(problem.mechanism, poses)
+        hessians = self._joints.at(poses)
         if hessians:
             reactions = problem.all_rows(answered - problem.times_stiffness(shape))
             joints = _TurningJoints(problem.constraints_at(poses), hessians, problem.all_rows(shape), pairs)

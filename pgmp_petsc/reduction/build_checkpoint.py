@@ -81,7 +81,7 @@ class BuildCheckpoint:
         with agreed(group.world, "reading the checkpoint"):
             self._known = self._all(samples, _samples)
             self._components = self._all(components, _component)
-        self._waiting: dict[str, np.ndarray] = {}
+        self._waiting: list[dict[str, np.ndarray]] = []
         self._written, self._n_files = time.monotonic(), 0
 
     @property
@@ -119,11 +119,9 @@ class BuildCheckpoint:
 
     def add_sample(self, theta: np.ndarray, sample: Sample, problem: ModalProblem) -> None:
         """Keep a finished sample. Collective on the problem's ranks."""
-        number = len(self._waiting)
         arrays = {item.name: getattr(sample, item.name) for item in fields(Sample)}
         arrays |= {key: problem.all_rows(arrays[key]) for key in LOCAL}
-        self._waiting |= {f"{number}.{key}": value for key, value in arrays.items()}
-        self._waiting[f"{number}.theta"] = theta
+        self._waiting.append({**arrays, "theta": theta})
         if time.monotonic() - self._written > INTERVAL:
             self.flush()
 
@@ -132,8 +130,9 @@ class BuildCheckpoint:
         if self._waiting and self._group.comm.rank == 0:
             # the name is new: a resumed build adds to the files that are there
             stamp = time.time_ns()
-            self._folder.put(f"samples-{stamp}-{self._group.index}", self._waiting)
-        self._waiting, self._written = {}, time.monotonic()
+            joined = {key: np.array([arrays[key] for arrays in self._waiting]) for key in self._waiting[0]}
+            self._folder.put(f"samples-{stamp}-{self._group.index}", joined)
+        self._waiting, self._written = [], time.monotonic()
 
     def forget(self) -> None:
         """Remove the folder after bad input, unless another run left something in it. Collective on all ranks."""
@@ -170,15 +169,13 @@ def _full_path(path: Path) -> Path:
 
 def _samples(arrays: Mapping[str, np.ndarray]) -> dict[bytes, dict[str, np.ndarray]]:
     """Return finished samples by the bytes of their configuration."""
-    parts: dict[str, dict[str, np.ndarray]] = {}
-    for key in arrays:
-        number, _, name = key.partition(".")
-        parts.setdefault(number, {})[name] = arrays[key]
-    wanted = {item.name for item in fields(Sample)} | {"theta"}
-    for number, part in parts.items():
-        if part.keys() != wanted:
-            raise ValueError(f"sample {number} has the arrays {', '.join(sorted(part))}")
-    return {part.pop("theta").tobytes(): part for part in parts.values()}
+    joined = dict(arrays)
+    if joined.keys() != (wanted := {item.name for item in fields(Sample)} | {"theta"}):
+        raise ValueError(f"samples have the arrays {', '.join(sorted(joined))}, not {', '.join(sorted(wanted))}")
+    if len({len(part) for part in joined.values()}) > 1:
+        raise ValueError("its arrays are not of one number of samples")
+    configurations = joined.pop("theta")
+    return {theta.tobytes(): {key: part[k] for key, part in joined.items()} for k, theta in enumerate(configurations)}
 
 
 def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:

@@ -11,7 +11,7 @@ from spatial import kinematics_in_space, slider_crank_in_space, spatial_slider_c
 
 from pgmp_petsc.mechanism.body_frames import to_inertial
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
-from pgmp_petsc.mechanism.constraints import constraint_hessians
+from pgmp_petsc.mechanism.constraints import ConstraintHessians
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.unknowns import Unknowns
 
@@ -140,7 +140,7 @@ def test_the_hessians_in_body_frames_are_second_differences(scene) -> None:
         constraints.residual(rho + step * vector) + constraints.residual(rho - step * vector) for vector in moved
     )
     found = np.zeros(mechanism.n_constraints)
-    for hessian in constraint_hessians(mechanism, poses):
+    for hessian in ConstraintHessians(mechanism).at(poses):
         found[hessian.rows] = np.einsum("cij,i,j->c", hessian.values, left[hessian.dofs], right[hessian.dofs])
     # fourth derivatives of order ten times the square of the step, and round-off over it
     np.testing.assert_allclose(found, (plus - minus) / (4 * step**2), rtol=0, atol=1e-6)
@@ -162,7 +162,7 @@ def test_the_hessians_of_joints_in_space_are_second_differences(kinematics, curv
     mechanism, space = kinematics.mechanism, kinematics.mechanism.space
     poses = kinematics.poses(np.array([0.9]))[..., 0]
     u, step = np.random.default_rng(4).normal(size=mechanism.n_dofs), 1e-3
-    by_rows = {hessian.rows.start: hessian for hessian in constraint_hessians(mechanism, poses)}
+    by_rows = {hessian.rows.start: hessian for hessian in ConstraintHessians(mechanism).at(poses)}
     n_curved = 0
     for connection in mechanism.connections:
 
