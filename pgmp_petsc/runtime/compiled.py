@@ -5,6 +5,8 @@ file of the cache is damaged. Here the function is compiled again, and the first
 
 Processes that compile at once may also write two signatures of one function to the same file; numba would call the
 wrong one. What is loaded is therefore compared with what was asked for.
+
+Compiling takes minutes where a run takes seconds: while it goes on, the counts of progress say so.
 """
 
 from __future__ import annotations
@@ -13,11 +15,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba.core import sigutils
+from numba.core import event, sigutils
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
+from pgmp_petsc.runtime.progress import waits_for
+
 CURE = "set NUMBA_CACHE_DIR to a folder with space that can be written"
+COMPILING = "compiling, once for scenes of this kind"
 _problems: list[str] = []
 
 
@@ -37,7 +42,7 @@ def njit(*, cache: bool = False, counted: bool = True, **options: Any) -> Callab
                 dispatcher._cache = _LenientCache(function)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(
-                    f"compiled code is not kept, and every run compiles for a minute or two ({_first(error)}); {CURE}"
+                    f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}"
                 )
         return dispatcher
 
@@ -82,6 +87,21 @@ class _LenientCache(FunctionCache):
             self.flush()
         except OSError:
             pass  # keeping the function will fail too, and say so
+
+
+class _Compiling(event.Listener):
+    """Tells the counts of progress when something is compiled, and when it is done."""
+
+    def on_start(self, _: event.Event) -> None:
+        """Say that it began."""
+        waits_for(COMPILING)
+
+    def on_end(self, _: event.Event) -> None:
+        """Say no more."""
+        waits_for(None)
+
+
+event.register("numba:compile", _Compiling())
 
 
 def _note(problem: str) -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Protocol, TextIO
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+    from tqdm import tqdm
 
 FIRST = 5.0  # s, before the first line
 EVERY = 10.0  # s, between lines of work that began less than 100 s ago
@@ -25,6 +26,8 @@ SHARE = 0.1  # of the time since the beginning, between later lines
 SELDOM = 60.0  # s, the longest time between lines
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+_waits_for: list[str] = []  # what stands beside the count
+_bars: list[tqdm] = []  # those at a terminal
 
 
 class Progress(Protocol):
@@ -104,7 +107,7 @@ class Lines:
             done = self._done - self._initial
             left = self._total - self._done
             rest = f", about {_words(elapsed * left / done)} to go" if done > 0 and left > 0 else ""
-            self._say(f"{_words(elapsed)}{rest}")
+            self._say(", ".join([f"{_words(elapsed)}{rest}", *_waits_for[-1:]]))
 
     def __enter__(self) -> Lines:
         threading.Thread(target=self._watch, daemon=True).start()
@@ -142,7 +145,20 @@ def progress(total: int, description: str, comm: MPI.Comm, initial: int = 0) -> 
         return Lines(total, description, sys.stderr, initial)
     from tqdm import tqdm
 
-    return tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
+    bar = tqdm(total=total, desc=description, initial=initial, leave=False, dynamic_ncols=True, file=sys.stderr)
+    _bars[:] = [one for one in _bars if not one.disable] + [bar]  # a bar that is closed is disabled
+    return bar
+
+
+def waits_for(what: str | None) -> None:
+    """Say beside the counts what work waits for, None at the end of that; it may wait for one within another."""
+    if what is None:
+        _waits_for.pop()
+    else:
+        _waits_for.append(what)
+    for bar in _bars:
+        if not bar.disable:
+            bar.set_postfix_str((_waits_for or [""])[-1])
 
 
 def announce(text: str, comm: MPI.Comm) -> None:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import pytest
 from conftest import TIMEOUT_SECONDS, run_mpi
 
-from pgmp_petsc.runtime.progress import Lines, Silent, progress, without_progress
+from pgmp_petsc.runtime import compiled
+from pgmp_petsc.runtime.progress import Lines, Silent, progress, waits_for, without_progress
 
 # counts to 7, with the first line at once
 COUNTING = """
@@ -160,3 +161,36 @@ def test_one_rank_says_it_under_mpirun(n: int) -> None:
     done = run_mpi(n, "-c", COUNTING)
     said = [line.split(",")[0] for line in done.stderr.splitlines()]
     assert all(line.startswith("samples: ") for line in said) and said.count("samples: 7 of 7") == 1
+
+
+def test_what_work_waits_for_is_said_beside_the_count() -> None:
+    clock = Clock()
+    count = Lines(7, "samples", clock.stream, clock=clock)
+    waits_for("compiling")
+    waits_for("compiling what that calls")
+    waits_for(None)
+    clock.now += 6.0
+    count.look()
+    waits_for(None)
+    clock.now += 20.0
+    count.look()
+    assert clock.lines() == ["samples: 0 of 7, 6 s, compiling", "samples: 0 of 7, 26 s"]
+
+
+def test_a_bar_says_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with progress(7, "samples", Rank(0)):
+        waits_for("compiling")
+        assert "compiling" in terminal.getvalue()
+        waits_for(None)
+        last = terminal.getvalue().rsplit("\r", 1)[-1]
+        assert "samples" in last and "compiling" not in last
+
+
+def test_compiling_is_what_work_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str | None] = []
+    monkeypatch.setattr(compiled, "waits_for", said.append)
+    triple = compiled.njit()(lambda x: 3 * x)
+    assert triple(2) == triple(3) - 3 == 6
+    assert said == [compiled.COMPILING, None]
