@@ -14,6 +14,8 @@ fi
 if [ -z "${SLURM_JOB_ID:-}${PBS_JOBID:-}${LSB_JOBID:-}" ]; then
     export OMPI_MCA_rmaps_base_oversubscribe="${OMPI_MCA_rmaps_base_oversubscribe:-1}"
     export OMPI_MCA_hwloc_base_binding_policy="${OMPI_MCA_hwloc_base_binding_policy:-none}"
+    # a rank that waits leaves its core to others: with more ranks than cores they would wait for each other's turns
+    export OMPI_MCA_mpi_yield_when_idle="${OMPI_MCA_mpi_yield_when_idle:-1}"
     # looking for clusters' networks takes every start a fifth of a second
     export OMPI_MCA_pml="${OMPI_MCA_pml:-ob1}"
 fi
