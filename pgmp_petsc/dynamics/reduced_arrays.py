@@ -12,8 +12,9 @@ import numpy as np
 from pgmp_petsc.dynamics.action_frames import KeptPlaces
 from pgmp_petsc.dynamics.action_kernel import Acting, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
-from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import empty_lanes
+from pgmp_petsc.runtime.vectors import LANES
 
 
 class Layout(NamedTuple):
@@ -244,37 +245,29 @@ class Strengths(NamedTuple):
 
 
 @njit(error_model="numpy", forceinline=True)
-def vectors_of(n):
-    """Return n vectors that begin at a cache line, not set."""
-    buffer = np.empty((n + 1) * LANES)
-    first = (-buffer.ctypes.data % (8 * LANES)) // 8
-    return buffer[first : first + n * LANES].reshape((n, LANES))
-
-
-@njit(error_model="numpy", forceinline=True)
 def allocate(layout):
     """Return work arrays of one block."""
     r, n = len(layout.rigid), layout.n_eta
     m = n - r
     return Work(
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(layout_n_rigid(r)),
-        vectors_of(r * layout_n_rigid(r)),
-        vectors_of(layout.load_end),
-        vectors_of(r * layout.load_end),
-        vectors_of(r * n),
-        vectors_of(r * n),
-        vectors_of(r * m),
-        vectors_of(m * (m + 1) // 2),
-        vectors_of(max(r, m)),
-        vectors_of(max(r, m)),
-        vectors_of(n),
-        vectors_of(n),
-        vectors_of(r),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(layout_n_rigid(r), LANES),
+        empty_lanes(r * layout_n_rigid(r), LANES),
+        empty_lanes(layout.load_end, LANES),
+        empty_lanes(r * layout.load_end, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * n, LANES),
+        empty_lanes(r * m, LANES),
+        empty_lanes(m * (m + 1) // 2, LANES),
+        empty_lanes(max(r, m), LANES),
+        empty_lanes(max(r, m), LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(n, LANES),
+        empty_lanes(r, LANES),
     )
 
 

@@ -21,9 +21,10 @@ from pgmp_petsc.dynamics.alpha_step import (
     ROUND_OFF,
     WORST_CONTRACTION,
 )
-from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of, vectors_of
+from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
+from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
     LANES,
     blend,
@@ -97,7 +98,10 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
     n = equations.layout.n_eta
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), n)
-    of_block = (vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(n), vectors_of(1))
+    of_block = (
+        empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES),
+        empty_lanes(n, LANES), empty_lanes(1, LANES),
+    )  # fmt: skip
     for block in range(lanes.size):
         if lanes[block] == 0:
             continue

@@ -33,7 +33,7 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 4
+FORMAT = 5
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
 NAMED = ("groups", "regions")  # of a mesh
