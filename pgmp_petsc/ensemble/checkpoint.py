@@ -12,16 +12,18 @@ from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
-FORMAT = 5
+FORMAT = 6
 # of a batch: arrays by name
 IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
-IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance")
-NAMED = (*IN_ALL, *IN_CHECKED)
+IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")
+OVER_TIME = ("bands",)  # known of the first samples only, at several instants
+NAMED = (*IN_ALL, *IN_CHECKED, *OVER_TIME)
+OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
 
@@ -48,6 +50,8 @@ class Checkpoint:
     tables
         Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
         differ, and so may meshes of the same name.
+    extends
+        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
     Attributes
     ----------
@@ -55,13 +59,14 @@ class Checkpoint:
         What was found and not taken up.
     """
 
-    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str) -> None:
+    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str, extends: bool = True) -> None:
         self._plan = plan
         run = {
             "format": FORMAT,
             "model": model,
-            "samples": plan.n_samples,
+            **({} if extends else {OF_LATIN_HYPERCUBE: plan.n_samples}),
             "seed": plan.seed,
+            "file of samples": identity("") if plan.file is None else plan.file.identity,
             "scene": identity(scene_toml),
             "reduced model" if model == "reduced" else "meshes": tables,
         }
@@ -96,6 +101,11 @@ class Checkpoint:
         def read(path: Path) -> None:
             batch = self._read(path)
             last = batch.first + len(batch.status)
+            if last > self._plan.n_samples:
+                raise InputError(
+                    f"--resume: '{self.folder}' holds samples up to number {last - 1} of a longer run than "
+                    f"-n {self._plan.n_samples}; give at least -n {last}, or leave --resume out to start anew"
+                )
             if found and batch.first < found[-1][1]:
                 raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, of which others are there already")
             found.append((batch.first, last))
@@ -122,6 +132,22 @@ class Checkpoint:
         for batch in self.estimates():
             columns.put(batch.first, _named(batch, IN_CHECKED))
         return columns
+
+    def bands(self, n: int) -> dict[str, np.ndarray]:
+        """Return the outputs of the first n samples at the instants of the bands, each (n, n_t); NaN where one failed.
+
+        Raises
+        ------
+        RunError
+            As `batches`.
+        """
+        parts: dict[str, list[np.ndarray]] = {}
+        for batch in self.batches():
+            if batch.first >= n:
+                break
+            for name, values in batch.bands.items():
+                parts.setdefault(name, []).append(values[: n - batch.first])
+        return {name: np.concatenate(values) for name, values in parts.items()}
 
     def estimates(self) -> Iterator[Batch]:
         """Yield the pieces of samples whose errors were estimated."""
@@ -158,8 +184,8 @@ class Checkpoint:
         """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
         batch = self._folder.take(path, lambda arrays: _batch(int(path.stem.rpartition("_")[2]), arrays))
         last = batch.first + len(batch.status)
-        if not batch.first < last <= self._plan.n_samples:
-            raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, which are none of this run")
+        if not batch.first < last:
+            raise BrokenSeal("it holds no samples")
         return batch
 
 

@@ -29,8 +29,7 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.ensemble import Statistics
+from pgmp_petsc.results import Ensemble, Statistics
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 COLUMNS = 3
