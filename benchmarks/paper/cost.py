@@ -75,7 +75,7 @@ def measure(scene: Path, directory: Path) -> list[Cost]:
 def seconds_a_sample(model: Model) -> float:
     """Return the processor time of a sample, the least of some batches; compiling is left out."""
     run_batch(model, draw(model.scene, SEED, 0, 1))
-    times = []
+    values, times = draw(model.scene, SEED, 0, N_SAMPLES), []
     for _ in range(N_REPEATS):
         start = process_time()
         run_batch(model, values)

@@ -12,7 +12,7 @@ from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.checkpoint_folder import CheckpointFolder
-from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
@@ -70,7 +70,7 @@ class Checkpoint:
             "scene": identity(scene_toml),
             "reduced model" if model == "reduced" else "meshes": tables,
         }
-        self._folder = CheckpointFolder(plan.output, run)
+        self._folder = CheckpointFolder(plan.output, run, {"samples": plan.n_samples} if extends else {})
         self.remarks: tuple[Remark, ...] = ()
 
     @property
@@ -101,11 +101,6 @@ class Checkpoint:
         def read(path: Path) -> None:
             batch = self._read(path)
             last = batch.first + len(batch.status)
-            if last > self._plan.n_samples:
-                raise InputError(
-                    f"--resume: '{self.folder}' holds samples up to number {last - 1} of a longer run than "
-                    f"-n {self._plan.n_samples}; give at least -n {last}, or leave --resume out to start anew"
-                )
             if found and batch.first < found[-1][1]:
                 raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, of which others are there already")
             found.append((batch.first, last))
@@ -184,8 +179,8 @@ class Checkpoint:
         """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
         batch = self._folder.take(path, lambda arrays: _batch(int(path.stem.rpartition("_")[2]), arrays))
         last = batch.first + len(batch.status)
-        if not batch.first < last:
-            raise BrokenSeal("it holds no samples")
+        if not batch.first < last <= self._plan.n_samples:
+            raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, which are none of this run")
         return batch
 
 

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from pgmp_petsc.figures.bands import bands
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
@@ -89,6 +90,10 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
         pictures["densities"] = partial(densities, found, densities_labels(found, files))
         notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
+        over_time = [(path, ensemble) for path, ensemble in in_order if any(b.count for b in ensemble.bands.values())]
+        for (path, ensemble), name in _numbered(over_time, "bands"):
+            label = densities_labels(found, files)[files.index(path)]
+            pictures[name] = partial(bands, ensemble, label=label)
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):

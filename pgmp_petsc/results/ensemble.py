@@ -158,8 +158,9 @@ class Ensemble:
                 group = file.create_group(f"statistics/{name}")
                 statistics.write(group, name, self.units.get(name, "1"))
             self._write_over_time(file)
+            probabilities = file.create_group("probabilities", track_order=True)
             for label, chance in self.probabilities.items():
-                chance.write(file.create_group(f"probabilities/{label}"), label)
+                chance.write(probabilities.create_group(label), label)
 
     def _write_estimates(self, file: h5py.File) -> None:
         """Write what is known of the reduced model's errors, and of the balance of energy."""
@@ -182,8 +183,9 @@ class Ensemble:
         for label, values in self.first_passages.items():
             about = f"instant of the first passage of '{label}'; NaN where there is none"
             put(file, f"first_passages/{label}", values, "s", about)
+        bands = file.create_group("bands", track_order=True)
         for name, band in self.bands.items():
-            band.write(file.create_group(f"bands/{name}"), name, self.units.get(name, "1"))
+            band.write(bands.create_group(name), name, self.units.get(name, "1"))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Ensemble:

@@ -106,7 +106,7 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
 
 def test_batches_have_no_part_in_it(command: tuple, rom: Path) -> None:
     _, _, ensemble = command
-    _, model = _reduced(rom)
+    scene, model = _reduced(rom)
     for first, last in ((0, 5), (5, 16)):
         part = run_batch(model, draw(scene, SEED, first, last), first)
         np.testing.assert_array_equal(part.status, ensemble.status[first:last])

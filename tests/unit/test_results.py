@@ -68,7 +68,7 @@ def test_names_of_the_contract(tmp_path):
             assert file[name].shape == (40,)
         assert np.isnan(file["outputs/crank_angle"][-3:]).all() and file["status"][0] == 0
         names = {"mean", "std", "mean_standard_error", "std_standard_error", "pdf", "edges", "quantiles"}
-        names |= {"count", "quantile_bounds"}
+        names |= {"count", "quantile_bounds", "mean_interval", "std_interval", "quantile_intervals"}
         assert set(file["statistics/crank_angle"]) == names
         assert file["statistics/crank_angle/mean"].shape == ()
     with h5py.File(tmp_path / "m.h5") as file:
