@@ -24,6 +24,7 @@ def lines_of(ensemble: Ensemble) -> list[str]:
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
             came_true = f"{chance.count} of {chance.n} samples"
             lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {came_true}")
+    lines += _sobol(ensemble)
     if ensemble.bands:
         band = next(iter(ensemble.bands.values()))
         samples = f"{band.count} samples at {band.time.size} instants"
@@ -54,6 +55,25 @@ def _quantiles(ensemble: Ensemble) -> Iterator[str]:
             shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends):26s} {_unit(ensemble, name)}"
             bounds = f"; whatever the failed ones would have been {_bounds(s, k)}" if failed else ""
             yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
+
+
+def _sobol(ensemble: Ensemble) -> Iterator[str]:
+    """Yield the table of Sobol indices, the largest first."""
+    for number, (name, found) in enumerate(ensemble.sobol.items()):
+        interval = f"{_percent(found.confidence)} interval"
+        if not number:
+            total = "" if found.total is None else f"{'total':>9s} {interval}"
+            yield f"  {'Sobol indices':24s}{'':24s}{'first':>9s} {interval:26s}{total}".rstrip()
+        for k, place in enumerate(np.argsort(-(found.first if found.total is None else found.total))):
+            total = ""
+            if found.total is not None:
+                total = f"{found.total[place]:9.3f} {_fixed(found.total_interval[place])}"
+            first = f"{found.first[place]:9.3f} {_fixed(found.first_interval[place]):26s}"
+            yield f"  {name if k == 0 else '':24s}{found.parameters[place]:24s}{first}{total}".rstrip()
+
+
+def _fixed(ends: np.ndarray) -> str:
+    return f"[{ends[0]:.3f}, {ends[1]:.3f}]"
 
 
 def _bounds(s: Statistics, k: int) -> str:

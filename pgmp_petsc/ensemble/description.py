@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.over_time import band_steps
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
+from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, truncated_stresses, why_not_of_full_order
 from pgmp_petsc.indicator.validity import remarks_of
@@ -51,13 +52,10 @@ def describe_ensemble(
         numbers = None if replicates is None else replicates[known]
         return describe(values[known], asked.bins, asked.quantiles, n_missing, asked.confidence, numbers)
 
-    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in outputs.items()}
+    quantities = _quantities(outputs, over_time["extremes"])
+    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in quantities}
     for name in sampler.names:
         statistics[name] = statistics_of(parameters[name], described)
-    for key, values in over_time["extremes"].items():
-        name, _, which = key.rpartition("/")
-        if which in DESCRIBED:
-            statistics[f"{name}.{which}"] = statistics_of(values, chosen, n_failed)
     for label, times in over_time["first_passages"].items():
         statistics[label] = statistics_of(times, chosen)
     divisors = numerics["steps_divided"].astype(np.int32)
@@ -65,6 +63,9 @@ def describe_ensemble(
     units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED}
     units |= dict.fromkeys(over_time["first_passages"], "s")
     bands = _bands(scene, checkpoint, chosen)
+    level, quantities = scene.ensemble.confidence, _quantities(outputs, over_time["extremes"])
+    sobol = sensitivities(quantities, parameters, sampler.names, fine, sampler.kind, level)
+    correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if n_failed else {}
     remarks = (
         *failure_remarks(status, drawn, units),
@@ -72,6 +73,7 @@ def describe_ensemble(
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
         *_few(int(chosen.sum())),
+        *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
         *_estimate_remarks(model, estimates, status),
     )
@@ -91,9 +93,21 @@ def describe_ensemble(
         steps_divided=divisors,
         probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, model.outputs.units),
         bands=bands,
+        sobol=sobol,
         **estimates,
         **over_time,
     )
+
+
+def _quantities(
+    outputs: Mapping[str, np.ndarray], extremes: Mapping[str, np.ndarray]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield outputs at the end, and over time where their extremes are known; one in memory at a time."""
+    yield from outputs.items()
+    for key in extremes:
+        name, _, which = key.rpartition("/")
+        if which in DESCRIBED:
+            yield f"{name}.{which}", extremes[key]
 
 
 def _chances(

@@ -21,6 +21,7 @@ from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
@@ -94,6 +95,10 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         for (path, ensemble), name in _numbered(over_time, "bands"):
             label = densities_labels(found, files)[files.index(path)]
             pictures[name] = partial(bands, ensemble, label=label)
+        having = [(path, ensemble) for path, ensemble in in_order if ensemble.sobol]
+        for (path, ensemble), name in _numbered(having, "sobol"):
+            label = densities_labels(found, files)[files.index(path)]
+            pictures[name] = partial(sobol, ensemble, label=label)
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):

@@ -6,6 +6,7 @@ from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.selection import Attempt, Selection
+from pgmp_petsc.results.sensitivity import Sensitivity
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.results.trajectory import Frames, Trajectory
@@ -23,6 +24,7 @@ __all__ = [
     "ModesTable",
     "References",
     "Selection",
+    "Sensitivity",
     "Statistics",
     "Times",
     "Tradeoff",

@@ -46,6 +46,9 @@ dataset                                  shape           content
 ``std``                                                  (``ensemble.band_samples``) that are fine; ``count`` of them
 ``.../quantiles``                        (n_t,           attribute ``probabilities``
                                          n_quantiles)
+``/sobol/<name>/S1``, ``ST``             (d)             Sobol indices of each output, in the order of the group's
+                                                         attribute ``parameters``; ``ST`` of the sampler saltelli alone
+``.../S1_interval``, ``ST_interval``     (d, 2)          their intervals; attribute ``confidence`` of the group
 ======================================== =============== ====================================================
 """
 
@@ -62,6 +65,7 @@ import numpy as np
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.sensitivity import Sensitivity
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
@@ -107,6 +111,8 @@ class Ensemble:
         By label.
     bands : dict of str to Band
         By output.
+    sobol : dict of str to Sensitivity
+        Sobol indices by output; empty where they are not known.
     """
 
     model: str
@@ -127,6 +133,7 @@ class Ensemble:
     first_passages: Mapping[str, np.ndarray] = field(default_factory=dict)
     probabilities: dict[str, Chance] = field(default_factory=dict)
     bands: dict[str, Band] = field(default_factory=dict)
+    sobol: dict[str, Sensitivity] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
@@ -161,6 +168,9 @@ class Ensemble:
             probabilities = file.create_group("probabilities", track_order=True)
             for label, chance in self.probabilities.items():
                 chance.write(probabilities.create_group(label), label)
+            sobol = file.create_group("sobol", track_order=True)
+            for name, indices in self.sobol.items():
+                indices.write(sobol.create_group(name), name)
 
     def _write_estimates(self, file: h5py.File) -> None:
         """Write what is known of the reduced model's errors, and of the balance of energy."""
@@ -216,6 +226,7 @@ class Ensemble:
                 first_passages=take_named(file, "first_passages", 1),
                 probabilities={name: Chance.read(group) for name, group in file.get("probabilities", {}).items()},
                 bands={name: Band.read(group) for name, group in file.get("bands", {}).items()},
+                sobol={name: Sensitivity.read(group) for name, group in file.get("sobol", {}).items()},
             )
 
 
