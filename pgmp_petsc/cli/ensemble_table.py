@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.cli import estimates
+from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
 from pgmp_petsc.results.statistics import Statistics
+from pgmp_petsc.runtime.remarks import Remark
 
 DIGITS = 2  # of an interval's width that are shown
+
+
+def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
+    lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
+    lines += remark_lines(ensemble.record, said)
+    if ensemble.validity:
+        lines += estimates.of_ensemble(ensemble)
+    lines += estimates.of_balance(ensemble)
+    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
+    return "\n".join(lines)
 
 
 def lines_of(ensemble: Ensemble) -> list[str]:

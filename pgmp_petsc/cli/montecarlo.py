@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
 from pathlib import Path
 
 import click
 import numpy as np
 
-from pgmp_petsc.cli import ensemble_table, estimates
+from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.report import remark_lines, save, say
-from pgmp_petsc.ensemble.batch import Plan, SampleFile
+from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
-from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.shard import KIND, ShardSamples
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 
 SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
@@ -51,6 +50,9 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     "--ranks-per-sample", default=1, show_default=True, metavar="N", type=click.IntRange(1),
     help="With --full: ranks that share one sample, for large meshes; groups of ranks have samples of their own.",
 )  # fmt: skip
+@click.option(
+    "--shard", metavar="I/K", help="Integrate part I of K parts alone; pgmp merge joins their files to the whole."
+)
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
 @click.pass_context
@@ -65,6 +67,7 @@ def montecarlo(
     full: bool,
     components: bool,
     ranks_per_sample: int,
+    shard: str | None,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -82,12 +85,18 @@ def montecarlo(
         what = "component modes" if components else "a reduced model"
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
-    context.with_resource(claimed(comm, output, "ensemble", (source,)))
+    part = None if shard is None else _part(shard)
+    context.with_resource(claimed(comm, output, "ensemble" if part is None else KIND, (source,)))
     model = read_model(
         context, source, overrides, settings, full, components, lambda scene: _refuse_drawn(scene, settings)
     )
     loaded = model.scene
     if loaded.simulation.tolerance is not None:
+        if part is not None:
+            raise InputError(
+                f"--shard {shard}: with simulation.tolerance every shard would measure a step of its own; build with "
+                "the tolerance, or give simulation.step"
+            )
         from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
 
         model, remark = settle_step(model, comm, ensemble=True)
@@ -95,16 +104,44 @@ def montecarlo(
     file = None if table is None else on_root(comm, _table, table, model.scene, n_samples, settings)
     if file is not None:
         n_samples = len(next(iter(file.values.values())))
-    plan = Plan(n_samples, seed, output, resume, file)
-    ensemble = run_ensemble(model, plan, group)
-    save(context, ensemble, output)
+    if part is not None and part.count > n_samples:
+        raise InputError(
+            f"--shard {shard}: {part.count} shards of {n_samples} samples; take no more shards than samples"
+        )
+    plan = Plan(n_samples, seed, output, resume, file, part)
+    result = run_ensemble(model, plan, group)
+    save(context, result, output)
     failed = 0
-    if ensemble is not None:
-        failed = int(np.sum(ensemble.status != 0))
-        say(context, report(ensemble, output, loaded.remarks))
+    if isinstance(result, ShardSamples):
+        failed = int(np.sum(result.columns["status"] != 0))
+        say(context, _report_shard(result, plan, failed))
+        remove_checkpoint(plan)
+    elif result is not None:
+        failed = int(np.sum(result.status != 0))
+        say(context, report(result, output, loaded.remarks))
         remove_checkpoint(plan)
     if comm.bcast(failed):
         context.exit(1)
+
+
+def _part(shard: str) -> Shard:
+    """Return which part of the samples is wanted; the same on all ranks."""
+    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", shard)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise InputError(f"--shard {shard}: allowed are I/K with I from 1 to K, such as 2/8")
+    return Shard(int(found[1]), int(found[2]))
+
+
+def _report_shard(shard: ShardSamples, plan: Plan, failed: int) -> str:
+    """Return which samples are there, and what is left to do."""
+    (first, last), place = plan.samples, shard.place
+    which = f"shard {plan.shard}, samples {first} to {last - 1} of {place.n_samples}"
+    lines = [f"{plan.output}: {shard.model} model, {which}", *(f"  {remark}" for remark in shard.found)]
+    if failed:
+        lines.append(f"  {failed} of {last - first} samples failed; pgmp merge says why")
+    lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
+    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in shard.record.timings.items()]
+    return "\n".join(lines)
 
 
 def _one_source(n_samples: int | None, sampler: str | None, table: Path | None) -> None:
@@ -139,14 +176,3 @@ def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
                 f"part in an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to "
                 f"hold the parameter, replace it: --override 'parameters.{name}={held}'"
             )
-
-
-def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
-    """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
-    lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *ensemble_table.lines_of(ensemble)]
-    lines += remark_lines(ensemble.record, said)
-    if ensemble.validity:
-        lines += estimates.of_ensemble(ensemble)
-    lines += estimates.of_balance(ensemble)
-    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
-    return "\n".join(lines)

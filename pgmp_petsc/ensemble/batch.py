@@ -21,14 +21,34 @@ class SampleFile:
 
 
 @dataclass(frozen=True)
+class Shard:
+    """One of `count` parts of an ensemble, numbered from 1, which are runs of their own."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+@dataclass(frozen=True)
 class Plan:
-    """How many samples, from which seed or file, where the result goes, and whether to take up a checkpoint."""
+    """How many samples, from which seed or file, where the result goes, whether to take up a checkpoint, and which part
+    of the samples is wanted where it is not all of them."""
 
     n_samples: int
     seed: int
     output: Path = Path()
     resume: bool = False
     file: SampleFile | None = None
+    shard: Shard | None = None
+
+    @property
+    def samples(self) -> tuple[int, int]:
+        """First of the samples that are wanted, and the one behind the last."""
+        if self.shard is None:
+            return 0, self.n_samples
+        return tuple(self.n_samples * k // self.shard.count for k in (self.shard.number - 1, self.shard.number))
 
 
 @dataclass(frozen=True)

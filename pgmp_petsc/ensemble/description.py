@@ -12,15 +12,14 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.origin import Kept, Origin
 from pgmp_petsc.ensemble.over_time import band_steps
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.indicator.coverage import CURE, absence_of_estimates, truncated_stresses, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import CURE
 from pgmp_petsc.indicator.validity import remarks_of
-from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
@@ -34,10 +33,10 @@ ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
 
 
 def describe_ensemble(
-    model: Model, plan: Plan, sampler: Sampler, checkpoint: Checkpoint, ranks: int, timings: Timings
+    origin: Origin, plan: Plan, sampler: Sampler, kept: Kept, ranks: int, timings: Timings
 ) -> Ensemble:
-    """Put pieces together and describe parameters and outputs; one column of samples is in memory at a time."""
-    scene, columns = model.scene, checkpoint.columns()
+    """Put samples together and describe parameters and outputs; one column of samples is in memory at a time."""
+    scene, columns = origin.scene, kept.columns()
     parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
     estimates = {kind: columns.of(kind) for kind in ESTIMATES}
     over_time = {kind: columns.of(kind) for kind in OVER_TIME}
@@ -59,15 +58,16 @@ def describe_ensemble(
     for label, times in over_time["first_passages"].items():
         statistics[label] = statistics_of(times, chosen)
     divisors = numerics["steps_divided"].astype(np.int32)
-    units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
+    units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
     units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED}
     units |= dict.fromkeys(over_time["first_passages"], "s")
-    bands = _bands(scene, checkpoint, chosen)
+    bands = _bands(scene, kept, chosen)
     level, quantities = scene.ensemble.confidence, _quantities(outputs, over_time["extremes"])
     sobol = sensitivities(quantities, parameters, sampler.names, fine, sampler.kind, level)
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if n_failed else {}
     remarks = (
+        *kept.remarks,
         *failure_remarks(status, drawn, units),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
@@ -75,11 +75,11 @@ def describe_ensemble(
         *_few(int(chosen.sum())),
         *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
-        *_estimate_remarks(model, estimates, status),
+        *_estimate_remarks(origin, estimates, status),
     )
     timed = (*scene.remarks, *remarks)
     return Ensemble(
-        model=model.name,
+        model=origin.model,
         record=RunRecord(
             scene_to_toml(scene), scene.values, None if plan.file else plan.seed, ranks, timings.as_dict(), timed
         ),
@@ -91,7 +91,7 @@ def describe_ensemble(
         failure_time=columns["failure_time"],
         statistics=statistics,
         steps_divided=divisors,
-        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, model.outputs.units),
+        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units),
         bands=bands,
         sobol=sobol,
         **estimates,
@@ -139,13 +139,13 @@ def in_words(event: Event, unit: str) -> str:
     return f"{event.output} {side} {event.level:g}{'' if unit == '1' else f' {unit}'} {when}"
 
 
-def _bands(scene: Scene, checkpoint: Checkpoint, chosen: np.ndarray) -> dict[str, Band]:
+def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
     """Return the outputs over time of the first samples that are fine."""
     asked, simulation = scene.ensemble, scene.simulation
     steps = band_steps(simulation, asked.bands)
     time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
     found = {}
-    for name, values in checkpoint.bands(asked.band_samples).items() if steps.size else ():
+    for name, values in kept.bands(asked.band_samples).items() if steps.size else ():
         of_fine = values[chosen[: len(values)]]
         n, unknown = len(of_fine), np.full(time.size, np.nan)
         found[name] = Band(
@@ -189,14 +189,13 @@ def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]
 
 
 def _estimate_remarks(
-    model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
+    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
 ) -> tuple[Remark, ...]:
     """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
-    scene = model.scene
-    if not isinstance(model, ReducedModel):
-        return why_not_of_full_order(model)
-    absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
-    remarks = [*absent, *remarks_of(scene, estimates["validity"])]
+    scene = origin.scene
+    if origin.model != "reduced":
+        return origin.not_estimated
+    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(scene.ensemble.checked_share, status.size):

@@ -24,14 +24,17 @@ from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.description import describe_ensemble
+from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
-from pgmp_petsc.ensemble.pieces import Piece, missing, pieces
+from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
+from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
 from pgmp_petsc.runtime.groups import RankGroup
@@ -40,14 +43,14 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 
 
-def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
-    """Integrate the samples that are missing, and describe all. Collective on ``group.world``.
+def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | ShardSamples | None:
+    """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time.
 
     Returns
     -------
-    Ensemble or None
+    Ensemble, or ShardSamples of a shard, or None
         On the first rank, None elsewhere.
 
     Raises
@@ -67,11 +70,13 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     finished = on_root(comm, checkpoint.open)
     with agreed(comm, "preparing the error indicator"):
         watching = Watching(model)
-    todo = missing([(0, plan.n_samples)], finished.samples)
-    to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
+    first, last = plan.samples
+    todo = missing([(first, last)], finished.samples)
+    to_check = missing(within(checked(watching.share, plan.n_samples), first, last), finished.checked)
     dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
-    taken_up = plan.n_samples - sum(last - first for first, last in todo)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.title} samples", comm, taken_up) as bar:
+    n_samples = last - first
+    taken_up = n_samples - sum(end - begin for begin, end in todo)
+    with timings.phase("integration"), progress(n_samples, f"{model.title} samples", comm, taken_up) as bar:
 
         def work(number: int, pulse: Pulse) -> Batch:
             piece = dealt[number]
@@ -86,17 +91,11 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
             deal_to_groups(group, len(dealt), work, take)
     timings = timings.maximum(comm)
     with agreed(comm, "statistics"):
-        return _described(model, plan, sampler, checkpoint, comm.size, timings) if comm.rank == 0 else None
-
-
-def _described(
-    model: Model, plan: Plan, sampler: Sampler, checkpoint: Checkpoint, ranks: int, timings: Timings
-) -> Ensemble:
-    """Describe what the checkpoint holds, with what was found in it."""
-    with timings.phase("statistics"):
-        ensemble = describe_ensemble(model, plan, sampler, checkpoint, ranks, timings)
-    remarks = (*checkpoint.remarks, *ensemble.record.remarks)
-    return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
+        if comm.rank > 0:
+            return None
+        if plan.shard is not None:
+            return shard_of(Origin.of(model), plan, checkpoint, comm.size, timings)
+        return describe_ensemble(Origin.of(model), plan, sampler, checkpoint, comm.size, timings)
 
 
 def run_batch(

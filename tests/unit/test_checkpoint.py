@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.batch import Batch, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -320,3 +320,22 @@ def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
         add(checkpoint, 4)
     with pytest.raises(RunError, match="holds 0 of 12 samples"):
         list(checkpoint.batches())
+
+
+def test_a_shard_keeps_its_own_samples(plan: Plan) -> None:
+    shard = replace(plan, shard=Shard(2, 3))
+    assert shard.samples == (4, 8) and [replace(plan, shard=Shard(k, 3)).samples[0] for k in (1, 3)] == [0, 8]
+    checkpoint = started(shard, 4)
+    np.testing.assert_array_equal(checkpoint.columns()["status"], batch(4).status)
+    assert firsts(taken_up(shard)) == {4}
+    stranger = started(replace(shard, output=plan.output.with_name("whole.h5")), 4)
+    shutil.copy(piece(stranger, 4), piece(checkpoint, 4).with_name("samples_000000000.npz"))
+    checkpoint = taken_up(shard)
+    assert firsts(checkpoint) == {4} and "which are none of this run" in str(*checkpoint.remarks)
+
+
+@pytest.mark.parametrize("other", [Shard(1, 3), Shard(2, 4), None])
+def test_another_shard_is_refused(plan: Plan, other: Shard | None) -> None:
+    started(replace(plan, shard=Shard(2, 3)), 4)
+    with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
+        Checkpoint(replace(plan, resume=True, shard=other), SCENE, "reduced", TABLES).open()
