@@ -24,6 +24,7 @@ from benchmarks.on_model import main
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.pieces import Piece, pieces
 from pgmp_petsc.ensemble.runner import Watching, run_batch
+from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom
 
@@ -47,7 +48,7 @@ class Cost:
             watchers, found = watching.of(Piece(0, n, is_checked)), []
             for _ in range(REPEATS):
                 start = process_time()
-                run_batch(model, 0, 0, n, watchers)
+                run_batch(model, draw(model.scene, 0, 0, n), watchers=watchers)
                 found.append(process_time() - start)
             times.append(min(found))
         each, fixed = np.polyfit(sizes, times, 1)

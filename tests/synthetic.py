@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.results import (
+    Band,
+    Chance,
+    Sensitivity,
     Ensemble,
     EstimatedErrors,
     Frames,
@@ -17,6 +22,7 @@ from pgmp_petsc.results import (
     Tradeoff,
     Trajectory,
 )
+from pgmp_petsc.results.ensemble import DESCRIBED, EXTREMES
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.runtime.files import RunRecord
 
@@ -134,6 +140,42 @@ def estimates(outputs: dict[str, np.ndarray], n_checked: int = 20) -> dict[str, 
         "errors_at_end": at_end,
         "validity": {name: np.where(checked, 1e-3, np.nan) for name in VALIDITY},
     }
+
+
+def described(n_samples: int = 60) -> Ensemble:
+    """Return an ensemble with all that may be known of one."""
+    plain = ensemble("reduced", n_samples)
+    outputs = plain.outputs
+    columns = {f"{name}/{which}": np.linspace(0.0, 1.0, n_samples) for name in outputs for which in EXTREMES}
+    units = {f"{name}.{which}": plain.units[name] for name in outputs for which in DESCRIBED} | {"late": "s"}
+    return replace(
+        plain,
+        units=plain.units | units,
+        extremes=columns,
+        first_passages={"late": np.full(n_samples, np.nan)},
+        probabilities={
+            "late": Chance("crank_angle above 5 rad at any time", 3, 57, 3 / 57, np.array([0.01, 0.2]), 0.9)
+        },
+        bands={name: band((0.1, 0.5, 0.9)) for name in outputs},
+        sobol={name: sensitivity(True) for name in outputs} | {"crank_angle.max": sensitivity(False)},
+    )
+
+
+def band(probabilities: tuple[float, ...]) -> Band:
+    """Return an output over time whose samples spread evenly, by 1 at the end."""
+    time = np.linspace(0.0, 1.0, 21)
+    quantiles = np.sin(time)[:, None] + time[:, None] * (np.array(probabilities) - 0.5)
+    return Band(time, np.sin(time), time / np.sqrt(12.0), quantiles, np.array(probabilities), 40)
+
+
+def sensitivity(total: bool) -> Sensitivity:
+    """Return indices of two parameters, total ones where they are asked for."""
+    first, above = np.array([0.7, 0.2]), np.array([0.75, 0.3])
+    ends = np.array([-0.1, 0.1])
+    of_total = (above, above[:, None] + ends) if total else (None, None)
+    return Sensitivity(
+        ("r1", "push"), "saltelli" if total else "given data", 64, 0.95, first, first[:, None] + ends, *of_total
+    )
 
 
 def statistics(values: np.ndarray) -> Statistics:

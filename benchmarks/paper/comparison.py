@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.results.ensemble import Ensemble, Statistics
+from pgmp_petsc.results import Ensemble, Statistics
 from benchmarks.paper.published import (
     BANDS,
     DENSITIES,

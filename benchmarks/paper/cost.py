@@ -10,6 +10,7 @@ from time import process_time
 from mpi4py import MPI
 
 from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
@@ -73,11 +74,11 @@ def measure(scene: Path, directory: Path) -> list[Cost]:
 
 def seconds_a_sample(model: Model) -> float:
     """Return the processor time of a sample, the least of some batches; compiling is left out."""
-    run_batch(model, SEED, 0, 1)
-    times = []
+    run_batch(model, draw(model.scene, SEED, 0, 1))
+    values, times = draw(model.scene, SEED, 0, N_SAMPLES), []
     for _ in range(N_REPEATS):
         start = process_time()
-        run_batch(model, SEED, 0, N_SAMPLES)
+        run_batch(model, values)
         times.append((process_time() - start) / N_SAMPLES)
     return min(times)
 

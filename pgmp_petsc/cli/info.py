@@ -61,13 +61,15 @@ def describe(path: Path) -> str:
 
 
 def _estimates(file, path: Path) -> list[str]:
-    """Return estimated errors, validity, and the balance of energy of an ensemble; a remark says what is not there."""
-    from pgmp_petsc.cli import estimates
+    """Return the figures of an ensemble, estimated errors, validity, and its balance of energy; a remark says what is
+    not there."""
+    from pgmp_petsc.cli import ensemble_table, estimates
     from pgmp_petsc.results import Ensemble, Trajectory
 
-    if file.attrs["kind"] == "ensemble" and ("validity" in file or "energy" in file):
+    if file.attrs["kind"] == "ensemble":
         ensemble = Ensemble.read(path)
-        return [*estimates.of_ensemble(ensemble), *estimates.of_balance(ensemble)]
+        found = estimates.of_ensemble(ensemble) if ensemble.validity else []
+        return [*ensemble_table.lines_of(ensemble), *found, *estimates.of_balance(ensemble)]
     if file.attrs["kind"] != "trajectory" or "validity" not in file:
         return []
     trajectory = Trajectory.read(path)

@@ -40,6 +40,7 @@ COMMANDS = {
     "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
     "simulate": LazyCommand("pgmp_petsc.cli.simulate:simulate", "One run over time, reduced or full-order."),
     "montecarlo": LazyCommand("pgmp_petsc.cli.montecarlo:montecarlo", "Many samples and their distributions."),
+    "merge": LazyCommand("pgmp_petsc.cli.merge:merge", "Join the shards of an ensemble."),
     "tradeoff": LazyCommand(
         "pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."
     ),

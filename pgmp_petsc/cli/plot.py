@@ -34,12 +34,13 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
 
     Results of different scenes never share a picture: with several, the names of pictures end with those of the
     scenes. Within one, keys tell results apart by what differs: parameters, other entries of the scene, the model,
-    the seed, or else the file. What follows +- is a standard error.
+    the seed, or else the file. Brackets hold confidence intervals.
 
     Tables of modes become frequencies.png or, with two coordinates, frequency_maps.png. Trajectories become
     trajectories.png (full-order and reduced ones are compared where they are of one case); the first that has
     them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
-    densities.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
+    densities.png and, each ensemble by itself, bands.png (outputs over time) and sobol.png (which parameters
+    matter), trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw
 

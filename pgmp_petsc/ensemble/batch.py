@@ -7,15 +7,48 @@ from pathlib import Path
 
 import numpy as np
 
+from pgmp_petsc.runtime.remarks import Remark
+
+
+@dataclass(frozen=True)
+class SampleFile:
+    """Samples that a file gives: values (N,) by parameter, the identity of its content, and what is said of it."""
+
+    path: Path
+    values: dict[str, np.ndarray]
+    identity: str
+    remarks: tuple[Remark, ...] = ()
+
+
+@dataclass(frozen=True)
+class Shard:
+    """One of `count` parts of an ensemble, numbered from 1, which are runs of their own."""
+
+    number: int
+    count: int
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
 
 @dataclass(frozen=True)
 class Plan:
-    """How many samples, from which seed, where the file goes, and whether to take up a checkpoint."""
+    """How many samples, from which seed or file, where the result goes, whether to take up a checkpoint, and which part
+    of the samples is wanted where it is not all of them."""
 
     n_samples: int
     seed: int
-    output: Path
-    resume: bool
+    output: Path = Path()
+    resume: bool = False
+    file: SampleFile | None = None
+    shard: Shard | None = None
+
+    @property
+    def samples(self) -> tuple[int, int]:
+        """First of the samples that are wanted, and the one behind the last."""
+        if self.shard is None:
+            return 0, self.n_samples
+        return tuple(self.n_samples * k // self.shard.count for k in (self.shard.number - 1, self.shard.number))
 
 
 @dataclass(frozen=True)
@@ -25,7 +58,9 @@ class Batch:
     ``numerics`` says how each was integrated: ``steps_divided`` is by what the scene's step was divided,
     ``unstable_start`` whether it began on an unstable static equilibrium. The reduced
     model adds the largest estimated errors of the outputs, those at the end, and the validity of small deformations,
-    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for.
+    each (n,) and NaN where they were not estimated. ``balance`` is that of energy, where it was asked for, as are
+    ``extremes`` of the outputs over time and ``first_passages`` of events; ``bands`` are outputs at some instants, each
+    (n, n_t).
     """
 
     first: int
@@ -38,3 +73,6 @@ class Batch:
     errors_at_end: dict[str, np.ndarray] = field(default_factory=dict)
     validity: dict[str, np.ndarray] = field(default_factory=dict)
     balance: dict[str, np.ndarray] = field(default_factory=dict)
+    extremes: dict[str, np.ndarray] = field(default_factory=dict)
+    first_passages: dict[str, np.ndarray] = field(default_factory=dict)
+    bands: dict[str, np.ndarray] = field(default_factory=dict)

@@ -17,11 +17,13 @@ from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 
-FORMAT = 5
+FORMAT = 6
 # of a batch: arrays by name
 IN_CHECKED = ("errors", "errors_at_end")  # known of the samples whose errors were estimated only
-IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance")
-NAMED = (*IN_ALL, *IN_CHECKED)
+IN_ALL = ("parameters", "outputs", "numerics", "validity", "balance", "extremes", "first_passages")
+OVER_TIME = ("bands",)  # known of the first samples only, at several instants
+NAMED = (*IN_ALL, *IN_CHECKED, *OVER_TIME)
+OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
 CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
 
@@ -48,24 +50,37 @@ class Checkpoint:
     tables
         Identity of what the model is made of besides the scene (see `Model`): two reduced models of the same scene may
         differ, and so may meshes of the same name.
+    extends
+        Whether a longer run has the samples of a shorter one, so that it may take up what that left.
 
     Attributes
     ----------
     remarks
         What was found and not taken up.
+    run
+        What the whole ensemble is, by key; the same for all its shards.
     """
 
-    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str) -> None:
+    def __init__(self, plan: Plan, scene_toml: str, model: str, tables: str, extends: bool = True) -> None:
         self._plan = plan
+        fixed, grows = {}, extends and plan.shard is None
+        if not extends:
+            fixed[OF_LATIN_HYPERCUBE] = plan.n_samples
+        elif plan.shard is not None:
+            fixed["number of samples"] = plan.n_samples
         run = {
             "format": FORMAT,
             "model": model,
-            "samples": plan.n_samples,
+            **fixed,
             "seed": plan.seed,
+            "file of samples": identity("") if plan.file is None else plan.file.identity,
             "scene": identity(scene_toml),
             "reduced model" if model == "reduced" else "meshes": tables,
         }
-        self._folder = CheckpointFolder(plan.output, run)
+        self.run = dict(run)
+        if plan.shard is not None:
+            run["shard"] = str(plan.shard)
+        self._folder = CheckpointFolder(plan.output, run, {"samples": plan.n_samples} if grows else {})
         self.remarks: tuple[Remark, ...] = ()
 
     @property
@@ -116,12 +131,29 @@ class Checkpoint:
         RunError
             As `batches`, or if the system fails to write.
         """
-        columns = Columns(self.folder, self._plan.n_samples)
+        begin, end = self._plan.samples
+        columns = Columns(self.folder, end - begin)
         for batch in self.batches():
-            columns.put(batch.first, {**_ends(batch), **_named(batch, IN_ALL)})
+            columns.put(batch.first - begin, {**_ends(batch), **_named(batch, IN_ALL)})
         for batch in self.estimates():
-            columns.put(batch.first, _named(batch, IN_CHECKED))
+            columns.put(batch.first - begin, _named(batch, IN_CHECKED))
         return columns
+
+    def bands(self, n: int) -> dict[str, np.ndarray]:
+        """Return the outputs of the first n samples at the instants of the bands, each (n, n_t); NaN where one failed.
+
+        Raises
+        ------
+        RunError
+            As `batches`.
+        """
+        parts: dict[str, list[np.ndarray]] = {}
+        for batch in self.batches():
+            if batch.first >= n:
+                break
+            for name, values in batch.bands.items():
+                parts.setdefault(name, []).append(values[: n - batch.first])
+        return {name: np.concatenate(values) for name, values in parts.items()}
 
     def estimates(self) -> Iterator[Batch]:
         """Yield the pieces of samples whose errors were estimated."""
@@ -135,7 +167,8 @@ class Checkpoint:
         RunError
             If samples are missing, there twice, or damaged.
         """
-        place = 0
+        begin, end = self._plan.samples
+        place = begin
         for batch in self._all(SAMPLES):
             if batch.first != place:
                 missing = f"samples {place} to {batch.first - 1} are missing"
@@ -143,8 +176,8 @@ class Checkpoint:
                 raise RunError(f"in '{self.folder}' {what}; {CURE}")
             place += len(batch.status)
             yield batch
-        if place != self._plan.n_samples:
-            raise RunError(f"'{self.folder}' holds {place} of {self._plan.n_samples} samples; {CURE}")
+        if place != end:
+            raise RunError(f"'{self.folder}' holds {place - begin} of {end - begin} samples; {CURE}")
 
     def _all(self, kind: str) -> Iterator[Batch]:
         for path in self._folder.pieces(f"{kind}*"):
@@ -158,7 +191,8 @@ class Checkpoint:
         """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
         batch = self._folder.take(path, lambda arrays: _batch(int(path.stem.rpartition("_")[2]), arrays))
         last = batch.first + len(batch.status)
-        if not batch.first < last <= self._plan.n_samples:
+        begin, end = self._plan.samples
+        if not begin <= batch.first < last <= end:
             raise BrokenSeal(f"it holds samples {batch.first} to {last - 1}, which are none of this run")
         return batch
 

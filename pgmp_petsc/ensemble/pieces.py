@@ -64,6 +64,12 @@ def _whole_lanes(n: int) -> int:
     return -(-n // LANES) * LANES
 
 
+def within(ranges: Ranges, first: int, last: int) -> list[tuple[int, int]]:
+    """Return what of some ranges lies between two numbers, first to last - 1."""
+    cut = [(max(begin, first), min(end, last)) for begin, end in ranges]
+    return [(begin, end) for begin, end in cut if begin < end]
+
+
 def missing(wanted: Ranges, there: Ranges) -> list[tuple[int, int]]:
     """Return what of some ranges is not there; both are sorted and do not overlap."""
     found = []

@@ -17,47 +17,40 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.settled_start import starts_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
-from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
-from pgmp_petsc.ensemble.statistics import describe
 from pgmp_petsc.ensemble.checked_samples import checked
-from pgmp_petsc.ensemble.pieces import Piece, missing, pieces
+from pgmp_petsc.ensemble.description import describe_ensemble
+from pgmp_petsc.ensemble.origin import Origin
+from pgmp_petsc.ensemble.over_time import OverTimeWatcher
+from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
+from pgmp_petsc.ensemble.sampling import Sampler, physical
+from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.coverage import (
-    CURE,
-    absence_of_estimates,
-    is_indicated,
-    truncated_stresses,
-    why_not_of_full_order,
-)
+from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
-from pgmp_petsc.indicator.validity import remarks_of
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
-from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import progress
-from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 
 
-def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
-    """Integrate the samples that are missing, and describe all. Collective on ``group.world``.
+def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | ShardSamples | None:
+    """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time.
 
     Returns
     -------
-    Ensemble or None
+    Ensemble, or ShardSamples of a shard, or None
         On the first rank, None elsewhere.
 
     Raises
@@ -71,22 +64,24 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
     scene_toml = scene_to_toml(model.scene)
     # a scene with nothing to draw, and options that would change it, are refused before anything is touched
     with agreed(comm, "checking what the run is asked for"):
-        draw(model.scene, plan.seed, 0, 1)
+        sampler = Sampler(model.scene, plan)
         check_ts_options()
-    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity)
+    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, sampler.extends)
     finished = on_root(comm, checkpoint.open)
     with agreed(comm, "preparing the error indicator"):
         watching = Watching(model)
-    todo = missing([(0, plan.n_samples)], finished.samples)
-    to_check = missing(checked(watching.share, plan.n_samples), finished.checked)
+    first, last = plan.samples
+    todo = missing([(first, last)], finished.samples)
+    to_check = missing(within(checked(watching.share, plan.n_samples), first, last), finished.checked)
     dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
-    taken_up = plan.n_samples - sum(last - first for first, last in todo)
-    with timings.phase("integration"), progress(plan.n_samples, f"{model.title} samples", comm, taken_up) as bar:
+    n_samples = last - first
+    taken_up = n_samples - sum(end - begin for begin, end in todo)
+    with timings.phase("integration"), progress(n_samples, f"{model.title} samples", comm, taken_up) as bar:
 
         def work(number: int, pulse: Pulse) -> Batch:
             piece = dealt[number]
             watchers = watching.of(piece)
-            return run_batch(model, plan.seed, piece.first, piece.last, watchers, group.comm, pulse)
+            return run_batch(model, sampler.draw(piece.first, piece.last), piece.first, watchers, group.comm, pulse)
 
         def take(number: int, batch: Batch) -> None:
             checkpoint.add(dealt[number], batch)
@@ -96,42 +91,34 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | None:
             deal_to_groups(group, len(dealt), work, take)
     timings = timings.maximum(comm)
     with agreed(comm, "statistics"):
-        return _described(model, plan, checkpoint, scene_toml, comm.size, timings) if comm.rank == 0 else None
-
-
-def _described(
-    model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
-) -> Ensemble:
-    """Describe what the checkpoint holds, with what was found in it."""
-    with timings.phase("statistics"):
-        ensemble = describe_ensemble(model, plan, checkpoint, scene_toml, ranks, timings)
-    remarks = (*checkpoint.remarks, *ensemble.record.remarks)
-    return replace(ensemble, record=replace(ensemble.record, remarks=remarks))
+        if comm.rank > 0:
+            return None
+        if plan.shard is not None:
+            return shard_of(Origin.of(model), plan, checkpoint, comm.size, timings)
+        return describe_ensemble(Origin.of(model), plan, sampler, checkpoint, comm.size, timings)
 
 
 def run_batch(
     model: Model,
-    seed: int,
-    first: int,
-    last: int,
+    values: Mapping[str, np.ndarray],
+    first: int = 0,
     watchers: Sequence[Watcher] = (),
     comm: MPI.Comm = MPI.COMM_SELF,
     pulse: Pulse | None = None,
 ) -> Batch:
-    """Integrate samples first to last - 1 as one system, those that fail again with smaller steps.
+    """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
-    Several ranks share one sample. What the watchers find is added, NaN where nothing is known. `pulse` is called now
-    and then. Collective on `comm`.
+    Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
+    nothing is known. `pulse` is called now and then. Collective on `comm`.
     """
     scene = model.scene
-    values = draw(scene, seed, first, last)
     alive = physical(scene, values)
-    n = last - first
+    n = alive.size
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced
     safe = {name: np.where(alive, value, scene.nominal[name]) for name, value in values.items()}
     outputs = {name: np.full(n, np.nan) for name in model.outputs.functions}
     unstable = np.zeros(n, dtype=bool)
-    found: Found = {}
+    found: Found = {kind: arrays for watcher in watchers for kind, arrays in watcher.empty(n).items()}
 
     def run(attempt: Attempt) -> Run:
         samples = attempt.samples
@@ -152,17 +139,12 @@ def run_batch(
         for watch in watches:
             for kind, arrays in watch.found(done.status).items():
                 for name, estimates in arrays.items():
-                    kept = found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
-                    kept[samples[places]] = estimates
+                    found[kind][name][samples[places]] = estimates
         return done
 
     outcome = integrate_with_smaller_steps(run, scene.simulation, alive)
-    for watcher in watchers:
-        for kind, names in watcher.names.items():
-            for name in names:
-                found.setdefault(kind, {}).setdefault(name, np.full(n, np.nan))
     numerics = {"steps_divided": outcome.divisors, "unstable_start": unstable}
-    return Batch(first, values, outputs, outcome.status, outcome.failure_time, numerics, **found)
+    return Batch(first, dict(values), outputs, outcome.status, outcome.failure_time, numerics, **found)
 
 
 def _with_outputs(
@@ -198,76 +180,12 @@ class Watching:
         self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
         if reduced:
             self._others.append(ValidityWatcher(model))
+        self._n_bands = model.scene.ensemble.band_samples
+        self._over_time = {with_bands: OverTimeWatcher(model, with_bands) for with_bands in (True, False)}
 
     def of(self, piece: Piece) -> list[Watcher]:
-        """Return what looks at a piece."""
-        return self._errors if piece.is_checked else self._others
-
-
-def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray) -> tuple[Remark, ...]:
-    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
-    scene = model.scene
-    if not isinstance(model, ReducedModel):
-        return why_not_of_full_order(model)
-    absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
-    remarks = [*absent, *remarks_of(scene, estimates["validity"])]
-    if estimates["errors"]:
-        chosen = np.zeros(status.size, dtype=bool)
-        for first, last in checked(scene.ensemble.checked_share, status.size):
-            chosen[first:last] = status[first:last] == Status.FINE
-        unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
-        if unknown:
-            remarks.append(
-                note(
-                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
-                    f"full-order equations could not be solved about their motion; {CURE}"
-                )
-            )
-    return tuple(remarks)
-
-
-def describe_ensemble(
-    model: Model, plan: Plan, checkpoint: Checkpoint, scene_toml: str, ranks: int, timings: Timings
-) -> Ensemble:
-    """Put pieces together and describe parameters and outputs."""
-    scene, columns = model.scene, checkpoint.columns()
-    parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
-    estimates = {kind: columns.of(kind) for kind in ("errors", "errors_at_end", "validity", "balance")}
-    status = columns["status"].astype(np.int32)
-    fine = status == Status.FINE
-    bins, probabilities = scene.ensemble.bins, scene.ensemble.quantiles
-    n_failed = int(np.sum(~fine))
-    statistics = {name: describe(v[fine], bins, probabilities, n_failed) for name, v in outputs.items()}
-    drawn = [name for name in parameters if scene.parameters[name].distribution is not None]
-    for name in drawn:
-        statistics[name] = describe(parameters[name][np.isfinite(parameters[name])], bins, probabilities)
-    divisors = numerics["steps_divided"].astype(np.int32)
-    units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | model.outputs.units
-    remarks = (
-        *failure_remarks(status, {name: parameters[name] for name in drawn} if n_failed else {}, units),
-        *step_remarks(status, divisors, scene.simulation.step),
-        *draw_remarks(scene),
-        *starts_remarks(scene, numerics["unstable_start"] == 1.0),
-        *_single(int(fine.sum())),
-        *_remarks(model, estimates, status),
-    )
-    return Ensemble(
-        model=model.name,
-        record=RunRecord(scene_toml, scene.values, plan.seed, ranks, timings.as_dict(), (*scene.remarks, *remarks)),
-        parameters=parameters,
-        outputs=outputs,
-        units=units,
-        status=status,
-        meanings={int(item): item.meaning for item in Status},
-        failure_time=columns["failure_time"],
-        statistics=statistics,
-        steps_divided=divisors,
-        **estimates,
-    )
-
-
-def _single(n_fine: int) -> tuple[Remark, ...]:
-    """Return what is to be said of statistics of one sample."""
-    if n_fine != 1:
-        return ()
-    return (note("one sample has no deviation and no standard errors; draw more"),)
+        """Return what looks at a piece; at outputs over time of the first samples more than of the others."""
+        if piece.is_checked:
+            return self._errors
+        over_time = self._over_time[piece.first < self._n_bands]
+        return [*self._others, over_time] if over_time.is_asked else self._others

@@ -1,8 +1,9 @@
-"""Random parameter values, keyed by the number of the sample.
+"""Parameter values of samples, keyed by the number of the sample.
 
-Sample k has a random stream of its own, spawned from the seed with key k; the rank that integrates it, the batch it is
-in and the number of samples have no part in it. Values follow from uniform numbers by the inverse distribution
-function, of the distribution truncated to the parameter's bounds where it has any.
+Values follow from a design's uniform numbers (`designs`) by the inverse distribution function, of the distribution
+truncated to the parameter's bounds where it has any; or they are those of a file. Correlated parameters have a Gaussian
+copula (`scene.correlation`): uniform numbers become normal ones, z, these ``L z`` with ``L L^T`` the correlation
+matrix, and uniform again.
 """
 
 from __future__ import annotations
@@ -11,39 +12,159 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.designs import Blocks, Design, Independent, LatinHypercube, Replicates
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.correlation import correlation_matrix
+from pgmp_petsc.scene.spanning_values import uncertain_names
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
+FEW_POINTS = 8  # of a replicate
 
 
-def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:
-    """Draw samples first to last - 1.
+class Sampler:
+    """Where the samples of an ensemble come from.
 
-    Parameters with a distribution are drawn, the others keep the value of the run.
+    Parameters
+    ----------
+    scene, plan
+        The scene, whose parameters with a distribution are drawn, and the ensemble.
 
-    Returns
-    -------
-    dict of str to ndarray, shape (last - first,)
+    Attributes
+    ----------
+    names
+        Parameters that are drawn, or that a file gives, sorted.
+    kind
+        ``random``, ``latin_hypercube``, ``sobol``, ``saltelli``, or ``file``.
+    extends
+        Whether a longer run has the samples of a shorter one.
 
     Raises
     ------
     InputError
-        If no parameter has a distribution.
+        If no parameter has a distribution, or the number of samples does not suit the design.
     """
-    uncertain = sorted(name for name, parameter in scene.parameters.items() if parameter.distribution is not None)
-    if not uncertain:
-        raise InputError(
-            "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
-            '[parameters.r1] distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }'
+
+    def __init__(self, scene: Scene, plan: Plan) -> None:
+        self._scene, self._plan = scene, plan
+        self.kind = "file" if plan.file is not None else scene.ensemble.sampler
+        self.names = uncertain_names(scene) if plan.file is None else sorted(plan.file.values)
+        if not self.names:
+            raise InputError(
+                "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
+                '[parameters.r1] distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }'
+            )
+        self._design = None if plan.file is not None else self._designed()
+        self.extends = self._design is None or self._design.extends
+        matrix = correlation_matrix(scene, self.names) if plan.file is None else None
+        self._mixing = None if matrix is None else np.linalg.cholesky(matrix)
+
+    def draw(self, first: int, last: int) -> dict[str, np.ndarray]:
+        """Return samples first to last - 1: values of all parameters, each (last - first,).
+
+        Parameters that are not drawn keep the value of the run.
+        """
+        values = {name: np.full(last - first, value) for name, value in self._scene.values.items()}
+        if self._plan.file is not None:
+            return values | {name: column[first:last] for name, column in self._plan.file.values.items()}
+        uniform = self._correlated(self._design.uniform(first, last))
+        for column, name in zip(uniform.T, self.names):
+            values[name] = self._scene.parameters[name].quantiles(column)
+        return values
+
+    def replicates(self, n: int) -> np.ndarray | None:
+        """Return which independent replicate each of n samples belongs to, (n,); None where samples are independent."""
+        return np.arange(n) % self._scene.ensemble.replicates if self.kind == "sobol" else None
+
+    def described(self, n: int) -> np.ndarray:
+        """Return which of n samples statistics are of, (n,): all, but of blocks the points A and B."""
+        size = len(self.names) + 2
+        return np.isin(np.arange(n) % size, (0, size - 1)) if self.kind == "saltelli" else np.ones(n, dtype=bool)
+
+    def _designed(self) -> Design:
+        seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
+        if self.kind == "saltelli" and n % (d + 2):
+            near = max(n - n % (d + 2), d + 2)
+            raise InputError(
+                f"-n {n} with the sampler saltelli: each of its base points takes {d + 2} samples, the number of "
+                f"uncertain parameters ({d}) and two; give a multiple, such as {near} or {near + d + 2}"
+            )
+        if self.kind == "saltelli":
+            return Blocks(seed, d)
+        if self.kind == "sobol":
+            return Replicates(seed, d, asked.replicates)
+        return LatinHypercube(seed, d, n) if self.kind == "latin_hypercube" else Independent(seed, d)
+
+    def _correlated(self, uniform: np.ndarray) -> np.ndarray:
+        """Return the uniform numbers (n, d) of correlated parameters; other columns stay as they are."""
+        if self._mixing is None:
+            return uniform
+        from scipy.special import ndtr, ndtri
+
+        mixed = np.flatnonzero(np.count_nonzero(self._mixing, axis=1) > 1)
+        # one product after the other: a sample must not depend on how many there are
+        normal, found = ndtri(uniform), uniform.copy()
+        for row in mixed:
+            found[:, row] = ndtr(sum(self._mixing[row, k] * normal[:, k] for k in range(row + 1)))
+        return found
+
+
+def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:
+    """Return samples first to last - 1 of the scene's sampler, as `Sampler.draw`; not for those that depend on N."""
+    return Sampler(scene, Plan(last, seed)).draw(first, last)
+
+
+def sampler_remarks(scene: Scene, plan: Plan) -> tuple[Remark, ...]:
+    """Return what is to be said of where samples come from, and of what their intervals rest on."""
+    asked, n, remarks = scene.ensemble, plan.n_samples, []
+    if plan.file is not None:
+        drawn = set(uncertain_names(scene)) - set(plan.file.values)
+        assert not drawn, "a file has all of them"
+        what = "intervals take them for independent samples of one distribution, which nothing here can check"
+        unused = "; distributions and [correlation] of the scene have no part in them"
+        return (*plan.file.remarks, note(f"samples are those of '{plan.file.path}': {what}{unused}"))
+    if asked.sampler == "latin_hypercube":
+        remarks.append(
+            note(
+                "intervals take the samples of a Latin hypercube for independent ones: that of the mean is too wide, "
+                "the more so the nearer outputs are to sums of functions of one parameter each; the sampler sobol has "
+                "intervals of the size of its errors. A longer run has other samples"
+            )
         )
-    uniform = np.array([_stream(seed, number).random(len(uncertain)) for number in range(first, last)])
-    uniform = uniform.reshape(last - first, len(uncertain))
-    values = {name: np.full(last - first, value) for name, value in scene.values.items()}
-    for column, name in zip(uniform.T, uncertain):
-        values[name] = scene.parameters[name].quantiles(column)
-    return values
+    if asked.sampler == "saltelli":
+        remarks.append(
+            note(
+                "statistics, probabilities and bands are of the base points A and B of the sampler saltelli, whose "
+                "other samples repeat their values; intervals take them for independent, which as a rule makes them "
+                "too wide"
+            )
+        )
+    if asked.sampler == "sobol":
+        remarks += _of_replicates(n, asked.replicates)
+    return (*remarks, *draw_remarks(scene))
+
+
+def _of_replicates(n: int, n_replicates: int) -> list[Remark]:
+    """Return what is to be said of the number of samples of scrambled sequences."""
+    remarks = [
+        note(
+            f"intervals of mean and deviation follow from the spread between {n_replicates} scrambled Sobol sequences; "
+            "those of quantiles and probabilities take samples for independent, which as a rule makes them too wide"
+        )
+    ]
+    each = n // n_replicates
+    if each < FEW_POINTS:
+        few = f"{n} samples are {each} to each of {n_replicates} scrambled Sobol sequences, which fill space from some"
+        remarks.append(warning(f"{few} dozen points on; draw more, or take fewer ensemble.replicates"))
+    elif n % n_replicates or each & (each - 1):
+        low = n_replicates * 2 ** int(np.log2(each))
+        balanced = f"{low} or {2 * low}" if low < n else f"{low}"
+        remarks.append(
+            note(f"Sobol sequences are balanced at powers of two: {balanced} samples are better used than {n}")
+        )
+    return remarks
 
 
 def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
@@ -84,10 +205,6 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
     for name in scene.positive_parameters:
         fine &= values[name] > 0.0
     return fine
-
-
-def _stream(seed: int, number: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(number,))))
 
 
 def _percent(share: float) -> str:

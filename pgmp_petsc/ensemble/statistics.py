@@ -1,4 +1,4 @@
-"""Statistics of ensembles, with their sampling errors."""
+"""Statistics of ensembles, with their sampling errors and confidence intervals."""
 
 from __future__ import annotations
 
@@ -6,14 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pgmp_petsc.results.ensemble import Statistics
+from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.results.statistics import Statistics
 
 
-def describe(values: np.ndarray, bins: int, probabilities: Sequence[float], n_missing: int = 0) -> Statistics:
+def describe(
+    values: np.ndarray,
+    bins: int,
+    probabilities: Sequence[float],
+    n_missing: int = 0,
+    confidence: float = 0.95,
+    replicates: np.ndarray | None = None,
+) -> Statistics:
     """Describe a sample, of which some values may be missing.
 
     The standard error of the standard deviation s takes the sample's own fourth moment,
-    ``var(s) = (mu4 - s^4) / (4 s^2 N)``.
+    ``var(s) = (mu4 - s^4) / (4 s^2 N)``. Where the sample consists of independent replicates, standard errors and
+    intervals of mean and deviation follow from the spread between these; those of quantiles take all values for
+    independent ones, which makes them wider rather than narrower.
 
     Parameters
     ----------
@@ -26,33 +36,64 @@ def describe(values: np.ndarray, bins: int, probabilities: Sequence[float], n_mi
     n_missing
         How many more values there would be if no sample had failed; they have no part but in the bounds of the
         quantiles.
+    confidence
+        Level of the intervals; see `intervals`.
+    replicates
+        Numbers of the replicates that the values belong to, shape (N,); None where values are independent.
     """
     probabilities = np.asarray(probabilities, dtype=float)
-    n = values.size
-    if n == 0:
-        nan = float("nan")
-        return Statistics(
-            0, nan, nan, nan, nan, np.empty(0), np.empty(0), np.full(probabilities.size, nan),
-            quantile_bounds(values, probabilities, n_missing), probabilities,
-        )  # fmt: skip
-    pdf, edges = _density(values, bins)
-    std = float(np.std(values, ddof=1)) if n > 1 else float("nan")
-    spread = 0.0 if n > 1 else std
-    if std > 1e-12 * float(np.max(np.abs(values))):
-        fourth = float(np.mean((values - np.mean(values)) ** 4))
-        spread = np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std)
+    ordered = np.sort(values)
+    pdf, edges = _density(values, bins) if values.size else (np.empty(0), np.empty(0))
+    mean = float(np.mean(values)) if values.size else float("nan")
+    std = float(np.std(values, ddof=1)) if values.size > 1 else float("nan")
+    if replicates is None:
+        errors = (float(std / np.sqrt(max(values.size, 1))), _error_of_deviation(values, std))
+        of_mean = intervals.of_mean(values, confidence)
+        of_deviation = intervals.of_deviation(values, confidence)
+    else:
+        errors, of_mean, of_deviation = _between(values, replicates, mean, std, confidence)
     return Statistics(
-        count=n,
-        mean=float(np.mean(values)),
+        count=values.size,
+        mean=mean,
         std=std,
-        mean_standard_error=float(std / np.sqrt(n)),
-        std_standard_error=float(spread),
+        mean_standard_error=errors[0],
+        std_standard_error=errors[1],
         pdf=pdf,
         edges=edges,
-        quantiles=np.quantile(values, probabilities),
-        quantile_bounds=quantile_bounds(values, probabilities, n_missing),
+        quantiles=np.quantile(values, probabilities) if values.size else np.full(probabilities.size, np.nan),
+        quantile_bounds=quantile_bounds(ordered, probabilities, n_missing),
         probabilities=probabilities,
+        mean_interval=of_mean,
+        std_interval=of_deviation,
+        quantile_intervals=intervals.of_quantiles(ordered, probabilities, confidence),
+        confidence=confidence,
     )
+
+
+def _error_of_deviation(values: np.ndarray, std: float) -> float:
+    """Return the standard error of the standard deviation of independent values."""
+    if values.size < 2:
+        return float("nan")
+    if not std > 1e-12 * float(np.max(np.abs(values))):
+        return 0.0
+    fourth = float(np.mean((values - np.mean(values)) ** 4))
+    return float(np.sqrt(max(fourth - std**4, 0.0) / values.size) / (2 * std))
+
+
+def _between(
+    values: np.ndarray, replicates: np.ndarray, mean: float, std: float, confidence: float
+) -> tuple[tuple[float, float], np.ndarray, np.ndarray]:
+    """Return standard errors and intervals of mean and deviation from the spread between replicates.
+
+    NaN where a replicate has less than two values, or there is only one.
+    """
+    parts = [values[replicates == number] for number in np.unique(replicates)]
+    if len(parts) < 2 or min(part.size for part in parts) < 2:
+        return (float("nan"), float("nan")), intervals.UNKNOWN, intervals.UNKNOWN
+    figures = np.array([[np.mean(part), np.std(part, ddof=1)] for part in parts])
+    errors = np.std(figures, axis=0, ddof=1) / np.sqrt(len(parts))
+    found = intervals.of_replicates(np.array([mean, std]), figures, confidence)
+    return (float(errors[0]), float(errors[1])), found[0], np.maximum(found[1], 0.0)
 
 
 def quantile_bounds(values: np.ndarray, probabilities: np.ndarray, n_missing: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -63,18 +63,18 @@ class Watch(Protocol):
 
 
 class Watcher(Protocol):
-    """Looks at the runs of all batches.
+    """Looks at the runs of all batches."""
 
-    Attributes
-    ----------
-    names
-        Names of the arrays that it finds, by the field of `Batch` that they belong to.
-    """
-
-    names: Mapping[str, Sequence[str]]
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known: NaN."""
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
+
+
+def nothing_known(names: Iterable[str], n: int) -> dict[str, np.ndarray]:
+    """Return columns (n,) of NaN."""
+    return {name: np.full(n, np.nan) for name in names}
 
 
 class ErrorWatcher:
@@ -88,8 +88,11 @@ class ErrorWatcher:
 
     def __init__(self, indicator: ErrorIndicator) -> None:
         self._indicator = indicator
-        outputs = list(indicator.model.outputs.functions)
-        self.names = {"errors": outputs, "errors_at_end": outputs}
+
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known."""
+        outputs = self._indicator.model.outputs.functions
+        return {kind: nothing_known(outputs, n) for kind in ("errors", "errors_at_end")}
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run with steps of its own."""
@@ -115,10 +118,12 @@ class ValidityWatcher:
         The reduced model.
     """
 
-    names = {"validity": list(VALIDITY)}
-
     def __init__(self, model: ReducedModel) -> None:
         self._model = model
+
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known."""
+        return {"validity": nothing_known(VALIDITY, n)}
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""
@@ -138,7 +143,9 @@ class _ValidityWatch:
 class BalanceWatcher:
     """Draws up the balance of energy of every sample; see `results.balance`."""
 
-    names = {"balance": list(BALANCE)}
+    def empty(self, n: int) -> Found:
+        """Return the arrays of n samples of which nothing is known."""
+        return {"balance": nothing_known(BALANCE, n)}
 
     def watch(self, begun: Begun) -> Watch:
         """Begin to watch a run."""

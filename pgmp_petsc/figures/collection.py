@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
+from pgmp_petsc.figures.bands import bands
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
@@ -20,6 +21,7 @@ from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
@@ -89,6 +91,14 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
         pictures["densities"] = partial(densities, found, densities_labels(found, files))
         notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
+        over_time = [(path, ensemble) for path, ensemble in in_order if any(b.count for b in ensemble.bands.values())]
+        for (path, ensemble), name in _numbered(over_time, "bands"):
+            label = densities_labels(found, files)[files.index(path)]
+            pictures[name] = partial(bands, ensemble, label=label)
+        having = [(path, ensemble) for path, ensemble in in_order if ensemble.sobol]
+        for (path, ensemble), name in _numbered(having, "sobol"):
+            label = densities_labels(found, files)[files.index(path)]
+            pictures[name] = partial(sobol, ensemble, label=label)
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):

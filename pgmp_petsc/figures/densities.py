@@ -29,8 +29,7 @@ from pgmp_petsc.figures.style import (
     styled,
     top_legend,
 )
-from pgmp_petsc.results import Ensemble
-from pgmp_petsc.results.ensemble import Statistics
+from pgmp_petsc.results import Ensemble, Statistics
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 COLUMNS = 3
@@ -48,8 +47,9 @@ def densities(
     The density of one ensemble is that of its file, with the scene's ``ensemble.bins``; several are counted again in as
     many bins over the range of all. Outputs are those of the samples that are fine, parameters those of all samples, as
     in the file's statistics. Dashed lines mark the means; the band reaches a standard deviation to both sides of the
-    first ensemble's mean. Above each panel stand mean and standard deviation; what follows ± is always a standard
-    error. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's peak.
+    first ensemble's mean. Above each panel stand mean and standard deviation, each with its confidence interval in
+    brackets. With two ensembles a lower panel shows by how much the second density differs, in % of the first one's
+    peak.
 
     Parameters
     ----------
@@ -91,7 +91,9 @@ def densities(
     if any(np.isfinite(ensembles[0].statistics[name].std) for name in names):
         beside = "" if len(ensembles) == 1 else " of the first"
         keys.append(Patch(facecolor=BAND, label=f"a standard deviation{beside} to both sides"))
-    keys.append(Line2D([], [], linestyle="none", label="±: standard error"))
+    levels = sorted({ensemble.statistics[name].confidence for ensemble in ensembles for name in names})
+    brackets = " and ".join(f"{100 * level:g} %" for level in levels)
+    keys.append(Line2D([], [], linestyle="none", label=f"[ ]: {brackets} interval"))
     what = heading("Densities of parameters and outputs at the end", ensembles[0].record)
     top_legend(figure, keys, what, _notes(ensembles, labels))
     return figure
@@ -152,11 +154,11 @@ def _draw_quantity(block: np.ndarray, ensembles: Sequence[Ensemble], name: str, 
 
 
 def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[str], factor: float, unit: str) -> None:
-    """Write mean and standard deviation with their standard errors above the axes, two lines for each ensemble."""
+    """Write mean and standard deviation with their intervals above the axes, two lines for each ensemble."""
     shown = "" if unit in ("", "1") else f" {unit}"
     for number, (one, colour) in enumerate(zip(known, colours)):
-        mean = _with_error(factor * one.mean, factor * one.mean_standard_error)
-        std = _with_error(factor * one.std, factor * one.std_standard_error)
+        mean = _with_interval(factor * one.mean, factor * one.mean_interval)
+        std = _with_interval(factor * one.std, factor * one.std_interval)
         spread = f"deviation {std}{shown}" if np.isfinite(one.std) else "no deviation"
         text = f"mean {mean}{shown}\n{spread}, N = {one.count}"
         note = axes.annotate(
@@ -172,12 +174,15 @@ def _write_moments(axes: Axes, known: Sequence[Statistics], colours: Sequence[st
         note.set_in_layout(False)
 
 
-def _with_error(value: float, error: float) -> str:
-    """Return a value with as many decimals as the two digits of its standard error have: ``5.601 ± 0.018``."""
-    if not np.isfinite(error) or error <= 0.0:
+def _with_interval(value: float, ends: np.ndarray) -> str:
+    """Return a value with as many decimals as two digits of its interval's width have: ``5.601 [5.583, 5.619]``."""
+    width = float(ends[1] - ends[0])
+    if not np.isfinite(width) or width <= 0.0:
         return f"{value:.5g}"
-    decimals = max(0, 1 - int(np.floor(np.log10(error))))
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}" if decimals < 13 else f"{value:.5g} ± {error:.1e}"
+    decimals = max(0, 1 - int(np.floor(np.log10(width))))
+    if decimals >= 13:
+        return f"{value:.5g}"
+    return f"{value:.{decimals}f} [{ends[0]:.{decimals}f}, {ends[1]:.{decimals}f}]"
 
 
 def _densities(ensembles: Sequence[Ensemble], name: str) -> tuple[np.ndarray, list[np.ndarray]]:

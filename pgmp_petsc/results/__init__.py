@@ -2,16 +2,20 @@
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.effect_sizes import EffectSizes
-from pgmp_petsc.results.ensemble import Ensemble, Statistics
+from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.selection import Attempt, Selection
+from pgmp_petsc.results.sensitivity import Sensitivity
+from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
 from pgmp_petsc.results.trajectory import Frames, Trajectory
 
 __all__ = [
     "Attempt",
     "Balance",
+    "Band",
+    "Chance",
     "EffectSizes",
     "Ensemble",
     "EstimatedErrors",
@@ -20,6 +24,7 @@ __all__ = [
     "ModesTable",
     "References",
     "Selection",
+    "Sensitivity",
     "Statistics",
     "Times",
     "Tradeoff",

@@ -30,6 +30,25 @@ dataset                                  shape           content
 ``.../quantiles``                        (n_quantiles)   attribute ``probabilities``
 ``.../quantile_bounds``                  (n_quantiles,   between which the quantiles of all samples lie, whatever the
                                          2)              failed ones would have been; infinite where there are none
+``.../mean_interval``, ``std_interval``  (2)             confidence intervals, attribute ``confidence``; NaN where there
+                                                         are too few
+``.../quantile_intervals``               (n_quantiles,   the same of the quantiles; an end is infinite where there are
+                                         2)              too few
+``/extremes/<name>/max``, ``min``,       (N)             of each output over time, and when they are reached first;
+``time_of_max``, ``time_of_min``                         where ``ensemble.extremes`` asks for them, NaN where the sample
+                                                         failed; ``/statistics/<name>.max`` and ``.min`` describe them
+``/first_passages/<label>``              (N)             instant of the first passage of an event that may come true at
+                                                         any time, s; NaN where it did not; ``/statistics/<label>``
+                                                         describes those that did
+``/probabilities/<label>/estimate``      ()              of the scene's ``ensemble.probabilities``; ``count`` of
+``.../interval``                         (2)             ``samples`` came true; attribute ``event`` says what
+``/bands/<name>/time``, ``mean``,        (n_t)           each output over time, of the first samples
+``std``                                                  (``ensemble.band_samples``) that are fine; ``count`` of them
+``.../quantiles``                        (n_t,           attribute ``probabilities``
+                                         n_quantiles)
+``/sobol/<name>/S1``, ``ST``             (d)             Sobol indices of each output, in the order of the group's
+                                                         attribute ``parameters``; ``ST`` of the sampler saltelli alone
+``.../S1_interval``, ``ST_interval``     (d, 2)          their intervals; attribute ``confidence`` of the group
 ======================================== =============== ====================================================
 """
 
@@ -46,52 +65,18 @@ import numpy as np
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
+from pgmp_petsc.results.sensitivity import Sensitivity
+from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
-_SCALARS = {
-    "mean": "mean",
-    "std": "standard deviation",
-    "mean_standard_error": "standard error of the mean",
-    "std_standard_error": "standard error of the standard deviation",
+#: What is known of an output over time, sample by sample.
+EXTREMES = {
+    "max": "largest value of output '{name}' over time; NaN where the sample failed",
+    "min": "smallest value of output '{name}' over time; NaN where the sample failed",
+    "time_of_max": "instant of the largest value of output '{name}'",
+    "time_of_min": "instant of the smallest value of output '{name}'",
 }
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Statistics of one quantity, in the quantity's unit: of an output over the samples that are fine.
-
-    Parameters
-    ----------
-    count : int
-        Number of values.
-    mean, std, mean_standard_error, std_standard_error : float
-    pdf : ndarray, shape (n_bins,)
-        Probability density, 1/unit.
-    edges : ndarray, shape (n_bins + 1,)
-        Limits of the bins; both arrays are empty where no sample is fine.
-    quantiles, probabilities : ndarray, shape (n_quantiles,)
-        Values and the probabilities that they belong to.
-    quantile_bounds : ndarray, shape (n_quantiles, 2)
-        Between which the quantiles of all samples lie, whatever the failed ones would have been.
-    """
-
-    count: int
-    mean: float
-    std: float
-    mean_standard_error: float
-    std_standard_error: float
-    pdf: np.ndarray
-    edges: np.ndarray
-    quantiles: np.ndarray
-    quantile_bounds: np.ndarray
-    probabilities: np.ndarray
-
-    def __post_init__(self) -> None:
-        check_shape("pdf", self.pdf, (None,))
-        check_shape("edges", self.edges, (len(self.pdf) + 1 if len(self.pdf) else 0,))
-        check_shape("quantiles", self.quantiles, (None,))
-        check_shape("quantile_bounds", self.quantile_bounds, (len(self.quantiles), 2))
-        check_shape("probabilities", self.probabilities, (len(self.quantiles),))
+DESCRIBED = ("max", "min")  # of these, by statistics ``<output>.<which>``
 
 
 @dataclass(frozen=True)
@@ -118,6 +103,16 @@ class Ensemble:
         Estimates of the reduced model, NaN where a sample has none; empty where no sample was to have one.
     balance : mapping of str to ndarray, shape (N,)
         Of energy, NaN where a sample failed; empty where it was not asked for.
+    extremes : mapping of str to ndarray, shape (N,)
+        ``<output>/max`` and the others, NaN where a sample failed; empty where they were not asked for.
+    first_passages : mapping of str to ndarray, shape (N,)
+        Instants by label, s; NaN where the event did not come true.
+    probabilities : dict of str to Chance
+        By label.
+    bands : dict of str to Band
+        By output.
+    sobol : dict of str to Sensitivity
+        Sobol indices by output; empty where they are not known.
     """
 
     model: str
@@ -134,6 +129,11 @@ class Ensemble:
     errors_at_end: Mapping[str, np.ndarray] = field(default_factory=dict)
     validity: Mapping[str, np.ndarray] = field(default_factory=dict)
     balance: Mapping[str, np.ndarray] = field(default_factory=dict)
+    extremes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    first_passages: Mapping[str, np.ndarray] = field(default_factory=dict)
+    probabilities: dict[str, Chance] = field(default_factory=dict)
+    bands: dict[str, Band] = field(default_factory=dict)
+    sobol: dict[str, Sensitivity] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
@@ -141,7 +141,8 @@ class Ensemble:
         check_shape("status", self.status, (None,))
         check_shape("failure_time", self.failure_time, (n_samples,))
         check_shape("steps_divided", self.steps_divided, (n_samples,))
-        for arrays in (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity, self.balance):
+        of_samples = (self.parameters, self.outputs, self.errors, self.errors_at_end, self.validity, self.balance)
+        for arrays in (*of_samples, self.extremes, self.first_passages):
             for name, values in arrays.items():
                 check_shape(f"'{name}'", values, (n_samples,))
         unknown = set(np.unique(self.status).tolist()) - self.meanings.keys()
@@ -162,7 +163,14 @@ class Ensemble:
             self._write_estimates(file)
             for name, statistics in self.statistics.items():
                 group = file.create_group(f"statistics/{name}")
-                _write_statistics(group, name, statistics, self.units.get(name, "1"))
+                statistics.write(group, name, self.units.get(name, "1"))
+            self._write_over_time(file)
+            probabilities = file.create_group("probabilities", track_order=True)
+            for label, chance in self.probabilities.items():
+                chance.write(probabilities.create_group(label), label)
+            sobol = file.create_group("sobol", track_order=True)
+            for name, indices in self.sobol.items():
+                indices.write(sobol.create_group(name), name)
 
     def _write_estimates(self, file: h5py.File) -> None:
         """Write what is known of the reduced model's errors, and of the balance of energy."""
@@ -176,6 +184,19 @@ class Ensemble:
         for name, values in self.balance.items():
             put(file, f"energy/{name}", values, *BALANCE[name])
 
+    def _write_over_time(self, file: h5py.File) -> None:
+        """Write what is known of the outputs over time."""
+        for key, values in self.extremes.items():
+            name, _, which = key.rpartition("/")
+            unit = "s" if which.startswith("time") else self.units.get(name, "1")
+            put(file, f"extremes/{key}", values, unit, EXTREMES[which].format(name=name))
+        for label, values in self.first_passages.items():
+            about = f"instant of the first passage of '{label}'; NaN where there is none"
+            put(file, f"first_passages/{label}", values, "s", about)
+        bands = file.create_group("bands", track_order=True)
+        for name, band in self.bands.items():
+            band.write(bands.create_group(name), name, self.units.get(name, "1"))
+
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Ensemble:
         """Read a file; raises `InputError` where it is not a whole ensemble."""
@@ -187,41 +208,29 @@ class Ensemble:
                 record=RunRecord.read(file),
                 parameters=take_named(file, "parameters", 1),
                 outputs=take_named(file, "outputs", 1),
-                units=units_of(file, "parameters", "outputs"),
+                units=_units(file),
                 status=status,
                 meanings={int(key): text for key, text in meanings.items()},
                 failure_time=take(file, "failure_time", 1),
                 steps_divided=take(file, "steps_divided", 1),
-                statistics={name: _read_statistics(group) for name, group in file.get("statistics", {}).items()},
+                statistics={name: Statistics.read(group) for name, group in file.get("statistics", {}).items()},
                 errors=take_named(file, "errors", 1),
                 errors_at_end=take_named(file, "errors_at_end", 1),
                 validity=take_named(file, "validity", 1),
                 balance=take_named(file, "energy", 1),
+                extremes={
+                    f"{name}/{which}": take(group, which, 1)
+                    for name, group in file.get("extremes", {}).items()
+                    for which in EXTREMES
+                },
+                first_passages=take_named(file, "first_passages", 1),
+                probabilities={name: Chance.read(group) for name, group in file.get("probabilities", {}).items()},
+                bands={name: Band.read(group) for name, group in file.get("bands", {}).items()},
+                sobol={name: Sensitivity.read(group) for name, group in file.get("sobol", {}).items()},
             )
 
 
-def _write_statistics(group: h5py.Group, name: str, statistics: Statistics, unit: str) -> None:
-    """Write the statistics of one quantity."""
-    put(group, "count", statistics.count, "1", f"number of values of '{name}' that these are of")
-    for scalar, words in _SCALARS.items():
-        put(group, scalar, float(getattr(statistics, scalar)), unit, f"{words} of '{name}'")
-    per_unit = "1" if unit == "1" else f"1/{unit}"
-    put(group, "pdf", statistics.pdf, per_unit, f"probability density of '{name}'")
-    put(group, "edges", statistics.edges, unit, "limits of the bins of the density")
-    quantiles = put(group, "quantiles", statistics.quantiles, unit, f"quantiles of '{name}'")
-    quantiles.attrs["probabilities"] = statistics.probabilities
-    about = "between these lie the quantiles of all samples, whatever the failed ones would have been"
-    put(group, "quantile_bounds", statistics.quantile_bounds, unit, about)
-
-
-def _read_statistics(group: h5py.Group) -> Statistics:
-    """Read the statistics of one quantity."""
-    scalars = {scalar: float(take(group, scalar, 0)) for scalar in _SCALARS}
-    arrays = {name: take(group, name, 1) for name in ("pdf", "edges", "quantiles")}
-    return Statistics(
-        count=int(take(group, "count", 0)),
-        **scalars,
-        **arrays,
-        quantile_bounds=take(group, "quantile_bounds", 2),
-        probabilities=np.array(group["quantiles"].attrs["probabilities"]),
-    )
+def _units(file: h5py.File) -> dict[str, str]:
+    """Return the unit of everything that has statistics."""
+    units = units_of(file, "parameters", "outputs", "first_passages")
+    return units | {f"{name}.{which}": units[name] for name in file.get("extremes", {}) for which in DESCRIBED}

@@ -47,12 +47,14 @@ class CheckpointFolder:
         The run's result.
     run
         What the run is, by key; checksums are not shown to the user.
+    growing
+        Numbers by key that may be larger when a run is taken up: what is there is a part of it all the same.
     """
 
-    def __init__(self, output: Path, run: Mapping[str, object]) -> None:
+    def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
         target = Path(os.path.realpath(output))
         self.path = target.with_name(f"{target.name}.partial")
-        self._run = dict(run)
+        self._run, self._growing = dict(run), dict(growing or {})
         self._identity = identity(self._run)
 
     def open(self, resume: bool) -> tuple[Remark, ...]:
@@ -74,6 +76,8 @@ class CheckpointFolder:
         found = self._label()
         if found is not None and resume:
             self._check(found)
+            if any(found[key] != value for key, value in self._growing.items()):
+                self._put_label()
             keep(self.path)
             return remarks
         if found is not None:
@@ -86,10 +90,13 @@ class CheckpointFolder:
             self.path.mkdir(exist_ok=True)
         except OSError as error:
             raise RunError(f"checkpoint '{self.path}' could not be made: {error.strerror}") from error
-        with replacing(self.path / LABEL, "checkpoint") as waiting:
-            waiting.write_text(json.dumps({"program": PROGRAM, **self._run}))
+        self._put_label()
         keep(self.path)
         return remarks
+
+    def _put_label(self) -> None:
+        with replacing(self.path / LABEL, "checkpoint") as waiting:
+            waiting.write_text(json.dumps({"program": PROGRAM, **self._run, **self._growing}))
 
     def put(self, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         """Store a piece; any process may, each its own names.
@@ -192,6 +199,13 @@ class CheckpointFolder:
         return found
 
     def _check(self, found: Mapping[str, object]) -> None:
+        for key, value in self._growing.items():
+            there = found.get(key)
+            if not isinstance(there, int) or there > value:
+                raise InputError(
+                    f"--resume: '{self.path}' belongs to another run: its {key} differs ({there} there, {value} here), "
+                    "and only a larger number may be given; leave --resume out to start anew"
+                )
         for key, value in self._run.items():
             if found.get(key) != value:
                 shown = (

@@ -27,6 +27,7 @@ KINDS = {
     "rom": "reduced model",
     "trajectory": "trajectory",
     "ensemble": "ensemble",
+    "shard": "shard of an ensemble",
     "modes": "table of modes",
     "tradeoff": "trade-off study",
 }

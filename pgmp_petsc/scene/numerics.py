@@ -1,4 +1,4 @@
-"""How a scene is computed: the reduction, a simulation, an ensemble."""
+"""How a scene is computed: the reduction and a simulation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import Angle, Integer, Number, PositiveNumber, Table, at_most, refusal
 
-Probability = Annotated[Number, Field(gt=0.0, lt=1.0)]
 Share = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 MOST_STEPS = 1e8
@@ -16,8 +15,6 @@ MOST_STEPS = 1e8
 Angles = Annotated[Integer, at_most(1_000_000, "each has its own eigenproblem and tables, of 10 kB and more")]
 Vectors = Annotated[Integer, at_most(10_000, "tables grow by the square of it, to 0.8 GB at every angle")]
 Frames = Annotated[Integer, at_most(1_000_000, "each holds the whole mechanism, 10 kB and more")]
-Bins = Annotated[Integer, at_most(1_000_000, "every instant of every output has as many, of 8 bytes each")]
-Batch = Annotated[Integer, at_most(1_000_000, "a rank holds the states and tables of so many samples at once")]
 
 
 class Reduction(Table):
@@ -166,24 +163,4 @@ class Reference(Table):
     )
     budget: PositiveNumber = Field(
         600.0, description="processor time that the runs of the reference may be predicted to take, all ranks (s)"
-    )
-
-
-class Ensemble(Table):
-    """Many runs with parameters drawn from their distributions."""
-
-    bins: Bins = Field(50, ge=1, description="number of bins of the estimated densities")
-    quantiles: tuple[Probability, ...] = Field(
-        (0.025, 0.25, 0.5, 0.75, 0.975), description="probabilities of the reported quantiles"
-    )
-    batch: Batch = Field(512, ge=1, description="most samples that a rank integrates together")
-    checked_share: Number = Field(
-        0.02,
-        ge=0.0,
-        le=1.0,
-        description="share of the reduced samples whose errors are estimated: the first of every ten thousand samples; "
-        "of less than a thousand, the share of a thousand; 0 = none, 1 = all",
-    )
-    balance: bool = Field(
-        False, description="draw up the balance of energy of every sample, which needs its energies after every step"
     )

@@ -10,11 +10,13 @@ from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene.bodies import Body, Material
+from pgmp_petsc.scene.correlation import correlation_problems
 from pgmp_petsc.scene.effects import Effect
-from pgmp_petsc.scene.fields import Name, Table
+from pgmp_petsc.scene.ensemble import Ensemble, ensemble_problems
+from pgmp_petsc.scene.fields import Name, Number, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.scene.numerics import Ensemble, Initial, InitialState, Reduction, Reference, Simulation
+from pgmp_petsc.scene.numerics import Initial, InitialState, Reduction, Reference, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
 from pgmp_petsc.scene.references import reference_problems
@@ -48,6 +50,9 @@ class Scene(Table):
     initial: Initial = Field(Initial(), description="start from static equilibrium")
     simulation: Simulation = Field(Simulation(), description="a run over time")
     reference: Reference = Field(Reference(), description="what errors are measured against")
+    correlation: dict[Name, dict[Name, Number]] = Field(
+        {}, description="of the normal variables behind two uncertain parameters: [correlation] r1 = { E = 0.5 }"
+    )
     ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
@@ -163,7 +168,12 @@ class Scene(Table):
     @model_validator(mode="after")
     def _references_hold(self, info: ValidationInfo) -> Self:
         given = (info.context or {}).get("units", {})
-        problems = [*reference_problems(self), *unit_problems(self, given)]
+        problems = [
+            *reference_problems(self),
+            *correlation_problems(self),
+            *ensemble_problems(self),
+            *unit_problems(self, given),
+        ]
         if problems:
             raise input_error(problems)
         return self

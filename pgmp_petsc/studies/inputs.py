@@ -122,6 +122,6 @@ def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
 def _refuse(entry: str, path: Path) -> None:
     raise InputError(
         f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
-        "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, and the "
-        "numbers of loads, joints' forces and motions may be changed"
+        "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
+        "correlation, and the numbers of loads, joints' forces and motions may be changed"
     )

@@ -74,20 +74,28 @@ build_command() {
     resume_if_stopped
 }
 
-# In an array the seed is SEED plus the index: the same samples again would say nothing new.
+# In an array the seed is SEED plus the index: the same samples again would say nothing new. With SHARDS the jobs are
+# parts of one ensemble, and the index, from 1, is the number of the part.
 montecarlo_command() {
-    local seed=${SEED:-0} rom name samples
+    local seed=${SEED:-0} rom name samples part=()
     needed ROM SAMPLES
     [[ $seed =~ ^[0-9]+$ ]] || fail "SEED = $seed: needed: a whole number, 0 or more"
-    seed=$((10#$seed + ${array_index:-0}))
+    seed=$((10#$seed))
     rom=$(indexed ROM) samples=$(indexed SAMPLES)
     name=${rom%.h5}
-    output=${name%.toml}_samples_seed$seed.h5
+    if [ -n "${SHARDS:-}" ]; then
+        [ -n "${array_index:-}" ] || fail "SHARDS = $SHARDS: needed: an array of jobs, one a shard, from 1 to $SHARDS"
+        output=${name%.toml}_samples_seed${seed}_shard${array_index}of$SHARDS.h5
+        part=(--shard "$array_index/$SHARDS")
+    else
+        seed=$((seed + ${array_index:-0}))
+        output=${name%.toml}_samples_seed$seed.h5
+    fi
     if [ -n "${OUTPUT:-}" ]; then
         of_its_own OUTPUT
         output=$(indexed OUTPUT)
     fi
-    command=("$pgmp" montecarlo "$rom" -n "$samples" --seed "$seed" -o "$output")
+    command=("$pgmp" montecarlo "$rom" -n "$samples" --seed "$seed" "${part[@]}" -o "$output")
     resume_if_stopped
 }
 

@@ -328,12 +328,14 @@ def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
     run(checkout, "montecarlo.slurm", SEED=4, SLURM_ARRAY_JOB_ID=1, SLURM_ARRAY_TASK_ID=3, **given)
     run(checkout, "montecarlo.pbs", PBS_ARRAY_INDEX=8, EXTRA="--set r=0.%a", OUTPUT="a%a.h5", **given)
     run(checkout, "montecarlo.pbs", **given | {"ROM": "s.toml", "EXTRA": "--full"})
+    run(checkout, "montecarlo.pbs", SEED=4, SHARDS=8, PBS_ARRAY_INDEX=2, **given)
     assert [line.split(" ", 2)[2] for line in calls(checkout)] == [
         "rom.h5 -n 9 --seed 0 -o rom_samples_seed0.h5",
         "rom.h5 -n 9 --seed 4 -o rom_samples_seed4.h5",
         "rom.h5 -n 9 --seed 7 -o rom_samples_seed7.h5",
         "rom.h5 -n 9 --seed 8 -o a8.h5 --set r=0.8",
         "s.toml -n 9 --seed 0 -o s_samples_seed0.h5 --full",
+        "rom.h5 -n 9 --seed 4 --shard 2/8 -o rom_samples_seed4_shard2of8.h5",
     ]
 
 
@@ -347,6 +349,7 @@ def test_seeds_and_arrays_have_outputs_of_their_own(checkout: Path) -> None:
         ),
         ("montecarlo.pbs", {"PBS_ARRAY_INDEX": 3}, "OUTPUT = many.h5: all jobs of the array would write this file"),
         ("montecarlo.slurm", {"OUTPUT": "m%a.h5"}, "OUTPUT = m%a.h5: %a is the index in a job array, and this job is"),
+        ("montecarlo.slurm", {"SHARDS": 8}, "SHARDS = 8: needed: an array of jobs, one a shard, from 1 to 8"),
         ("montecarlo.slurm", {"SEED": "-1"}, "SEED = -1: needed: a whole number, 0 or more"),
         ("build.slurm", {"LEAD": 60, "LEFT": "0:50"}, "LEAD = 60: the job has 50 s in all; give it more, or a smaller"),
         ("build.slurm", {"LEAD": "2m"}, "LEAD = 2m: needed: a number of seconds"),

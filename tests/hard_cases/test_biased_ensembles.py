@@ -92,7 +92,7 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
     saved = (ensemble.status == Status.FINE) & (ensemble.steps_divided > 1)
     assert saved.any()
     assert f"{saved.sum()} of {N} samples failed with simulation.step = 0.001 s" in output
-    batch = run_batch(model, SEED, 0, N)
+    batch = run_batch(model, draw(scene, SEED, 0, N))
     system = model.batch(draw(scene, SEED, 0, N), N)
     plain = integrate(system, scene.simulation)
     np.testing.assert_array_equal(plain.status != Status.FINE, ensemble.steps_divided > 1)
@@ -106,9 +106,9 @@ def test_smaller_steps_save_some_and_change_no_other(command: tuple, rom: Path) 
 
 def test_batches_have_no_part_in_it(command: tuple, rom: Path) -> None:
     _, _, ensemble = command
-    _, model = _reduced(rom)
+    scene, model = _reduced(rom)
     for first, last in ((0, 5), (5, 16)):
-        part = run_batch(model, SEED, first, last)
+        part = run_batch(model, draw(scene, SEED, first, last), first)
         np.testing.assert_array_equal(part.status, ensemble.status[first:last])
         np.testing.assert_array_equal(part.numerics["steps_divided"], ensemble.steps_divided[first:last])
         for name, values in part.outputs.items():

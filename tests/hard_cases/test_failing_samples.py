@@ -16,6 +16,7 @@ from pgmp_petsc.dynamics.generalised_alpha import Run
 from pgmp_petsc.dynamics.smaller_steps import Attempt
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.studies.simulate import _Part, simulate_full, simulate_reduced
 
@@ -74,12 +75,12 @@ def test_a_sample_that_leaves_the_sampled_range_leaves_the_others_alone() -> Non
 def test_an_ensembles_batch_with_samples_that_are_not_physical(name: str) -> None:
     """Radii that are not positive are records; the others have the outputs that they have alone."""
     model = model_of(name, 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=6e-3}')
-    batch = run_batch(model, 3, 0, N)
+    batch = run_batch(model, draw(model.scene, 3, 0, N))
     positive = batch.parameters["r1"] > 0.0
     assert 2 < (~positive).sum() < N - 5
     np.testing.assert_array_equal(batch.status == Status.UNPHYSICAL, ~positive)
     some = int(np.flatnonzero(batch.status == Status.FINE)[-1])
-    alone = run_batch(model, 3, some, some + 1)
+    alone = run_batch(model, draw(model.scene, 3, some, some + 1), some)
     for output, values in batch.outputs.items():
         np.testing.assert_allclose(values[some], alone.outputs[output][0], rtol=1e-9, err_msg=output)
         assert np.isnan(values[batch.status != Status.FINE]).all()
@@ -91,7 +92,7 @@ def test_bounds_truncate_and_lose_no_sample() -> None:
         'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=5.6e-4}',
         "parameters.r1.bounds=[5.3e-3, 6.0e-3]",
     )
-    batch = run_batch(model, 3, 0, N)
+    batch = run_batch(model, draw(model.scene, 3, 0, N))
     np.testing.assert_array_equal(batch.status, Status.FINE)
     assert np.all((batch.parameters["r1"] >= 5.3e-3) & (batch.parameters["r1"] <= 6.0e-3))
 
@@ -105,11 +106,12 @@ def test_a_sample_that_a_large_step_loses_is_tried_with_smaller_ones(name: str) 
     """Its outputs are those of a run with that step, to the last bit, whatever batch it is in."""
     drawn = 'parameters.r1.distribution={name="uniform", loc=5.5e-3, scale=2e-4}'
     model = model_of(name, drawn, *FAST)
-    batch = run_batch(model, 1, 0, 3)
+    batch = run_batch(model, draw(model.scene, 1, 0, 3))
     divisors = batch.numerics["steps_divided"]
     assert np.all(batch.status == Status.FINE) and np.all(np.isin(divisors, [2, 4, 8]))
     for k, divisor in enumerate(divisors):
-        alone = run_batch(model_of(name, drawn, *FAST, f"simulation.step={1e-2 / divisor}"), 1, k, k + 1)
+        finer = model_of(name, drawn, *FAST, f"simulation.step={1e-2 / divisor}")
+        alone = run_batch(finer, draw(finer.scene, 1, k, k + 1), k)
         assert alone.numerics["steps_divided"][0] == 1
         for output, values in batch.outputs.items():
             np.testing.assert_allclose(values[k], alone.outputs[output][0], rtol=1e-9, atol=1e-12, err_msg=output)
@@ -160,10 +162,12 @@ def test_samples_are_the_same_in_batches_of_any_size() -> None:
         'parameters.push={nominal=1.0, distribution={name="loguniform", a=0.1, b=2e3}}',
     )
     n = 20
-    whole = run_batch(model, 1, 0, n)
+    whole = run_batch(model, draw(model.scene, 1, 0, n))
     assert {Status.FINE} < set(whole.status) and 0 < np.sum(whole.numerics["steps_divided"] > 1) < n
     for size in (1, 3, 7):
-        parts = [run_batch(model, 1, first, min(first + size, n)) for first in range(0, n, size)]
+        parts = [
+            run_batch(model, draw(model.scene, 1, first, min(first + size, n)), first) for first in range(0, n, size)
+        ]
         np.testing.assert_array_equal(np.concatenate([part.status for part in parts]), whole.status)
         for name, values in whole.outputs.items():
             np.testing.assert_array_equal(np.concatenate([part.outputs[name] for part in parts]), values, err_msg=name)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pgmp_petsc.ensemble.batch import Batch, Plan
+from pgmp_petsc.ensemble.batch import Batch, Plan, Shard
 from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished, remove_checkpoint
 from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -123,7 +123,7 @@ def test_resuming_without_a_checkpoint_starts_anew(plan: Plan) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"n_samples": 11}, r"its samples differs \(12 there, 11 here\)"),
+        ({"n_samples": 11}, r"its samples differs \(12 there, 11 here\), and only a larger number may be given"),
         ({"seed": 4}, r"its seed differs \(3 there, 4 here\)"),
         ({"model": "full"}, r"its model differs \(reduced there, full here\)"),
         ({"scene": SCENE + "\n"}, r"its scene differs;"),
@@ -135,6 +135,42 @@ def test_the_checkpoint_of_another_run_is_refused_and_kept(plan: Plan, change: d
     with pytest.raises(InputError, match=r"--resume: '.*e\.h5\.partial' belongs to another run: " + message):
         again(plan, **change)
     assert again(plan) == {0}
+
+
+def test_a_longer_run_takes_up_a_shorter_one(plan: Plan) -> None:
+    started(plan, 0, 8)
+    longer = {"n_samples": 20}
+    assert again(plan, **longer) == {0, 8}
+    with pytest.raises(InputError, match=r"its samples differs \(20 there, 12 here\)"):
+        again(plan)
+    assert again(plan, **longer) == {0, 8}
+
+
+def test_samples_that_depend_on_their_number_are_taken_up_by_as_many_alone(plan: Plan) -> None:
+    assert Checkpoint(plan, SCENE, "reduced", TABLES, extends=False).open() == Finished((), ())
+    other = replace(plan, resume=True, n_samples=20)
+    message = r"every sample of a Latin hypercube depends, differs \(12 there, 20 here\)"
+    with pytest.raises(InputError, match=message):
+        Checkpoint(other, SCENE, "reduced", TABLES, extends=False).open()
+    Checkpoint(replace(plan, resume=True), SCENE, "reduced", TABLES, extends=False).open()
+
+
+def test_a_label_without_its_number_of_samples_is_refused(plan: Plan) -> None:
+    label = started(plan, 0).folder / "run.json"
+    label.write_text(label.read_text().replace('"samples": 12', '"samples": "x"'))
+    with pytest.raises(InputError, match=r"its samples differs \(x there, 12 here\)"):
+        again(plan)
+
+
+def test_bands_are_those_of_the_first_samples_in_their_order(plan: Plan) -> None:
+    checkpoint = started(plan)
+    for first in (8, 0, 4):
+        numbers = first + np.arange(4.0)
+        over_time = {"angle": numbers[:, None] + [0.0, 0.5]} if first < 8 else {}
+        checkpoint.add(Piece(first, first + 4), replace(batch(first), bands=over_time))
+    found = checkpoint.bands(6)["angle"]
+    np.testing.assert_array_equal(found, np.arange(6.0)[:, None] + [0.0, 0.5])
+    assert list(checkpoint.columns().of("bands")) == []
 
 
 def test_a_label_that_was_cut_off_is_one_clear_message(plan: Plan) -> None:
@@ -284,3 +320,22 @@ def test_a_folder_that_was_removed_during_the_run(plan: Plan) -> None:
         add(checkpoint, 4)
     with pytest.raises(RunError, match="holds 0 of 12 samples"):
         list(checkpoint.batches())
+
+
+def test_a_shard_keeps_its_own_samples(plan: Plan) -> None:
+    shard = replace(plan, shard=Shard(2, 3))
+    assert shard.samples == (4, 8) and [replace(plan, shard=Shard(k, 3)).samples[0] for k in (1, 3)] == [0, 8]
+    checkpoint = started(shard, 4)
+    np.testing.assert_array_equal(checkpoint.columns()["status"], batch(4).status)
+    assert firsts(taken_up(shard)) == {4}
+    stranger = started(replace(shard, output=plan.output.with_name("whole.h5")), 4)
+    shutil.copy(piece(stranger, 4), piece(checkpoint, 4).with_name("samples_000000000.npz"))
+    checkpoint = taken_up(shard)
+    assert firsts(checkpoint) == {4} and "which are none of this run" in str(*checkpoint.remarks)
+
+
+@pytest.mark.parametrize("other", [Shard(1, 3), Shard(2, 4), None])
+def test_another_shard_is_refused(plan: Plan, other: Shard | None) -> None:
+    started(replace(plan, shard=Shard(2, 3)), 4)
+    with pytest.raises(InputError, match="belongs to another run: its (shard|number of samples|samples) differs"):
+        Checkpoint(replace(plan, resume=True, shard=other), SCENE, "reduced", TABLES).open()

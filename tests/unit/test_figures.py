@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -12,11 +13,13 @@ from pictures import assert_inside, legend_texts, texts, visible
 
 from pgmp_petsc.figures.collection import draw
 from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.figures.bands import bands
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.shapes import shown_positions
 from pgmp_petsc.figures.differences import labels_by_parameters
+from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import axis_unit, quantity, save
 from pgmp_petsc.figures.trajectories import Comparison, paired, trajectories
 from pgmp_petsc.runtime.errors import InputError
@@ -126,7 +129,7 @@ def test_densities_compare_two_ensembles():
     assert len(visible(figure)) == 6
     assert legend_texts(figure) == [
         "full order, 997 fine of 1000 samples", "reduced, 997 fine of 1000 samples", "mean",
-        "a standard deviation of the first to both sides", "±: standard error",
+        "a standard deviation of the first to both sides", "[ ]: 95 % interval",
     ]  # fmt: skip
     assert [text for text in texts(figure) if "may bias" in text]
     shown = [text.get_text() for text in visible(figure)[0].texts]
@@ -146,15 +149,55 @@ def test_the_density_of_one_ensemble_is_that_of_its_file(bins):
     np.testing.assert_allclose(edges, known["crank_angle"].edges, rtol=1e-12)
 
 
-def test_what_follows_a_plus_minus_is_a_standard_error():
-    """In a table of means the sign stood for one, in pictures for a standard deviation."""
+def test_brackets_hold_the_intervals_of_the_file():
     ensemble = synthetic.ensemble(n_failed=0)
     figure = densities([ensemble], names=["crank_angle"])
     found, (text,) = ensemble.statistics["crank_angle"], visible(figure)[0].texts
     mean, deviation = text.get_text().split("\n")
-    assert mean == f"mean {found.mean:.4f} ± {found.mean_standard_error:.4f} rad"
-    assert deviation == f"deviation {found.std:.4f} ± {found.std_standard_error:.4f} rad, N = 2000"
-    assert "±: standard error" in legend_texts(figure)
+    low, high = found.mean_interval
+    assert mean == f"mean {found.mean:.3f} [{low:.3f}, {high:.3f}] rad"
+    low, high = found.std_interval
+    assert deviation == f"deviation {found.std:.3f} [{low:.3f}, {high:.3f}] rad, N = 2000"
+    assert "[ ]: 95 % interval" in legend_texts(figure)
+
+
+@pytest.mark.parametrize("model", ["full", "reduced"])
+@pytest.mark.parametrize("probabilities", [(0.5,), (0.1, 0.9), (0.975, 0.025, 0.5, 0.25, 0.75)])
+def test_bands_lie_between_pairs_of_quantiles(model, probabilities):
+    ensemble = synthetic.ensemble(model)
+    known = {name: synthetic.band(probabilities) for name in ensemble.outputs}
+    figure = bands(replace(ensemble, bands=known))
+    panels = visible(figure)
+    assert len(panels) == 2 and all(len(axes.collections) == len(probabilities) // 2 for axes in panels)
+    band = known["crank_angle"]
+    mean = panels[0].lines[-1].get_ydata()
+    np.testing.assert_allclose(mean, band.mean, rtol=1e-12)
+    if len(probabilities) > 1:
+        outermost = panels[0].collections[0].get_paths()[0].vertices[:, 1]
+        assert (outermost.min(), outermost.max()) == (band.quantiles.min(), band.quantiles.max())
+    assert_inside(figure)
+
+
+@pytest.mark.parametrize("total", [False, True])
+def test_sobol_indices_are_bars_with_their_intervals(total):
+    ensemble = synthetic.ensemble()
+    figure = sobol(replace(ensemble, sobol={name: synthetic.sensitivity(total) for name in ensemble.outputs}))
+    for axes in visible(figure):
+        widths = [bar.get_width() for bar in axes.patches]
+        np.testing.assert_allclose(widths, [0.7, 0.2, 0.75, 0.3][: 4 if total else 2])
+        assert [text.get_text() for text in axes.get_yticklabels()] == ["r1", "push"]
+    assert len(visible(figure)) == 2
+    assert_inside(figure)
+
+
+def test_a_file_of_an_ensemble_has_all_its_pictures(tmp_path):
+    ensemble = synthetic.ensemble()
+    known = {name: synthetic.band((0.1, 0.5, 0.9)) for name in ensemble.outputs}
+    indices = {name: synthetic.sensitivity(True) for name in ensemble.outputs}
+    replace(ensemble, bands=known, sobol=indices).write(tmp_path / "e.h5")
+    synthetic.ensemble("reduced").write(tmp_path / "r.h5")
+    lines = draw([tmp_path / "e.h5", tmp_path / "r.h5"], tmp_path / "out")
+    assert [Path(line).name for line in lines] == ["densities.png", "bands.png", "sobol.png"]
 
 
 @pytest.mark.parametrize("n_samples", [1, 2, 30])

@@ -13,6 +13,7 @@ from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.rank_solver import RankSolver
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.models import FullModel
 
 SHORT = ("simulation.duration=0.003", "simulation.step=1e-3")
@@ -51,7 +52,7 @@ def test_a_solver_that_fails_is_a_status(model: FullModel, weak_solver: None, ra
     """By a negative reason of PETSc, or by an error of PETSc."""
     if raises:
         PETSc.Options("pgmp_full_").setValue("ksp_error_if_not_converged", "1")
-    batch = run_batch(model, 0, 0, 1)
+    batch = run_batch(model, draw(model.scene, 0, 0, 1))
     assert batch.status[0] == Status.SOLVER_FAILED
     assert batch.failure_time[0] > 0.0 and batch.numerics["steps_divided"][0] == 8
     assert all(np.isnan(values).all() for values in batch.outputs.values())
@@ -66,6 +67,6 @@ def test_a_sample_whose_solver_failed_is_tried_again(model: FullModel, monkeypat
         return solved(self) and not 1 < len(calls) <= 4
 
     monkeypatch.setattr(RankSolver, "_solved", fails_at_first)
-    batch = run_batch(model, 0, 0, 1)
+    batch = run_batch(model, draw(model.scene, 0, 0, 1))
     assert batch.status[0] == Status.FINE and batch.numerics["steps_divided"][0] == 2
     assert all(np.isfinite(values).all() for values in batch.outputs.values())

@@ -37,12 +37,23 @@ def assert_same(one, other, where: str = "result") -> None:
         synthetic.trajectory("reduced", n_frames=0),
         synthetic.ensemble("full", 100),
         synthetic.ensemble("reduced", 50, n_failed=0),
+        synthetic.described(),
         synthetic.modes_table(),
         synthetic.modes_table(reduced=False),
         synthetic.tradeoff(),
         synthetic.tradeoff(n_outputs=1, surfaces=False, refined=False),
     ],
-    ids=["full", "reduced", "full ensemble", "reduced ensemble", "modes", "full modes", "trade-off", "short trade-off"],
+    ids=[
+        "full",
+        "reduced",
+        "full ensemble",
+        "reduced ensemble",
+        "described ensemble",
+        "modes",
+        "full modes",
+        "trade-off",
+        "short trade-off",
+    ],
 )
 def test_round_trip(result, tmp_path):
     result.write(tmp_path / "f.h5")
@@ -68,13 +79,26 @@ def test_names_of_the_contract(tmp_path):
             assert file[name].shape == (40,)
         assert np.isnan(file["outputs/crank_angle"][-3:]).all() and file["status"][0] == 0
         names = {"mean", "std", "mean_standard_error", "std_standard_error", "pdf", "edges", "quantiles"}
-        names |= {"count", "quantile_bounds"}
+        names |= {"count", "quantile_bounds", "mean_interval", "std_interval", "quantile_intervals"}
         assert set(file["statistics/crank_angle"]) == names
         assert file["statistics/crank_angle/mean"].shape == ()
+        for name, shape in (("mean_interval", (2,)), ("std_interval", (2,)), ("quantile_intervals", (3, 2))):
+            assert file[f"statistics/crank_angle/{name}"].shape == shape
+    synthetic.described(40).write(tmp_path / "d.h5")
+    with h5py.File(tmp_path / "d.h5") as file:
+        assert set(file["bands/crank_angle"]) >= {"time", "mean", "std", "quantiles"}
+        assert file["bands/crank_angle/quantiles"].shape == (21, 3)
+        for name in ("max", "min", "time_of_max"):
+            assert file[f"extremes/slider_deformation/{name}"].shape == (40,)
+        assert file["probabilities/late/estimate"].shape == () and file["probabilities/late/interval"].shape == (2,)
+        indices = file["sobol/crank_angle"]
+        assert list(indices.attrs["parameters"]) == ["r1", "push"]
+        assert indices["S1"].shape == indices["ST"].shape == (2,)
+        assert indices["S1_interval"].shape == indices["ST_interval"].shape == (2, 2)
     with h5py.File(tmp_path / "m.h5") as file:
         assert file["theta"].shape == (200,)
         assert file["full/frequencies_hz"].shape == file["reduced/frequencies_hz"].shape == (200, 6)
-    for name in ("t.h5", "e.h5", "m.h5"):
+    for name in ("t.h5", "e.h5", "d.h5", "m.h5"):
         with h5py.File(tmp_path / name) as file:
             bare = []
             file.visititems(

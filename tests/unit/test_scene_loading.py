@@ -123,6 +123,13 @@ def test_defaults(tmp_path: Path) -> None:
         "batch": 512,
         "checked_share": 0.02,
         "balance": False,
+        "sampler": "random",
+        "replicates": 8,
+        "confidence": 0.95,
+        "probabilities": {},
+        "extremes": False,
+        "bands": 51,
+        "band_samples": 10_000,
     }
     assert scene.bodies["arm"].placement is None
     assert not scene.coordinates["phi"].periodic

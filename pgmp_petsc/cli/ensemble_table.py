@@ -1,0 +1,135 @@
+"""What a command says of an ensemble's figures: statistics, quantiles and probabilities with their intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.cli import estimates
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.results.statistics import Statistics
+from pgmp_petsc.runtime.remarks import Remark
+
+DIGITS = 2  # of an interval's width that are shown
+
+
+def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
+    lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]
+    lines += remark_lines(ensemble.record, said)
+    if ensemble.validity:
+        lines += estimates.of_ensemble(ensemble)
+    lines += estimates.of_balance(ensemble)
+    lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in ensemble.record.timings.items()]
+    return "\n".join(lines)
+
+
+def lines_of(ensemble: Ensemble) -> list[str]:
+    """Return the tables of an ensemble."""
+    lines = list(_moments(ensemble))
+    if ensemble.outputs:
+        lines += _quantiles(ensemble)
+    if ensemble.probabilities:
+        level = next(iter(ensemble.probabilities.values())).confidence
+        lines.append(f"  probabilities, {_percent(level)} intervals")
+        for label, chance in ensemble.probabilities.items():
+            shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
+            came_true = f"{chance.count} of {chance.n} samples"
+            lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {came_true}")
+    lines += _sobol(ensemble)
+    if ensemble.bands:
+        band = next(iter(ensemble.bands.values()))
+        samples = f"{band.count} samples at {band.time.size} instants"
+        lines.append(f"  outputs over time: mean, deviation and quantiles of {samples}, in /bands")
+    return lines
+
+
+def _moments(ensemble: Ensemble) -> Iterator[str]:
+    """Yield the table of means and deviations."""
+    if not ensemble.statistics:
+        return
+    interval = f"{_percent(next(iter(ensemble.statistics.values())).confidence)} interval"
+    yield f"  {'':24s}{'mean':>14s} {interval:26s}{'deviation':>12s} {interval:26s}{'samples':>9s}"
+    for name, s in ensemble.statistics.items():
+        mean = f"{_number(s.mean, s.mean_interval, 7):>14s} {_interval(s.mean_interval):26s}"
+        std = f"{_number(s.std, s.std_interval, 6):>12s} {_interval(s.std_interval):26s}"
+        yield f"  {name:24s}{mean}{std}{s.count:9d} {_unit(ensemble, name)}".rstrip()
+
+
+def _quantiles(ensemble: Ensemble) -> Iterator[str]:
+    """Yield the table of the outputs' quantiles, and between what they lie whatever failed samples would have been."""
+    failed = bool(np.any(ensemble.status != 0))
+    known = [(name, ensemble.statistics[name]) for name in ensemble.outputs if ensemble.statistics[name].count]
+    if known:
+        yield f"  quantiles at the end, {_percent(known[0][1].confidence)} intervals of sampling"
+    for name, s in known:
+        for k, (probability, quantile, ends) in enumerate(zip(s.probabilities, s.quantiles, s.quantile_intervals)):
+            shown = f"{_number(quantile, ends, 6):>14s} {_interval(ends):26s} {_unit(ensemble, name)}"
+            bounds = f"; whatever the failed ones would have been {_bounds(s, k)}" if failed else ""
+            yield f"  {name if k == 0 else '':24s}{f'{100 * probability:g} %':>9s}{shown}{bounds}".rstrip()
+
+
+def _sobol(ensemble: Ensemble) -> Iterator[str]:
+    """Yield the table of Sobol indices, the largest first."""
+    for number, (name, found) in enumerate(ensemble.sobol.items()):
+        interval = f"{_percent(found.confidence)} interval"
+        if not number:
+            total = "" if found.total is None else f"{'total':>9s} {interval}"
+            yield f"  {'Sobol indices':24s}{'':24s}{'first':>9s} {interval:26s}{total}".rstrip()
+        for k, place in enumerate(np.argsort(-(found.first if found.total is None else found.total))):
+            total = ""
+            if found.total is not None:
+                total = f"{found.total[place]:9.3f} {_fixed(found.total_interval[place])}"
+            first = f"{found.first[place]:9.3f} {_fixed(found.first_interval[place]):26s}"
+            yield f"  {name if k == 0 else '':24s}{found.parameters[place]:24s}{first}{total}".rstrip()
+
+
+def _fixed(ends: np.ndarray) -> str:
+    return f"[{ends[0]:.3f}, {ends[1]:.3f}]"
+
+
+def _bounds(s: Statistics, k: int) -> str:
+    """Return between what a quantile of all samples lies."""
+    low, high = s.quantile_bounds[k]
+    lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
+    upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
+    return f"{lower}, {upper}"
+
+
+def _number(value: float, interval: np.ndarray, most: int) -> str:
+    """Return a figure with as many digits as its interval leaves it, `most` at most; 5 where that says nothing."""
+    if np.isnan(value):
+        return "unknown"
+    return f"{value:.{_digits(value, interval, most)}g}"
+
+
+def _interval(ends: np.ndarray) -> str:
+    """Return ``[1.234, 1.256]``."""
+    if np.isnan(ends).any():
+        return "unknown"
+    if np.isinf(ends).all():
+        return "[too few samples]"
+    texts = [
+        ("-" if end < 0 else "") + "infinite" if np.isinf(end) else f"{end:.{_digits(end, ends, 8)}g}" for end in ends
+    ]
+    return f"[{texts[0]}, {texts[1]}]"
+
+
+def _digits(value: float, interval: np.ndarray, most: int) -> int:
+    """Return how many digits of a figure its interval leaves it, and two more for sums; 3 at least."""
+    width = float(interval[1] - interval[0]) if np.isfinite(interval).all() else 0.0
+    if not width > 0.0 or value == 0.0:
+        return min(most, 5)
+    return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(width)) + DIGITS, 3, most))
+
+
+def _percent(level: float) -> str:
+    return f"{100 * level:g} %"
+
+
+def _unit(ensemble: Ensemble, name: str) -> str:
+    unit = ensemble.units.get(name, "1")
+    return "" if unit == "1" else unit

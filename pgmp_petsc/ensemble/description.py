@@ -1,0 +1,211 @@
+"""From the finished pieces of an ensemble to its result: statistics, probabilities, bands, and what is to be said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps, instants
+from pgmp_petsc.dynamics.settled_start import starts_remarks
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.origin import Kept, Origin
+from pgmp_petsc.ensemble.over_time import band_steps
+from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
+from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
+from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.indicator.coverage import CURE
+from pgmp_petsc.indicator.validity import remarks_of
+from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
+from pgmp_petsc.results.statistics import Band, Chance, Statistics
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.ensemble import Event
+
+OVER_TIME = ("extremes", "first_passages")
+ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
+
+
+def describe_ensemble(
+    origin: Origin, plan: Plan, sampler: Sampler, kept: Kept, ranks: int, timings: Timings
+) -> Ensemble:
+    """Put samples together and describe parameters and outputs; one column of samples is in memory at a time."""
+    scene, columns = origin.scene, kept.columns()
+    parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
+    estimates = {kind: columns.of(kind) for kind in ESTIMATES}
+    over_time = {kind: columns.of(kind) for kind in OVER_TIME}
+    status = columns["status"].astype(np.int32)
+    fine, described = status == Status.FINE, sampler.described(status.size)
+    replicates = sampler.replicates(status.size)
+    chosen = fine & described
+    n_failed = int(np.sum(described & ~fine))
+
+    def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0) -> Statistics:
+        asked, known = scene.ensemble, of & np.isfinite(values)
+        numbers = None if replicates is None else replicates[known]
+        return describe(values[known], asked.bins, asked.quantiles, n_missing, asked.confidence, numbers)
+
+    quantities = _quantities(outputs, over_time["extremes"])
+    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in quantities}
+    for name in sampler.names:
+        statistics[name] = statistics_of(parameters[name], described)
+    for label, times in over_time["first_passages"].items():
+        statistics[label] = statistics_of(times, chosen)
+    divisors = numerics["steps_divided"].astype(np.int32)
+    units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
+    units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED}
+    units |= dict.fromkeys(over_time["first_passages"], "s")
+    bands = _bands(scene, kept, chosen)
+    level, quantities = scene.ensemble.confidence, _quantities(outputs, over_time["extremes"])
+    sobol = sensitivities(quantities, parameters, sampler.names, fine, sampler.kind, level)
+    correlated = sampler.kind != "file" and bool(scene.correlation)
+    drawn = {name: parameters[name] for name in sampler.names} if n_failed else {}
+    remarks = (
+        *kept.remarks,
+        *failure_remarks(status, drawn, units),
+        *step_remarks(status, divisors, scene.simulation.step),
+        *sampler_remarks(scene, plan),
+        *starts_remarks(scene, numerics["unstable_start"] == 1.0),
+        *_few(int(chosen.sum())),
+        *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
+        *_partial_bands(bands, int(chosen.sum())),
+        *_estimate_remarks(origin, estimates, status),
+    )
+    timed = (*scene.remarks, *remarks)
+    return Ensemble(
+        model=origin.model,
+        record=RunRecord(
+            scene_to_toml(scene), scene.values, None if plan.file else plan.seed, ranks, timings.as_dict(), timed
+        ),
+        parameters=parameters,
+        outputs=outputs,
+        units=units,
+        status=status,
+        meanings={int(item): item.meaning for item in Status},
+        failure_time=columns["failure_time"],
+        statistics=statistics,
+        steps_divided=divisors,
+        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units),
+        bands=bands,
+        sobol=sobol,
+        **estimates,
+        **over_time,
+    )
+
+
+def _quantities(
+    outputs: Mapping[str, np.ndarray], extremes: Mapping[str, np.ndarray]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield outputs at the end, and over time where their extremes are known; one in memory at a time."""
+    yield from outputs.items()
+    for key in extremes:
+        name, _, which = key.rpartition("/")
+        if which in DESCRIBED:
+            yield f"{name}.{which}", extremes[key]
+
+
+def _chances(
+    scene: Scene,
+    outputs: Mapping[str, np.ndarray],
+    passages: Mapping[str, np.ndarray],
+    chosen: np.ndarray,
+    units: Mapping[str, str],
+) -> dict[str, Chance]:
+    """Return the probabilities of the scene's events over the chosen samples, (N,)."""
+    found, n, level = {}, int(chosen.sum()), scene.ensemble.confidence
+    for label, event in scene.ensemble.probabilities.items():
+        if event.when == "ever":
+            came_true = np.isfinite(passages[label])
+        else:
+            values = outputs[event.output]
+            came_true = values > event.level if event.above is not None else values < event.level
+        count = int(np.sum(came_true & chosen))
+        estimate = count / n if n else float("nan")
+        text = in_words(event, units[event.output])
+        found[label] = Chance(text, count, n, estimate, intervals.of_probability(count, n, level), level)
+    return found
+
+
+def in_words(event: Event, unit: str) -> str:
+    """Return what comes true: ``angle above 3 rad at the end``."""
+    side = "above" if event.above is not None else "below"
+    when = "at the end" if event.when == "end" else "at any time"
+    return f"{event.output} {side} {event.level:g}{'' if unit == '1' else f' {unit}'} {when}"
+
+
+def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:
+    """Return the outputs over time of the first samples that are fine."""
+    asked, simulation = scene.ensemble, scene.simulation
+    steps = band_steps(simulation, asked.bands)
+    time = instants(simulation.duration, count_steps(simulation.duration, simulation.step))[steps]
+    found = {}
+    for name, values in kept.bands(asked.band_samples).items() if steps.size else ():
+        of_fine = values[chosen[: len(values)]]
+        n, unknown = len(of_fine), np.full(time.size, np.nan)
+        found[name] = Band(
+            time=time,
+            mean=of_fine.mean(axis=0) if n else unknown,
+            std=of_fine.std(axis=0, ddof=1) if n > 1 else unknown,
+            quantiles=_each_instant(of_fine, lambda column: np.quantile(column, asked.quantiles), len(asked.quantiles)),
+            probabilities=np.array(asked.quantiles),
+            count=n,
+        )
+    return found
+
+
+def _each_instant(values: np.ndarray, function: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
+    """Return n figures of each column of values (n_samples, n_t), shape (n_t, n); NaN where a value is no number."""
+    known = [values.size and np.isfinite(column).all() for column in values.T]
+    rows = [function(column) if fine else np.full(n, np.nan) for column, fine in zip(values.T, known)]
+    return np.array(rows).reshape(values.shape[1], n)
+
+
+def _few(n_fine: int) -> tuple[Remark, ...]:
+    """Return what is to be said of statistics of too few samples."""
+    if n_fine == 1:
+        return (note("one sample has no deviation, no standard errors and no intervals; draw more"),)
+    if 1 < n_fine < 5:
+        return (note(f"{n_fine} samples have no interval of the deviation, which takes 5 at least; draw more"),)
+    return ()
+
+
+def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]:
+    """Return that bands are of some samples only, where they are."""
+    count = max((band.count for band in bands.values()), default=n_fine)
+    if count == n_fine:
+        return ()
+    return (
+        note(
+            f"bands over time are of the first {count} of the {n_fine} samples that are fine (/bands/<name>/count), "
+            "which are as good as any others: ensemble.band_samples says of how many values over time are kept"
+        ),
+    )
+
+
+def _estimate_remarks(
+    origin: Origin, estimates: Mapping[str, Mapping[str, np.ndarray]], status: np.ndarray
+) -> tuple[Remark, ...]:
+    """Return what is beyond the limits of small deformations in a reduced ensemble, and which errors are not known."""
+    scene = origin.scene
+    if origin.model != "reduced":
+        return origin.not_estimated
+    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
+    if estimates["errors"]:
+        chosen = np.zeros(status.size, dtype=bool)
+        for first, last in checked(scene.ensemble.checked_share, status.size):
+            chosen[first:last] = status[first:last] == Status.FINE
+        unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
+        if unknown:
+            remarks.append(
+                note(
+                    f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
+                    f"full-order equations could not be solved about their motion; {CURE}"
+                )
+            )
+    return tuple(remarks)

@@ -1,0 +1,120 @@
+"""Confidence intervals of the figures of an ensemble: between which the true ones lie, with a given probability.
+
+===================== ===========================================================================================
+mean                  Student's t
+standard deviation    Bonett, Computational Statistics & Data Analysis 50 (2006) 775-782: the logarithm of the
+                      variance, whose spread follows from the sample's own fourth moment about a trimmed mean
+quantile              interpolated order statistics (Hutson, Journal of Applied Statistics 26 (1999) 343-353): the
+                      r-th of n values has a share below it that follows Beta(r, n + 1 - r), for any distribution
+probability           Wilson, Journal of the American Statistical Association 22 (1927) 209-212
+of replicates         Student's t over the figures of independent replicates, for samples that are not independent
+===================== ===========================================================================================
+
+They know of the error of sampling alone: not of that of the model, and not of samples that failed. What too few values
+leave open is infinite, or NaN where nothing at all is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+UNKNOWN = np.full(2, np.nan)
+
+
+def of_mean(values: np.ndarray, confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of the mean of independent values (n,); NaN of less than two."""
+    if values.size < 2:
+        return UNKNOWN
+    reach = _student(confidence, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size)
+    return np.mean(values) + np.array([-reach, reach])
+
+
+def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of the standard deviation of independent values (n,); NaN of less than five.
+
+    ``c s^2 exp(-+ z c sqrt((g - (n - 3) / n) / (n - 1)))``, ``c = n / (n - z)``, with the kurtosis g about the mean
+    without the ``1 / (2 sqrt(n - 4))`` outermost share of the values at either end.
+    """
+    n = values.size
+    if n < 5:
+        return UNKNOWN
+    variance = np.var(values, ddof=1)
+    if not variance > (1e-12 * np.max(np.abs(values))) ** 2:  # round-off of equal values
+        return np.full(2, np.sqrt(variance))
+    from scipy.special import ndtri
+    from scipy.stats import trim_mean
+
+    scaled = (values - np.mean(values)) / np.sqrt(variance)
+    z = ndtri(0.5 + 0.5 * confidence)
+    correction = n / (n - z) if n > z else np.inf
+    about = trim_mean(scaled, min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
+    kurtosis = n * np.sum((scaled - about) ** 4) / np.sum(scaled**2) ** 2
+    spread = z * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
+    return np.sqrt(correction * variance * np.exp([-spread, spread]))
+
+
+def of_quantiles(ordered: np.ndarray, probabilities: np.ndarray, confidence: float) -> np.ndarray:
+    """Return the intervals of quantiles of independent values (n,), sorted; shape (n_quantiles, 2).
+
+    An end is infinite where not even the smallest, or largest, value lies beyond the quantile with enough probability.
+    """
+    n, tail = ordered.size, 0.5 * (1.0 - confidence)
+    found = np.full((len(probabilities), 2), [-np.inf, np.inf])
+    for row, probability in zip(found, probabilities):
+        low, high = _rank(n, probability, 1.0 - tail), _rank(n, probability, tail)
+        if low is not None:
+            row[0] = _at_rank(ordered, low)
+        if high is not None:
+            row[1] = _at_rank(ordered, high)
+    return found
+
+
+def _rank(n: int, probability: float, beyond: float) -> float | None:
+    """Return the rank r, 1 to n and no whole number, whose share below exceeds `probability` with chance 1 - `beyond`.
+
+    None where there is none.
+    """
+    from scipy.optimize import brentq
+    from scipy.special import betainc
+
+    def excess(rank: float) -> float:
+        return betainc(rank, n + 1.0 - rank, probability) - beyond
+
+    if n < 1 or excess(1.0) < 0.0 or excess(float(n)) > 0.0:
+        return None
+    return float(brentq(excess, 1.0, float(n), xtol=1e-9)) if n > 1 else None
+
+
+def _at_rank(ordered: np.ndarray, rank: float) -> float:
+    """Return the value at a rank from 1, interpolated between neighbours."""
+    below = min(int(rank), ordered.size - 1)
+    share = rank - below
+    return (1.0 - share) * ordered[below - 1] + share * ordered[below]
+
+
+def of_probability(count: int, n: int, confidence: float) -> np.ndarray:
+    """Return the interval (low, high) of a probability of which `count` of `n` independent trials came true."""
+    if n < 1:
+        return UNKNOWN
+    from scipy.stats import binomtest
+
+    return np.array(binomtest(count, n).proportion_ci(confidence, method="wilson"))
+
+
+def of_replicates(centre: np.ndarray | float, figures: np.ndarray, confidence: float) -> np.ndarray:
+    """Return the interval about figures (...) of all samples, from those of independent replicates (n_replicates, ...).
+
+    Shape (..., 2); NaN of less than two replicates, or where one has no such figure.
+    """
+    n = len(figures)
+    if n < 2:
+        return np.full((*np.shape(centre), 2), np.nan)
+    reach = _student(confidence, n - 1) * np.std(figures, axis=0, ddof=1) / np.sqrt(n)
+    return np.asarray(centre)[..., None] + np.asarray(reach)[..., None] * np.array([-1.0, 1.0])
+
+
+def _student(confidence: float, freedom: int) -> float:
+    """Return between which +- a variable of Student's distribution lies with probability `confidence`."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.5 + 0.5 * confidence))

@@ -1,0 +1,61 @@
+"""Where the samples of an ensemble come from, as far as their description needs it: no model has to be at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pgmp_petsc.ensemble.columns import Columns
+from pgmp_petsc.indicator.coverage import absence_of_estimates, truncated_stresses, why_not_of_full_order
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.scene import Scene
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What samples are of.
+
+    Attributes
+    ----------
+    model
+        ``full``, ``components`` or ``reduced``.
+    scene
+        The scene of the run.
+    units
+        Of the outputs, by name.
+    not_estimated
+        What is to be said of errors that are not estimated.
+    """
+
+    model: str
+    scene: Scene
+    units: dict[str, str]
+    not_estimated: tuple[Remark, ...]
+
+    @classmethod
+    def of(cls, model: Model) -> Origin:
+        """Return that of a model."""
+        scene = model.scene
+        if isinstance(model, ReducedModel):
+            absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+        else:
+            absent = why_not_of_full_order(model)
+        return cls(model.name, scene, dict(model.outputs.units), tuple(absent))
+
+
+class Kept(Protocol):
+    """Samples that are finished: in a checkpoint, or in the files of shards."""
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What was found and not taken up."""
+
+    def columns(self) -> Columns:
+        """Return what is known of all samples as columns ``<kind>.<name>``, with ``status`` and ``failure_time``."""
+
+    def bands(self, n: int) -> Mapping[str, np.ndarray]:
+        """Return the outputs of those among the first n samples at the instants of the bands, each (n_known, n_t)."""

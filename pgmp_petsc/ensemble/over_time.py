@@ -1,0 +1,194 @@
+"""Outputs of samples over time: extremes, first passages of levels, and values at the instants of the bands.
+
+A first passage lies where the straight line between the ends of two steps crosses the level; it is known to a step, as
+extremes are known at the ends of steps alone. A sample that fails has none of these, and one whose output is no number
+for a while has no extremes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.watchers import Begun, Found
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.results.ensemble import EXTREMES
+from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.numerics import Simulation
+
+LARGEST = 1 << 16  # states of reduced samples that are evaluated together
+
+
+def band_steps(simulation: Simulation, most: int) -> np.ndarray:
+    """Return the numbers of the steps at whose ends outputs are described: the start, the end, equally many between.
+
+    At most `most` of them, none for 0.
+    """
+    if not most:
+        return np.zeros(0, dtype=int)
+    n_steps = count_steps(simulation.duration, simulation.step)
+    return np.unique([*range(0, n_steps, -(-n_steps // (most - 1))), n_steps])
+
+
+class OverTimeWatcher:
+    """Keeps what is asked for of the outputs over time.
+
+    Parameters
+    ----------
+    model
+        The model.
+    with_bands
+        Whether values at the instants of the bands are kept.
+    """
+
+    def __init__(self, model: Model, with_bands: bool) -> None:
+        asked = model.scene.ensemble
+        self._model, self._extremes = model, asked.extremes
+        self._outputs = list(model.outputs.functions)
+        self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}
+        self._steps = band_steps(model.scene.simulation, asked.bands if with_bands else 0)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether there is anything to keep."""
+        return bool(self._outputs) and bool(self._extremes or self._events or self._steps.size)
+
+    def empty(self, n: int) -> Found:
+        """Return what is known of n samples before their runs: nothing."""
+        columns = {f"{name}/{which}": np.full(n, np.nan) for name in self._outputs for which in EXTREMES}
+        return {
+            "extremes": columns if self._extremes else {},
+            "first_passages": {label: np.full(n, np.nan) for label in self._events},
+            "bands": {name: np.full((n, self._steps.size), np.nan) for name in self._outputs if self._steps.size},
+        }
+
+    def watch(self, begun: Begun) -> _OverTimeWatch:
+        """Begin to watch a run."""
+        scene = self._model.scene.simulation
+        divisor = count_steps(begun.simulation.duration, begun.simulation.step) // count_steps(
+            scene.duration, scene.step
+        )
+        return _OverTimeWatch(self._model, begun, self._extremes, self._events, self._steps * divisor)
+
+
+class _OverTimeWatch:
+    """Looks at one run; `steps` are the numbers of those of the bands in this run."""
+
+    def __init__(self, model: Model, begun: Begun, extremes: bool, events: dict[str, Event], steps: np.ndarray) -> None:
+        self._model, self._begun, self._steps = model, begun, steps
+        n, names = begun.system.n_samples, list(model.outputs.functions)
+        self._extremes = {name: _Extremes(n) for name in names} if extremes else {}
+        self._passages = {label: _Passage(event, n) for label, event in events.items()}
+        self._bands = {name: np.full((n, steps.size), np.nan) for name in names if steps.size}
+        self._looks_always = bool(self._extremes or self._passages)
+        self.every = 1 if self._looks_always or steps.size < 2 else int(steps[1] - steps[0])
+        self.observer = self
+
+    def __call__(self, number: int, time: float, state: State) -> None:
+        """Take in the state after a step."""
+        if self._looks_always or number in self._steps:
+            with np.errstate(all="ignore"):  # samples that have failed stand still, whatever they are
+                found = self._model.outputs.evaluate(self._model.observed(self._begun.system, state))
+            self._take(np.array([number]), np.array([time]), {name: values[None] for name, values in found.items()})
+
+    def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
+        """Take in the states after many steps; see `TrailObserver`."""
+        looked_at = np.arange(numbers.size) if self._looks_always else np.flatnonzero(np.isin(numbers, self._steps))
+        for some, found in self._evaluated(looked_at, trail):
+            self._take(numbers[some], times[some], found)
+
+    def _evaluated(self, looked_at: np.ndarray, trail: np.ndarray) -> Iterator[tuple[np.ndarray, dict]]:
+        """Yield some numbers of states, and the outputs there, each of shape (n_t, n_samples)."""
+        n, model, system = self._begun.system.n_samples, self._model, self._begun.system
+        together = max(1, LARGEST // n) if isinstance(model, ReducedModel) else 1
+        for first in range(0, looked_at.size, together):
+            some = looked_at[first : first + together]
+            with np.errstate(all="ignore"):
+                if isinstance(model, ReducedModel):  # what is observed of reduced samples is cheap for many at once
+                    values = {name: np.tile(value, some.size) for name, value in system.values.items()}
+                    observed = model.observed_of(trail[some, 0].reshape(some.size * n, -1), values)
+                else:
+                    observed = model.observed(system, State(*trail[some[0]], np.zeros(0)))
+                found = model.outputs.evaluate(observed)
+            yield some, {name: values.reshape(some.size, n) for name, values in found.items()}
+
+    def _take(self, numbers: np.ndarray, times: np.ndarray, outputs: dict[str, np.ndarray]) -> None:
+        for name, extremes in self._extremes.items():
+            extremes.take(times, outputs[name])
+        for passage in self._passages.values():
+            passage.take(times, outputs[passage.event.output])
+        of_bands = np.flatnonzero(np.isin(numbers, self._steps))
+        places = np.searchsorted(self._steps, numbers[of_bands])
+        for name, band in self._bands.items():
+            band[:, places] = outputs[name][of_bands].T
+
+    def found(self, status: np.ndarray) -> Found:
+        """Return what was kept, NaN for samples that failed."""
+        samples = self._begun.samples
+        lost = (status != Status.FINE)[samples]
+        kept: Found = {
+            "extremes": {f"{name}/{w}": v for name, one in self._extremes.items() for w, v in one.found().items()},
+            "first_passages": {label: passage.time for label, passage in self._passages.items()},
+            "bands": self._bands,
+        }
+        return {
+            kind: {
+                name: np.where(lost.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values[samples])
+                for name, values in arrays.items()
+            }
+            for kind, arrays in kept.items()
+        }
+
+
+class _Extremes:
+    """The largest and the smallest values of an output so far, and when they were reached first."""
+
+    def __init__(self, n: int) -> None:
+        self._values = {"max": np.full(n, -np.inf), "min": np.full(n, np.inf)}
+        self._times = {"max": np.zeros(n), "min": np.zeros(n)}
+        self._unknown = np.zeros(n, dtype=bool)
+
+    def take(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Take in values (n_t, n) at some instants (n_t,)."""
+        self._unknown |= np.isnan(values).any(axis=0)
+        for which, place in (("max", np.argmax(values, axis=0)), ("min", np.argmin(values, axis=0))):
+            here = np.take_along_axis(values, place[None], axis=0)[0]
+            further = here > self._values[which] if which == "max" else here < self._values[which]
+            self._values[which] = np.where(further, here, self._values[which])
+            self._times[which] = np.where(further, times[place], self._times[which])
+
+    def found(self) -> dict[str, np.ndarray]:
+        """Return the columns; NaN where the output was no number for a while."""
+        columns = self._values | {f"time_of_{which}": times for which, times in self._times.items()}
+        return {which: np.where(self._unknown, np.nan, column) for which, column in columns.items()}
+
+
+class _Passage:
+    """The instant at which an output first passes a level, NaN until it does."""
+
+    def __init__(self, event: Event, n: int) -> None:
+        self.event, self.time = event, np.full(n, np.nan)
+        self._sign = 1.0 if event.above is not None else -1.0
+        self._before: tuple[float, np.ndarray] | None = None
+
+    def take(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Take in values (n_t, n) at some instants (n_t,)."""
+        excess = self._sign * (values - self.event.level)
+        for time, now in zip(times, excess):
+            passed = (now > 0.0) & np.isnan(self.time)
+            if passed.any():
+                self.time[passed] = self._crossing(time, now)[passed]
+            self._before = time, now
+
+    def _crossing(self, time: float, now: np.ndarray) -> np.ndarray:
+        """Return where the line from the instant before crosses the level; at the start, the start."""
+        if self._before is None:
+            return np.full(now.shape, time)
+        earlier, before = self._before
+        with np.errstate(all="ignore"):
+            share = np.where(before < 0.0, before / (before - now), 0.0)
+        return earlier + share * (time - earlier)

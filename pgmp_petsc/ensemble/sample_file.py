@@ -1,0 +1,151 @@
+"""Samples from a file: a table with a column for every uncertain parameter, as CSV or HDF5, SI units.
+
+CSV has the names in its first line and commas between numbers. HDF5 has a data set (N,) for each parameter, at the top
+or in a group ``parameters``: any ensemble of this program is such a file, whose samples another model can so repeat.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.ensemble.batch import SampleFile
+from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
+from pgmp_petsc.runtime.remarks import note
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.messages import MAX_LINES, input_error
+from pgmp_petsc.scene.spanning_values import uncertain_names
+
+OPTION = "--samples"
+
+
+def read_samples(path: Path, scene: Scene, n_samples: int | None) -> SampleFile:
+    """Read the first `n_samples` samples of a file, or all. By one process.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, lacks the column of an uncertain parameter, has fewer samples, or one that is no
+        finite number within the parameter's bounds, with its line.
+    """
+    import h5py
+
+    try:
+        if not path.is_file():
+            raise InputError(f"{OPTION} {path}: there is no such file; a CSV or HDF5 file of samples is needed")
+        is_hdf5 = h5py.is_hdf5(path)
+        columns, lines = _of_hdf5(path, scene) if is_hdf5 else _of_csv(path, scene)
+        with open(path, "rb") as stream:
+            content = hashlib.file_digest(stream, "sha256").hexdigest()
+    except (OSError, UnicodeDecodeError, csv.Error, RuntimeError) as error:
+        raise InputError(f"{OPTION} {path}: it cannot be read as CSV or HDF5: {error}") from error
+    n = min(map(len, columns.values()))
+    if n_samples is not None and n_samples > n:
+        raise InputError(f"-n {n_samples}: {OPTION} {path} has {n} samples; give at most so many, or leave -n out")
+    n = n if n_samples is None else n_samples
+    columns = {name: values[:n] for name, values in columns.items()}
+    place = "sample" if is_hdf5 else "line"
+    problems = []
+    for problem in _problems(columns, lines, scene, place):
+        problems.append(f"{OPTION} {path}: {problem}")
+        if len(problems) > MAX_LINES:
+            break
+    if problems:
+        raise input_error(problems)
+    return SampleFile(path, columns, content, _unused(path, scene, columns, is_hdf5))
+
+
+def _of_csv(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the columns of parameters and the number of each sample's line; text that is no number is refused."""
+    with open(path, encoding="utf-8-sig", newline="") as stream:
+        rows = csv.reader(stream, skipinitialspace=True)
+        names = [name.strip() for name in next(rows, [])]
+        used = _used(path, names, scene)
+        places = [names.index(name) for name in used]
+        values: list[list[float]] = []
+        lines = []
+        for row in rows:
+            if not row:
+                continue
+            where = f"{OPTION} {path}: line {rows.line_num}"
+            if len(row) != len(names):
+                raise InputError(f"{where} has {len(row)} entries; the first line names {len(names)} columns")
+            values.append([_number(row[place], where, name) for place, name in zip(places, used)])
+            lines.append(rows.line_num)
+    if not lines:
+        raise InputError(f"{OPTION} {path}: there are no samples in it, only a first line of names")
+    return dict(zip(used, np.array(values).T)), np.array(lines)
+
+
+def _number(text: str, where: str, name: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        shown = f"'{shortened(text.strip(), 40)}'" if text.strip() else "nothing"
+        raise InputError(f"{where}: {name} = {shown}; a number is needed") from None
+
+
+def _of_hdf5(path: Path, scene: Scene) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the columns of parameters and the number of each sample."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        group = file["parameters"] if isinstance(file.get("parameters"), h5py.Group) else file
+        used = _used(path, [name for name, item in group.items() if isinstance(item, h5py.Dataset)], scene)
+        columns = {}
+        for name in used:
+            data = group[name]
+            if data.ndim != 1 or data.dtype.kind not in "iuf" or not data.size:
+                what = f"has shape {data.shape} and type {data.dtype}; numbers of shape (N,) are needed"
+                raise InputError(f"{OPTION} {path}: data set '{data.name}' {what}")
+            columns[name] = np.asarray(data[()], dtype=float)
+    lengths = {name: len(values) for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        found = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise InputError(f"{OPTION} {path}: columns differ in length: {found}")
+    return columns, np.arange(max(lengths.values()))
+
+
+def _used(path: Path, names: list[str], scene: Scene) -> list[str]:
+    """Return the columns that are parameters of the scene; all uncertain ones must be there."""
+    for name in uncertain_names(scene):
+        if name not in names:
+            hint = nearest_name(name, names) if names else "; it has none at all"
+            raise InputError(f"{OPTION} {path}: there is no column '{name}', an uncertain parameter{hint}")
+    used = [name for name in dict.fromkeys(names) if name in scene.parameters]
+    if not used:
+        known = nearest_name("", scene.parameters)
+        raise InputError(f"{OPTION} {path}: none of its columns is a parameter of the scene{known}")
+    for name in used:
+        if names.count(name) > 1:
+            raise InputError(f"{OPTION} {path}: {names.count(name)} columns are called '{name}'; one is needed")
+    return used
+
+
+def _problems(columns: Mapping[str, np.ndarray], lines: np.ndarray, scene: Scene, place: str) -> Iterator[str]:
+    """Yield what is wrong with values, the first lines first within a column."""
+    for name, values in columns.items():
+        bounds = scene.parameters[name].bounds
+        for number in np.flatnonzero(~np.isfinite(values)):
+            yield f"{place} {lines[number]}: {name} = {values[number]}; a finite number is needed"
+        if bounds is not None:
+            for number in np.flatnonzero((values < bounds[0]) | (values > bounds[1])):
+                limits = f"parameters.{name}.bounds, [{bounds[0]:g}, {bounds[1]:g}]"
+                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must lie in {limits}"
+        if name in scene.positive_parameters:
+            for number in np.flatnonzero(values <= 0.0):
+                yield f"{place} {lines[number]}: {name} = {values[number]:g}; must be positive for what uses it"
+
+
+def _unused(path: Path, scene: Scene, columns: Mapping[str, np.ndarray], is_hdf5: bool) -> tuple:
+    """Return a note on columns of a CSV file that are no parameters."""
+    if is_hdf5:
+        return ()
+    with open(path, encoding="utf-8-sig", newline="") as stream:
+        names = [name.strip() for name in next(csv.reader(stream, skipinitialspace=True))]
+    others = [name for name in names if name not in columns]
+    return (note(f"columns of '{path}' that are no parameters have no part: {', '.join(others)}"),) if others else ()

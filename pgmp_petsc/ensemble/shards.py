@@ -1,0 +1,148 @@
+"""Shards of an ensemble: parts that are runs of their own, on one machine or many, and are joined to what one run of
+all samples gives, bit for bit.
+
+A sample's numbers depend on the seed and its own number alone, and statistics are of all samples together: shards keep
+samples, and whoever joins them describes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.ensemble.batch import Plan, SampleFile
+from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.columns import Columns
+from pgmp_petsc.ensemble.description import describe_ensemble
+from pgmp_petsc.ensemble.origin import Origin
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.results.shard import Place, ShardSamples
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
+
+CHECKSUM = 64  # characters
+
+
+def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, timings: Timings) -> ShardSamples:
+    """Return what a finished checkpoint of a shard holds."""
+    scene, file = origin.scene, plan.file
+    first, last = plan.samples
+    of_file = None if file is None else {"path": str(file.path), "identity": file.identity, "names": [*file.values]}
+    place = Place(plan.shard.number, plan.shard.count, plan.n_samples, first, checkpoint.run, of_file)
+    seed = None if file is not None else plan.seed
+    return ShardSamples(
+        origin.model,
+        RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), scene.remarks),
+        place,
+        origin.units,
+        origin.not_estimated,
+        () if file is None else file.remarks,
+        checkpoint.remarks,
+        checkpoint.columns(),
+        checkpoint.bands(min(scene.ensemble.band_samples, last)),
+    )
+
+
+class Shards:
+    """All shards of an ensemble, in their order; in place of a checkpoint.
+
+    Parameters
+    ----------
+    paths
+        Their files.
+    shards
+        What is in them.
+    folder
+        Where there is space for their columns.
+
+    Raises
+    ------
+    InputError
+        If they are not all shards of one ensemble, each once.
+    """
+
+    def __init__(self, paths: Sequence[Path], shards: Sequence[ShardSamples], folder: Path) -> None:
+        _check(paths, [shard.place for shard in shards])
+        ordered = sorted(zip(paths, shards), key=lambda pair: pair[1].place.number)
+        self._shards, self._folder = [shard for _, shard in ordered], folder
+        self._n_samples = shards[0].place.n_samples
+        ends = [shard.place.first for shard in self._shards[1:]] + [self._n_samples]
+        for (path, shard), end in zip(ordered, ends):
+            n = len(shard.columns["status"])
+            if n != end - shard.place.first:
+                raise InputError(
+                    f"file '{path}' is damaged: {n} samples, not {end - shard.place.first}; write it again"
+                )
+        self.remarks: tuple[Remark, ...] = tuple(remark for shard in self._shards for remark in shard.found)
+
+    def columns(self) -> Columns:
+        """Return all samples as columns; raises `RunError` if the system fails to write them."""
+        columns = Columns(self._folder, self._n_samples)
+        for shard in self._shards:
+            for name in shard.columns:
+                columns.put(shard.place.first, {name: shard.columns[name]})
+        return columns
+
+    def bands(self, n: int) -> Mapping[str, np.ndarray]:
+        """Return the outputs of the first n samples at the instants of the bands, each (n, n_t)."""
+        parts: dict[str, list[np.ndarray]] = {}
+        for shard in self._shards:
+            for name in shard.bands if shard.place.first < n else ():
+                parts.setdefault(name, []).append(shard.bands[name])
+        return {name: np.concatenate(values) for name, values in parts.items()}
+
+    def described(self, output: Path) -> Ensemble:
+        """Return the ensemble."""
+        first = self._shards[0]
+        record, place = first.record, first.place
+        scene = scene_from_toml(record.scene_toml, ".").with_remarks(record.remarks)
+        origin = Origin(first.model, scene, first.units, first.not_estimated)
+        columns, file = self.columns(), None
+        if place.file is not None:
+            names, parameters = place.file["names"], columns.of("parameters")
+            values = {str(name): parameters[name] for name in names}
+            file = SampleFile(Path(place.file["path"]), values, str(place.file["identity"]), first.file_remarks)
+        plan = Plan(place.n_samples, record.seed or 0, output, file=file)
+        ranks = sum(shard.record.ranks for shard in self._shards)
+        return describe_ensemble(origin, plan, Sampler(scene, plan), self, ranks, self._timings())
+
+    def _timings(self) -> Timings:
+        """Return the time of every phase in all shards together: they may have run one after the other."""
+        seconds: dict[str, float] = {}
+        for shard in self._shards:
+            for phase, time in shard.record.timings.items():
+                seconds[phase] = seconds.get(phase, 0.0) + time
+        return Timings(seconds)
+
+
+def _check(paths: Sequence[Path], places: Sequence[Place]) -> None:
+    """Refuse what is not all shards of one ensemble, each once."""
+    path, place = paths[0], places[0]
+    for other_path, other in zip(paths[1:], places[1:]):
+        for key in {**place.run, **other.run}:
+            one, two = place.run.get(key), other.run.get(key)
+            if one != two:
+                plain = not any(isinstance(value, str) and len(value) == CHECKSUM for value in (one, two))
+                shown = f" ({one} in '{path}', {two} in '{other_path}')" if plain else ""
+                raise InputError(
+                    f"'{other_path}' is a shard of another ensemble than '{path}': its {key} differs{shown}"
+                )
+        if other.count != place.count:
+            raise InputError(
+                f"'{other_path}' is one of {other.count} shards and '{path}' one of {place.count}: take those of one "
+                "division"
+            )
+    known: dict[int, Path] = {}
+    for one_path, one in zip(paths, places):
+        if one.number in known:
+            raise InputError(f"shard {one.number}/{one.count} is there twice: '{known[one.number]}' and '{one_path}'")
+        known[one.number] = one_path
+    absent = [f"{number}/{place.count}" for number in range(1, place.count + 1) if number not in known]
+    if absent:
+        raise InputError(f"missing: shard {', '.join(absent)}; give the files of all {place.count}")

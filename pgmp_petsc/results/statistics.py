@@ -1,0 +1,210 @@
+"""Figures of an ensemble with their confidence intervals: statistics, probabilities of events, and bands over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from pgmp_petsc.results.layout import check_shape
+from pgmp_petsc.runtime.files import put, take
+
+if TYPE_CHECKING:
+    import h5py
+
+_SCALARS = {
+    "mean": "mean",
+    "std": "standard deviation",
+    "mean_standard_error": "standard error of the mean",
+    "std_standard_error": "standard error of the standard deviation",
+}
+_INTERVALS = {"mean_interval": "mean", "std_interval": "standard deviation"}
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Statistics of one quantity, in the quantity's unit: of an output over the samples that are fine.
+
+    Parameters
+    ----------
+    count : int
+        Number of values.
+    mean, std, mean_standard_error, std_standard_error : float
+    pdf : ndarray, shape (n_bins,)
+        Probability density, 1/unit.
+    edges : ndarray, shape (n_bins + 1,)
+        Limits of the bins; both arrays are empty where no sample is fine.
+    quantiles, probabilities : ndarray, shape (n_quantiles,)
+        Values and the probabilities that they belong to.
+    quantile_bounds : ndarray, shape (n_quantiles, 2)
+        Between which the quantiles of all samples lie, whatever the failed ones would have been.
+    mean_interval, std_interval : ndarray, shape (2,)
+        Confidence intervals; NaN where nothing is known.
+    quantile_intervals : ndarray, shape (n_quantiles, 2)
+        Confidence intervals of the quantiles; infinite where the sample is too small to have an end.
+    confidence : float
+        Level of the intervals.
+    """
+
+    count: int
+    mean: float
+    std: float
+    mean_standard_error: float
+    std_standard_error: float
+    pdf: np.ndarray
+    edges: np.ndarray
+    quantiles: np.ndarray
+    quantile_bounds: np.ndarray
+    probabilities: np.ndarray
+    mean_interval: np.ndarray
+    std_interval: np.ndarray
+    quantile_intervals: np.ndarray
+    confidence: float
+
+    def __post_init__(self) -> None:
+        check_shape("pdf", self.pdf, (None,))
+        check_shape("edges", self.edges, (len(self.pdf) + 1 if len(self.pdf) else 0,))
+        check_shape("quantiles", self.quantiles, (None,))
+        check_shape("quantile_bounds", self.quantile_bounds, (len(self.quantiles), 2))
+        check_shape("probabilities", self.probabilities, (len(self.quantiles),))
+        check_shape("mean_interval", self.mean_interval, (2,))
+        check_shape("std_interval", self.std_interval, (2,))
+        check_shape("quantile_intervals", self.quantile_intervals, (len(self.quantiles), 2))
+
+    def write(self, group: h5py.Group, name: str, unit: str) -> None:
+        """Write them into a group of their own."""
+        put(group, "count", self.count, "1", f"number of values of '{name}' that these are of")
+        for scalar, words in _SCALARS.items():
+            put(group, scalar, float(getattr(self, scalar)), unit, f"{words} of '{name}'")
+        per_unit = "1" if unit == "1" else f"1/{unit}"
+        put(group, "pdf", self.pdf, per_unit, f"probability density of '{name}'")
+        put(group, "edges", self.edges, unit, "limits of the bins of the density")
+        quantiles = put(group, "quantiles", self.quantiles, unit, f"quantiles of '{name}'")
+        quantiles.attrs["probabilities"] = self.probabilities
+        about = "between these lie the quantiles of all samples, whatever the failed ones would have been"
+        put(group, "quantile_bounds", self.quantile_bounds, unit, about)
+        for interval, words in _INTERVALS.items():
+            _put_interval(group, interval, getattr(self, interval), unit, f"{words} of '{name}'", self.confidence)
+        about = f"quantiles of '{name}'"
+        _put_interval(group, "quantile_intervals", self.quantile_intervals, unit, about, self.confidence)
+
+    @classmethod
+    def read(cls, group: h5py.Group) -> Self:
+        """Read what `write` wrote."""
+        scalars = {scalar: float(take(group, scalar, 0)) for scalar in _SCALARS}
+        arrays = {name: take(group, name, 1) for name in ("pdf", "edges", "quantiles", *_INTERVALS)}
+        return cls(
+            count=int(take(group, "count", 0)),
+            **scalars,
+            **arrays,
+            quantile_bounds=take(group, "quantile_bounds", 2),
+            quantile_intervals=take(group, "quantile_intervals", 2),
+            probabilities=np.array(group["quantiles"].attrs["probabilities"]),
+            confidence=float(group["mean_interval"].attrs["confidence"]),
+        )
+
+
+@dataclass(frozen=True)
+class Chance:
+    """The probability of an event.
+
+    Parameters
+    ----------
+    event : str
+        What comes true, in words.
+    count, n : int
+        Of how many samples that are fine, and of how many it is known.
+    estimate : float
+        NaN where it is known of none.
+    interval : ndarray, shape (2,)
+        Confidence interval.
+    confidence : float
+        Its level.
+    """
+
+    event: str
+    count: int
+    n: int
+    estimate: float
+    interval: np.ndarray
+    confidence: float
+
+    def __post_init__(self) -> None:
+        check_shape("interval", self.interval, (2,))
+
+    def write(self, group: h5py.Group, label: str) -> None:
+        """Write it into a group of its own."""
+        put(group, "estimate", self.estimate, "1", f"probability of '{label}': {self.event}")
+        _put_interval(group, "interval", self.interval, "1", f"probability of '{label}'", self.confidence)
+        put(group, "count", self.count, "1", "number of samples in which it came true")
+        put(group, "samples", self.n, "1", "number of samples of which it is known")
+        group.attrs["event"] = self.event
+
+    @classmethod
+    def read(cls, group: h5py.Group) -> Self:
+        """Read what `write` wrote."""
+        return cls(
+            event=str(group.attrs["event"]),
+            count=int(take(group, "count", 0)),
+            n=int(take(group, "samples", 0)),
+            estimate=float(take(group, "estimate", 0)),
+            interval=take(group, "interval", 1),
+            confidence=float(group["interval"].attrs["confidence"]),
+        )
+
+
+@dataclass(frozen=True)
+class Band:
+    """An output over time: what its samples do together.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_t,)
+        s.
+    mean, std : ndarray, shape (n_t,)
+        NaN where there are too few.
+    quantiles : ndarray, shape (n_t, n_quantiles)
+    probabilities : ndarray, shape (n_quantiles,)
+    count : int
+        Number of samples that these are of.
+    """
+
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    quantiles: np.ndarray
+    probabilities: np.ndarray
+    count: int
+
+    def __post_init__(self) -> None:
+        check_shape("time", self.time, (None,))
+        for name in ("mean", "std"):
+            check_shape(name, getattr(self, name), self.time.shape)
+        check_shape("probabilities", self.probabilities, (None,))
+        check_shape("quantiles", self.quantiles, (len(self.time), len(self.probabilities)))
+
+    def write(self, group: h5py.Group, name: str, unit: str) -> None:
+        """Write it into a group of its own."""
+        put(group, "time", self.time, "s", "instants")
+        put(group, "mean", self.mean, unit, f"mean of output '{name}' over the samples at each instant")
+        put(group, "std", self.std, unit, f"standard deviation of output '{name}' at each instant")
+        quantiles = put(group, "quantiles", self.quantiles, unit, f"quantiles of output '{name}', instant by instant")
+        quantiles.attrs["probabilities"] = self.probabilities
+        put(group, "count", self.count, "1", "number of samples that these are of: the first ones that are fine")
+
+    @classmethod
+    def read(cls, group: h5py.Group) -> Self:
+        """Read what `write` wrote."""
+        return cls(
+            **{name: take(group, name, 1) for name in ("time", "mean", "std")},
+            quantiles=take(group, "quantiles", 2),
+            probabilities=np.array(group["quantiles"].attrs["probabilities"]),
+            count=int(take(group, "count", 0)),
+        )
+
+
+def _put_interval(group: h5py.Group, name: str, ends: np.ndarray, unit: str, of: str, confidence: float) -> None:
+    """Write a confidence interval, or one a row."""
+    about = f"{100 * confidence:g} % confidence interval: {of}; knows of sampling alone"
+    put(group, name, ends, unit, about).attrs["confidence"] = confidence

@@ -1,0 +1,184 @@
+"""Samplers, events, extremes, bands and files of samples, through the command, on one rank and on several."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from runs import PGMP, SMALL, overridden, paper_scene, pgmp, rom_of
+
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.results import Ensemble, Trajectory
+from pgmp_petsc.scene import scene_from_toml
+
+UNCERTAIN = (
+    *SMALL,
+    'parameters.push={nominal=1.0, distribution={name="uniform", loc=0.8, scale=0.4}}',
+    'effects.motor.scale="push"',
+)
+UNCHECKED = "ensemble.checked_share=0.0"
+LEVEL = 2e-3
+ASKED = overridden(
+    UNCHECKED,
+    "ensemble.extremes=true",
+    "ensemble.bands=11",
+    f'ensemble.probabilities.begun={{output="crank_angle", above={LEVEL}, when="ever"}}',
+    'ensemble.probabilities.behind={output="crank_angle", below=0.0}',
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("uncertainty")
+
+
+@pytest.fixture(scope="module")
+def rom(folder: Path) -> Path:
+    path = folder / "rom.h5"
+    rom_of(paper_scene(*UNCERTAIN)).write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sobol(folder: Path, rom: Path) -> tuple[Ensemble, str]:
+    """Return an ensemble of scrambled Sobol points, and what the command said."""
+    path = folder / "sobol.h5"
+    done = pgmp("montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *ASKED, "-o", path)
+    return Ensemble.read(path), done.stdout
+
+
+def test_figures_over_time_are_those_of_single_runs(folder: Path, rom: Path, sobol: tuple[Ensemble, str]) -> None:
+    ensemble, _ = sobol
+    band, angles = ensemble.bands["crank_angle"], []
+    passages = ensemble.first_passages["begun"]
+    for number in (0, 9):
+        values = [f"{name}={column[number]:.17g}" for name, column in ensemble.parameters.items()]
+        path = folder / f"run_{number}.h5"
+        pgmp("simulate", rom, *(word for value in values for word in ("--set", value)), "-o", path)
+        run = Trajectory.read(path)
+        for name, output in run.outputs.items():
+            assert ensemble.extremes[f"{name}/max"][number] == pytest.approx(output.max(), rel=1e-9, abs=1e-15)
+            assert ensemble.extremes[f"{name}/min"][number] == pytest.approx(output.min(), rel=1e-9, abs=1e-15)
+        np.testing.assert_allclose(band.time, run.time[::5], atol=1e-12)
+        angle = run.outputs["crank_angle"]
+        angles.append(angle)
+        first = int(np.argmax(angle > LEVEL))
+        share = (LEVEL - angle[first - 1]) / (angle[first] - angle[first - 1])
+        assert passages[number] == pytest.approx(run.time[first - 1] + share * 1e-3, rel=1e-6)
+    np.testing.assert_allclose(band.mean[-1], ensemble.outputs["crank_angle"].mean(), rtol=1e-12)
+    np.testing.assert_allclose(band.std[-1], ensemble.outputs["crank_angle"].std(ddof=1), rtol=1e-9)
+    np.testing.assert_allclose(band.quantiles[-1], ensemble.statistics["crank_angle"].quantiles, rtol=1e-12)
+    assert np.all((band.quantiles[:, 0] <= np.min(angles, axis=0)[::5]) | (band.count > 40))
+    begun, behind = ensemble.probabilities["begun"], ensemble.probabilities["behind"]
+    assert (begun.count, begun.n) == (int(np.isfinite(passages).sum()), 64) and behind.count == 0
+    assert behind.interval[0] == 0.0 < behind.interval[1]
+    assert ensemble.statistics["crank_angle.max"].mean == pytest.approx(ensemble.extremes["crank_angle/max"].mean())
+
+
+def test_the_terminal_says_what_the_file_holds(sobol: tuple[Ensemble, str], folder: Path) -> None:
+    ensemble, said = sobol
+    assert "95 % interval" in said and "crank_angle below 0 rad at the end, 0 of 64 samples" in said
+    assert "note: intervals of mean and deviation follow from the spread between 8 scrambled Sobol sequences" in said
+    assert "mean, deviation and quantiles of 64 samples at 11 instants" in said
+    assert "64 samples are too few to rank parameters" in said
+    told = pgmp("info", folder / "sobol.h5").stdout
+    assert "crank_angle below 0 rad at the end, 0 of 64 samples" in told
+    pictures = pgmp("plot", folder / "sobol.h5", "-o", folder / "pictures").stdout
+    assert "densities.png" in pictures and "bands.png" in pictures
+    found = ensemble.statistics["crank_angle"]
+    assert found.mean_interval[0] < found.mean < found.mean_interval[1]
+
+
+@pytest.mark.parametrize("n_ranks", [2])
+def test_ranks_and_batches_have_no_part_in_it(
+    mpirun: Callable, folder: Path, rom: Path, sobol: tuple[Ensemble, str], n_ranks: int
+) -> None:
+    path = folder / "ranks.h5"
+    asked = (*ASKED, *overridden("ensemble.batch=7"))
+    mpirun(n_ranks, *PGMP, "montecarlo", rom, "-n", 64, "--seed", 3, "--sampler", "sobol", *asked, "-o", path)
+    found, (expected, _) = Ensemble.read(path), sobol
+    for name, values in expected.parameters.items():
+        np.testing.assert_array_equal(found.parameters[name], values)
+    for kind in ("outputs", "extremes", "first_passages"):
+        for name, values in getattr(expected, kind).items():
+            # the rigid closure of a whole batch stops at 1e-12
+            np.testing.assert_allclose(getattr(found, kind)[name], values, rtol=1e-9, atol=1e-12, err_msg=name)
+    for name, band in expected.bands.items():
+        for part in ("mean", "std", "quantiles"):
+            np.testing.assert_allclose(getattr(found.bands[name], part), getattr(band, part), rtol=1e-6, atol=1e-12)
+
+
+def test_a_longer_run_has_the_samples_of_a_shorter_one(rom: Path, folder: Path, sobol: tuple[Ensemble, str]) -> None:
+    scene = scene_from_toml(sobol[0].record.scene_toml, folder)
+    assert scene.ensemble.sampler == "sobol"
+    longer = Sampler(scene, Plan(1000, 3)).draw(0, 64)
+    for name, values in sobol[0].parameters.items():
+        np.testing.assert_array_equal(values, longer[name])
+
+
+def test_blocks_lead_to_sobol_indices(rom: Path, folder: Path) -> None:
+    path = folder / "saltelli.h5"
+    done = pgmp("montecarlo", rom, "-n", 128, "--sampler", "saltelli", "-o", path, *overridden(UNCHECKED))
+    found = Ensemble.read(path)
+    indices = found.sobol["crank_angle"]
+    assert (indices.parameters, indices.count, indices.method) == (("push", "r1"), 32, "saltelli")
+    # the angle is nearly the torque's integral over a nearly rigid mechanism: what is left is the inertia of the crank
+    assert indices.first[0] > indices.first[1] > 0.0 and np.sum(indices.first) == pytest.approx(1.0, abs=0.1)
+    assert found.statistics["crank_angle"].count == 64
+    assert "Sobol indices" in done.stdout and "base points A and B" in done.stdout
+    refused = pgmp("montecarlo", rom, "-n", 130, "--sampler", "saltelli", "-o", path, status=2)
+    assert "-n 130 with the sampler saltelli: each of its base points takes 4 samples" in refused.stderr
+    assert "such as 128 or 132" in refused.stderr
+
+
+def test_a_file_of_samples_repeats_them_in_another_model(rom: Path, folder: Path, sobol: tuple[Ensemble, str]) -> None:
+    """An ensemble's file is a table too; a table of text gives the same."""
+    ensemble, _ = sobol
+    table = folder / "table.csv"
+    rows = zip(*(ensemble.parameters[name] for name in ("push", "r1")))
+    table.write_text("push,r1\n" + "".join(f"{push:.17g},{r1:.17g}\n" for push, r1 in rows))
+    for source, given in ((folder / "sobol.h5", ()), (table, ("-n", 5))):
+        path = folder / "repeated.h5"
+        done = pgmp("montecarlo", rom, "--samples", source, *given, "-o", path, *overridden(UNCHECKED))
+        found = Ensemble.read(path)
+        n = 5 if given else 64
+        assert found.record.seed is None and len(found.status) == n
+        for name, values in ensemble.outputs.items():
+            np.testing.assert_allclose(found.outputs[name], values[:n], rtol=1e-9, atol=1e-12)
+        assert f"samples are those of '{source}'" in done.stdout
+    with h5py.File(path) as file:
+        assert json.loads(file.attrs["remarks"])
+
+
+@pytest.mark.parametrize("n_ranks", [1, 2])
+def test_bad_input_is_one_message_on_any_ranks(mpirun: Callable, folder: Path, rom: Path, n_ranks: int) -> None:
+    table = folder / "bad.csv"
+    table.write_text("push,r1\n1.0,5e-3\n1.0,wide\n")
+    cases = (
+        ((), "-n: missing; give the number of samples, or a file of samples with --samples"),
+        (("--samples", table), f"--samples {table}: line 3: r1 = 'wide'; a number is needed"),
+        (("--samples", table, "--sampler", "sobol"), "--sampler sobol: the samples are those of --samples"),
+        (
+            ("-n", 4, *overridden('ensemble.probabilities.x={output="angle", above=1.0}')),
+            "ensemble.probabilities.x.output = \"angle\": there is no such output; did you mean 'crank_angle'?",
+        ),
+    )
+    # what ranks have to agree on is what one of them alone reads
+    for words, said in cases if n_ranks == 1 else cases[1:2]:
+        done = mpirun(n_ranks, *PGMP, "montecarlo", rom, *words, "-o", folder / "no.h5", check_status=2)
+        assert f"pgmp: error: {said}" in done.stderr and "Traceback" not in done.stderr
+    assert not (folder / "no.h5").exists()
+
+
+def test_a_value_for_a_parameter_of_the_file_is_refused(folder: Path, rom: Path) -> None:
+    table = folder / "fixed.csv"
+    table.write_text("push,r1\n1.0,5e-3\n")
+    words = ("--samples", table, "--set", "r1=5e-3", "-o", folder / "no.h5")
+    fixed = overridden("parameters.r1={nominal=5.6e-3}")
+    done = pgmp("montecarlo", rom, *words, *fixed, status=2)
+    assert f"--set r1=5e-3: every sample takes 'r1' from --samples {table}; leave one of them out" in done.stderr
