@@ -90,7 +90,8 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         in_order = sorted(ensembles, key=lambda found: tuple(MODELS).index(found[1].model))
         files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
         pictures["densities"] = partial(densities, found, densities_labels(found, files))
-        notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
+        shown = [{*ensemble.parameters, *ensemble.outputs} & set(ensemble.statistics) for ensemble in found]
+        notes += _left_out("densities", shown)
         over_time = [(path, ensemble) for path, ensemble in in_order if any(b.count for b in ensemble.bands.values())]
         for (path, ensemble), name in _numbered(over_time, "bands"):
             label = densities_labels(found, files)[files.index(path)]
