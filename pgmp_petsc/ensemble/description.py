@@ -59,13 +59,13 @@ def describe_ensemble(
         statistics[label] = statistics_of(times, chosen)
     divisors = numerics["steps_divided"].astype(np.int32)
     units = {name: parameter.unit or "1" for name, parameter in scene.parameters.items()} | origin.units
-    units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED}
+    units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED if over_time["extremes"]}
     units |= dict.fromkeys(over_time["first_passages"], "s")
     bands = _bands(scene, kept, chosen)
     level, quantities = scene.ensemble.confidence, _quantities(outputs, over_time["extremes"])
     sobol = sensitivities(quantities, parameters, sampler.names, fine, sampler.kind, level)
     correlated = sampler.kind != "file" and bool(scene.correlation)
-    drawn = {name: parameters[name] for name in sampler.names} if n_failed else {}
+    drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
     remarks = (
         *kept.remarks,
         *failure_remarks(status, drawn, units),
@@ -77,12 +77,10 @@ def describe_ensemble(
         *_partial_bands(bands, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),
     )
-    timed = (*scene.remarks, *remarks)
+    said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
     return Ensemble(
         model=origin.model,
-        record=RunRecord(
-            scene_to_toml(scene), scene.values, None if plan.file else plan.seed, ranks, timings.as_dict(), timed
-        ),
+        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
         parameters=parameters,
         outputs=outputs,
         units=units,

@@ -120,8 +120,6 @@ def sampler_remarks(scene: Scene, plan: Plan) -> tuple[Remark, ...]:
     """Return what is to be said of where samples come from, and of what their intervals rest on."""
     asked, n, remarks = scene.ensemble, plan.n_samples, []
     if plan.file is not None:
-        drawn = set(uncertain_names(scene)) - set(plan.file.values)
-        assert not drawn, "a file has all of them"
         what = "intervals take them for independent samples of one distribution, which nothing here can check"
         unused = "; distributions and [correlation] of the scene have no part in them"
         return (*plan.file.remarks, note(f"samples are those of '{plan.file.path}': {what}{unused}"))

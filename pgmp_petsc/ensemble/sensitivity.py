@@ -22,11 +22,11 @@ import numpy as np
 from pgmp_petsc.results.sensitivity import Sensitivity
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 
-RESAMPLES = 200
+RESAMPLES = 100
 SEED = 20_100_181  # of the resamples, whatever the samples' own
 FEWEST_IN_SLICE, MOST_SLICES = 20, 50
 FEWEST_SLICES = 4
-MOST_GIVEN = 20_000  # samples that the slices are of, the first ones: intervals have a width of a percent there
+MOST_GIVEN = 10_000  # samples that the slices are of, the first ones: their intervals are a percent or two wide
 FEWEST_BLOCKS = 16
 
 

@@ -60,7 +60,7 @@ def describe(
         std_standard_error=errors[1],
         pdf=pdf,
         edges=edges,
-        quantiles=np.quantile(values, probabilities) if values.size else np.full(probabilities.size, np.nan),
+        quantiles=np.quantile(ordered, probabilities) if values.size else np.full(probabilities.size, np.nan),
         quantile_bounds=quantile_bounds(ordered, probabilities, n_missing),
         probabilities=probabilities,
         mean_interval=of_mean,

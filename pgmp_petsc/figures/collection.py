@@ -85,25 +85,33 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         [(path, result) for path, result in results if isinstance(result, kind)] for kind in READERS.values()
     )
     of_runs, notes = _of_runs(runs, exaggeration)
-    pictures = {**_of_modes(tables), **of_runs}
-    if ensembles:
-        in_order = sorted(ensembles, key=lambda found: tuple(MODELS).index(found[1].model))
-        files, found = [path for path, _ in in_order], [ensemble for _, ensemble in in_order]
-        pictures["densities"] = partial(densities, found, densities_labels(found, files))
-        notes += _left_out("densities", [set(ensemble.statistics) for ensemble in found])
-        over_time = [(path, ensemble) for path, ensemble in in_order if any(b.count for b in ensemble.bands.values())]
-        for (path, ensemble), name in _numbered(over_time, "bands"):
-            label = densities_labels(found, files)[files.index(path)]
-            pictures[name] = partial(bands, ensemble, label=label)
-        having = [(path, ensemble) for path, ensemble in in_order if ensemble.sobol]
-        for (path, ensemble), name in _numbered(having, "sobol"):
-            label = densities_labels(found, files)[files.index(path)]
-            pictures[name] = partial(sobol, ensemble, label=label)
+    of_ensembles, left_out = _of_ensembles(ensembles)
+    pictures, notes = {**_of_modes(tables), **of_runs, **of_ensembles}, notes + left_out
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
             pictures[f"{name}{suffix}"] = partial(picture, study)
     return pictures, notes
+
+
+def _of_ensembles(ensembles: Sourced) -> tuple[Pictures, list[str]]:
+    """Return the pictures of ensembles: densities of all together, what else is known of each by itself."""
+    if not ensembles:
+        return {}, []
+    in_order = sorted(ensembles, key=lambda found: tuple(MODELS).index(found[1].model))
+    found = [ensemble for _, ensemble in in_order]
+    labels = densities_labels(found, [path for path, _ in in_order])
+    pictures: Pictures = {"densities": partial(densities, found, labels)}
+    of_each = {
+        "bands": (bands, lambda ensemble: any(band.count for band in ensemble.bands.values())),
+        "sobol": (sobol, lambda ensemble: bool(ensemble.sobol)),
+    }
+    for title, (picture, has) in of_each.items():
+        having = [(ensemble, label) for ensemble, label in zip(found, labels) if has(ensemble)]
+        for (ensemble, label), name in _numbered(having, title):
+            pictures[name] = partial(picture, ensemble, label=label)
+    shown = [{*ensemble.parameters, *ensemble.outputs} & set(ensemble.statistics) for ensemble in found]
+    return pictures, _left_out("densities", shown)
 
 
 def _of_modes(tables: Sourced) -> Pictures:

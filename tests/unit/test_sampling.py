@@ -7,7 +7,8 @@ import pytest
 from scenes import slider_crank
 from scipy import stats
 
-from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.parameters import Distribution
@@ -136,3 +137,120 @@ def test_laws_of_our_own_are_those_of_scipy(law: str, bounds: str, monkeypatch: 
     own = parameter.quantiles(shares)
     monkeypatch.setattr(Distribution, "law", property(Distribution.frozen))
     np.testing.assert_allclose(own, parameter.quantiles(shares), rtol=1e-12)
+
+
+SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
+
+
+def drawn_by(sampler: str, *overrides: str) -> Scene:
+    return slider_crank(NORMAL, *YOUNG, f'ensemble.sampler="{sampler}"', *overrides)
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_samplers_draw_the_distributions_of_the_scene_in_any_batch(sampler: str) -> None:
+    n, scene = 2048, drawn_by(sampler)
+    whole = Sampler(scene, Plan(n, 4))
+    values = whole.draw(0, n)
+    chosen = whole.described(n)
+    assert chosen.sum() == (n // 2 if sampler == "saltelli" else n)
+    for name, law in (("r1", stats.norm(5.6e-3, 0.56e-3)), ("E", stats.lognorm(0.05, scale=2.1e11))):
+        assert stats.kstest(values[name][chosen], law.cdf).pvalue > 1e-3
+    part = Sampler(scene, Plan(n, 4)).draw(1000, 1033)
+    for name, column in values.items():
+        np.testing.assert_array_equal(part[name], column[1000:1033])
+    longer = Sampler(scene, Plan(2 * n, 4)).draw(0, n)
+    assert whole.extends == all(np.array_equal(longer[name], column) for name, column in values.items())
+    assert whole.extends == (sampler != "latin_hypercube")
+
+
+def test_points_of_scrambled_sequences_know_a_mean_better_than_independent_ones() -> None:
+    """The mean of a smooth function of two parameters, over 10 seeds each."""
+
+    def error(sampler: str) -> float:
+        means = []
+        for seed in range(10):
+            values = Sampler(drawn_by(sampler), Plan(512, seed)).draw(0, 512)
+            means.append(np.mean((values["r1"] / 5.6e-3) ** 2 * values["E"] / 2.1e11))
+        # of a square of a normal variable and the mean of a lognormal one
+        return float(np.sqrt(np.mean((np.array(means) - 1.01 * np.exp(0.5 * 0.05**2)) ** 2)))
+
+    independent = error("random")
+    # an error of 1 / sqrt(20) is one that takes 20 times the samples
+    assert error("sobol") < independent / np.sqrt(20.0)
+    assert error("latin_hypercube") < independent / np.sqrt(20.0)
+
+
+def test_what_intervals_of_each_sampler_rest_on_is_said() -> None:
+    def said(sampler: str, n: int, *overrides: str) -> str:
+        return " ".join(map(str, sampler_remarks(drawn_by(sampler, *overrides), Plan(n, 0))))
+
+    assert said("random", 10) == ""
+    assert "intervals take the samples of a Latin hypercube for independent ones" in said("latin_hypercube", 10)
+    assert "statistics, probabilities and bands are of the base points A and B" in said("saltelli", 8)
+    assert "spread between 8 scrambled Sobol sequences" in said("sobol", 512)
+    assert "balanced" not in said("sobol", 512) and "warning" not in said("sobol", 512)
+    assert "256 or 512 samples are better used than 500" in said("sobol", 500)
+    assert "256 or 512 samples are better used than 300" in said("sobol", 300)
+    assert "warning: 20 samples are 2 to each of 8 scrambled Sobol sequences" in said("sobol", 20)
+    assert "warning" not in said("sobol", 64, "ensemble.replicates=4")
+
+
+@pytest.mark.parametrize(("n", "near"), [(3, "4 or 8"), (130, "128 or 132")])
+def test_blocks_that_are_not_whole_are_refused(n: int, near: str) -> None:
+    with pytest.raises(InputError, match=f"-n {n} with the sampler saltelli: .* takes 4 samples.*such as {near}"):
+        Sampler(drawn_by("saltelli"), Plan(n, 0))
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ('ensemble.sampler="halton"', 'ensemble.sampler = "halton": unknown'),
+        ("ensemble.replicates=1", "ensemble.replicates = 1: must be at least 2"),
+        ("ensemble.confidence=1.0", "ensemble.confidence = 1.0: must be less than 1"),
+        ("ensemble.bands=1", "ensemble.bands = 1: must be 0, or at least 2: the start and the end"),
+        ("ensemble.extremes=1", "ensemble.extremes = 1: true or false is needed"),
+        (
+            'ensemble.probabilities.p={output="no", above=1.0}',
+            'ensemble.probabilities.p.output = "no": there is no such',
+        ),
+        ('ensemble.probabilities.p={output="crank_angle"}', "exactly one of above, below is needed; none is given"),
+        (
+            'ensemble.probabilities.p={output="crank_angle", above=1.0, below=2.0}',
+            "exactly one of above, below is needed; above and below are given",
+        ),
+        (
+            'ensemble.probabilities.r1={output="crank_angle", above=1.0}',
+            "ensemble.probabilities.r1: parameters.r1 has the same name; give the event another one",
+        ),
+        (
+            'ensemble.probabilities.crank_angle={output="crank_angle", above=1.0}',
+            "ensemble.probabilities.crank_angle: outputs.crank_angle has the same name",
+        ),
+        ('ensemble.probabilities.p={output="crank_angle", above=1.0, when="often"}', 'when = "often": unknown'),
+    ],
+)
+def test_what_an_ensemble_cannot_be_asked_for(override: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        slider_crank(NORMAL, 'outputs.crank_angle={type="angle", joint="crank_hinge"}', override)
+    assert message in str(caught.value)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "shapes"),
+    [
+        ("beta", {"a": 2.0, "b": 5.0}), ("gamma", {"a": 2.0}), ("triang", {"c": 0.3}), ("weibull_min", {"c": 1.8}),
+        ("truncnorm", {"a": -1.0, "b": 2.0}), ("loguniform", {"a": 0.01, "b": 1.25}), ("t", {"df": 3.0}),
+        ("gumbel_r", {}), ("expon", {}), ("arcsine", {}), ("johnsonsu", {"a": 2.5, "b": 2.2}),
+    ],
+)  # fmt: skip
+def test_any_continuous_distribution_is_truncated_to_bounds(name: str, shapes: dict[str, float]) -> None:
+    law = getattr(stats, name)(**shapes, loc=0.5, scale=2.0)
+    low, high = law.ppf([0.1, 0.9])
+    given = ", ".join(f"{key}={value}" for key, value in shapes.items() | {"loc": 0.5, "scale": 2.0}.items())
+    scene = slider_crank(
+        f"parameters.s={{nominal={law.median()}, bounds=[{low}, {high}], distribution={{name='{name}', {given}}}}}",
+        'effects.motor.scale="s"',
+    )
+    shares = np.linspace(0.0, 1.0, 11)
+    np.testing.assert_allclose(scene.parameters["s"].quantiles(shares), law.ppf(0.1 + 0.8 * shares), rtol=1e-7)

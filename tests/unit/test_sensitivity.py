@@ -43,8 +43,8 @@ def test_indices_and_the_size_of_intervals_are_those_of_salib() -> None:
     np.testing.assert_allclose(found.first, known["S1"], rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(found.total, known["ST"], rtol=1e-10, atol=1e-12)
     for ends, width in ((found.first_interval, "S1_conf"), (found.total_interval, "ST_conf")):
-        # a deviation of 200 resamples is known to 5 %
-        np.testing.assert_allclose(0.5 * (ends[:, 1] - ends[:, 0]), known[width], rtol=0.25)
+        # deviations of 100 and 200 resamples are known to 7 and 5 %
+        np.testing.assert_allclose(0.5 * (ends[:, 1] - ends[:, 0]), known[width], rtol=0.3)
 
 
 def test_any_samples_have_first_indices_whose_intervals_hold() -> None:

@@ -1,0 +1,158 @@
+"""What intervals are worth, and samplers: how often intervals hold, and with how few samples a mean is known.
+
+    python -m benchmarks.uncertainty coverage [--values 100 --repetitions 2000]
+    python -m benchmarks.uncertainty indices
+    python -m benchmarks.uncertainty samplers rom.h5
+
+`coverage` describes 400 samples of 400 values from laws that are known, as an ensemble is described, and counts how
+often its intervals hold the true figures; 400 repetitions know a count of 95 % to 1.1 %. `samplers` runs ensembles of
+scrambled Sobol points, 16 of each of six sizes with seeds of their own, and compares their means with that of a large
+one. Independent samples need ``(deviation / error)^2`` samples for the same error, which needs no run. `indices`
+repeats Sobol indices of Ishigami's function, which are known.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy import stats
+
+from benchmarks.tables import Table
+from pgmp_petsc.ensemble import intervals
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.designs import Blocks
+from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.ensemble.sensitivity import of_blocks, of_given
+from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.studies.inputs import read_rom
+
+LEVEL = 0.95
+LAWS = {
+    "normal": stats.norm(3.0, 0.5),
+    "uniform": stats.uniform(),
+    "exponential": stats.expon(),
+    "lognormal, s = 0.3": stats.lognorm(0.3),
+    "beta(2, 5)": stats.beta(2.0, 5.0),
+}
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+RARE = 0.05  # probability of the event
+INDEX_SEEDS = range(60)
+SIZES, SEEDS, REFERENCE = (64, 128, 256, 512, 1024, 2048), range(16), 16_384
+
+
+def coverage(n_values: int, repetitions: int) -> Table:
+    """Return how often intervals hold, in percent."""
+    rows = []
+    for number, (name, law) in enumerate(LAWS.items()):
+        random, limit = np.random.default_rng(number), law.isf(RARE)
+        true = np.array([law.mean(), law.std(), *law.ppf(QUANTILES), RARE])
+        held = np.zeros(true.size)
+        for _ in range(repetitions):
+            values = law.rvs(n_values, random_state=random)
+            found = describe(values, 10, QUANTILES, confidence=LEVEL)
+            chance = intervals.of_probability(int(np.sum(values > limit)), n_values, LEVEL)
+            ends = np.array([found.mean_interval, found.std_interval, *found.quantile_intervals, chance])
+            held += (ends[:, 0] <= true) & (true <= ends[:, 1])
+        rows.append([name, *(f"{100 * share:.1f}" for share in held / repetitions)])
+    quantiles = (f"{100 * p:g} % quantile" for p in QUANTILES)
+    header = ["law", "mean", "deviation", *quantiles, f"probability {RARE:g}"]
+    words = f"Intervals at {100 * LEVEL:g} % that hold the true figure, in % of {repetitions} samples of {n_values}."
+    return Table("Intervals", header, rows, words)
+
+
+def indices() -> Table:
+    """Return how far Sobol indices of Ishigami's function are off, and how many of their intervals hold."""
+    a, b, names = 7.0, 0.1, ["x1", "x2", "x3"]
+    one, two, both = 0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2, a**2 / 8.0, b**2 * np.pi**8 * 8.0 / 225.0
+    first = np.array([one, two, 0.0]) / (one + two + both)
+    total = np.array([one + both, two, both]) / (one + two + both)
+
+    def function(uniform: np.ndarray) -> np.ndarray:
+        x = np.pi * (2.0 * uniform.T - 1.0)
+        return np.sin(x[0]) + a * np.sin(x[1]) ** 2 + b * x[2] ** 4 * np.sin(x[0])
+
+    def row(name: str, n: int, found: list[tuple[np.ndarray, np.ndarray]], true: np.ndarray) -> list[str]:
+        errors = np.array([values - true for values, _ in found])
+        held = np.sum([(ends[:, 0] <= true) & (true <= ends[:, 1]) for _, ends in found], axis=0)
+        size, worst = np.sqrt(np.mean(errors**2, axis=0)).max(), np.abs(errors).max()
+        return [name, str(n), f"{size:.2g}", f"{worst:.2g}", ", ".join(map(str, held))]
+
+    rows = []
+    for n in (256, 2048):
+        found = [of_blocks(function(Blocks(seed, 3).uniform(0, 5 * n)), names, LEVEL) for seed in INDEX_SEEDS]
+        rows.append(row("S1 of blocks", n, [(one.first, one.first_interval) for one in found], first))
+        rows.append(row("ST of blocks", n, [(one.total, one.total_interval) for one in found], total))
+    for n in (400, 2000):
+        drawn = [np.random.default_rng(seed).random((n, 3)) for seed in INDEX_SEEDS]
+        found = [of_given(function(uniform), dict(zip(names, uniform.T)), LEVEL) for uniform in drawn]
+        rows.append(row("S1 of random samples", n, [(one.first, one.first_interval) for one in found], first))
+    header = ["index", "blocks or samples", "root mean square error", "largest error", "intervals that hold"]
+    words = f"Largest of three parameters; {len(INDEX_SEEDS)} repetitions, intervals of x1, x2, x3."
+    return Table("Sobol indices of Ishigami's function", header, rows, words)
+
+
+def samplers(path: Path) -> Iterator[Table]:
+    """Yield, for every output, the errors of means of scrambled Sobol points, and what independent samples need."""
+    scene, rom = read_rom(path, ['ensemble.sampler="sobol"'], (), MPI.COMM_SELF)
+    model = ReducedModel(scene, rom)
+
+    def outputs(seed: int, n: int) -> dict[str, np.ndarray]:
+        sampler, parts = Sampler(scene, Plan(n, seed)), []
+        for first in range(0, n, model.largest_batch):
+            parts.append(run_batch(model, sampler.draw(first, min(first + model.largest_batch, n)), first).outputs)
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    exact = outputs(len(SEEDS), REFERENCE)
+    found = {n: [outputs(seed, n) for seed in SEEDS] for n in SIZES}
+    for name, values in exact.items():
+        mean, deviation, rows = values.mean(), values.std(), []
+        for n in SIZES:
+            means = np.array([one[name].mean() for one in found[n]])
+            ends = np.array([_interval(one[name], scene.ensemble.replicates) for one in found[n]])
+            error = np.sqrt(np.mean((means - mean) ** 2)) / deviation
+            held = int(np.sum((ends[:, 0] <= mean) & (mean <= ends[:, 1])))
+            needed = 1.0 / error**2
+            rows.append(
+                [str(n), f"{error:.2g}", f"{1 / np.sqrt(n):.2g}", f"{needed:.3g}", f"{needed / n:.0f}", str(held)]
+            )
+        header = ["samples", "error", "of independent samples", "independent samples for it", "ratio", "intervals"]
+        words = (
+            f"Root-mean-square error of the mean over {len(SEEDS)} seeds, as a share of the deviation {deviation:.4g}; "
+            f"and how many of {len(SEEDS)} intervals hold the mean of {REFERENCE} samples."
+        )
+        yield Table(name, header, rows, words)
+
+
+def _interval(values: np.ndarray, n_replicates: int) -> np.ndarray:
+    return describe(values, 1, (0.5,), replicates=np.arange(values.size) % n_replicates).mean_interval
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Measure what is asked for, and print it."""
+    if arguments.what == "samplers":
+        for table in samplers(arguments.rom):
+            print(table.markdown(), end="\n\n", flush=True)
+    else:
+        table = indices() if arguments.what == "indices" else coverage(arguments.values, arguments.repetitions)
+        print(table.markdown())
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("coverage", "indices", "samplers"))
+    parser.add_argument("rom", nargs="?", type=Path, help="reduced model of a scene with uncertain parameters")
+    parser.add_argument("--values", type=int, default=400, help="of a sample")
+    parser.add_argument("--repetitions", type=int, default=400, help="samples of every law")
+    arguments = parser.parse_args()
+    if arguments.what == "samplers" and arguments.rom is None:
+        parser.error("samplers: a reduced model is needed")
+    start_petsc()
+    end(guarded(lambda: main(arguments)))
