@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
@@ -12,6 +13,7 @@ from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.floating_component import in_floating_frame
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -92,7 +94,14 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    return done
+    return {
+        name: replace(shape, floating=in_floating_frame(shape, scene.nominal)) if _deforms(shape) else shape
+        for name, shape in done.items()
+    }
+
+
+def _deforms(shape: BodyShape) -> bool:
+    return isinstance(shape, Component) and not shape.rigid
 
 
 def check_slender(scene: Scene, meshed: FramedSolid) -> None:

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
-import scipy.sparse as sp
 from mpi4py import MPI
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid
@@ -27,6 +25,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import serving_points
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.floating_component import free_modes, in_floating_frame
 from pgmp_petsc.components.foreshortening import foreshortening
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.agreement import agreed
@@ -79,52 +78,10 @@ def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
-    solid, d = meshed.solid, meshed.solid.mesh.dimension
-    n_modes = scene.reduction.modes + scene.n_overconstrained
-    stressed, points = solid.name in stressed_bodies(scene), serving_points(scene, meshed)
-    component, recovery, section = condense(solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed)
-    nominal = scene.nominal
-    mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
-    modes = _free_modes(mass, total, d, recovery)
-    parts = [recovery @ modes] if section is None else [recovery @ part @ modes for part in section.parts]
-    of_mesh = {weight: matrix.tocsr()[::d, ::d] for weight, matrix in solid.mass(range(solid.mesh.n_nodes)).items()}
-    moments = _moments_of_mesh(solid.mesh.nodes, parts, of_mesh, None if section is None else section.factor)
-    stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
-    shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
-    straight = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1]))
-    kept = Recovery(solid.mesh, recovery @ modes) if stressed else None
-    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness, straight, {}, kept)
-
-
-def _moments_of_mesh(
-    nodes: np.ndarray, modes: list[np.ndarray], mass: Mapping[Monomial, sp.csr_matrix], scale: Quantity | None
-) -> dict[Monomial, np.ndarray]:
-    """Return the moments of fields on a mesh.
-
-    Parameters
-    ----------
-    nodes
-        Shape (n_nodes, d), m.
-    modes
-        Displacement fields, (n_nodes d, n), of each power of the scale of the cross-section, or those alone.
-    mass
-        Of one component of displacements, by weight, shape (n_nodes, n_nodes).
-    scale
-        Of the cross-section, with which coordinates across the x axis grow; None where there is none.
-    """
-    d, n_nodes = nodes.shape[1], len(nodes)
-    along = nodes if scale is None else nodes * (np.arange(d) == 0)
-    places = [np.hstack([np.ones((n_nodes, 1)), along])]
-    if scale is not None:
-        places.append(np.hstack([np.zeros((n_nodes, 1)), nodes - along]))
-    fields = [np.hstack([own, *(part[k::d] for k in range(d))]) for own, part in zip(places, modes)]
-    found: dict[Monomial, np.ndarray] = {}
-    for weight, matrix in mass.items():
-        for (p, one), (q, other) in product(enumerate(fields), repeat=2):
-            factor = Quantity(1.0) if scale is None else scale ** (p + q)
-            place = weight * factor.monomial
-            found[place] = found.get(place, 0.0) + factor.coefficient * (one.T @ (matrix @ other))
-    return found
+    n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
+    points = serving_points(scene, meshed)
+    component, *_ = condense(meshed.solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed)
+    return in_floating_frame(component, scene.nominal)
 
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
@@ -145,7 +102,8 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     basis = _answering(values, vectors, total_mass, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
-    modes = basis @ _free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d, moved)
+    elastic = free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d)
+    modes = basis @ (elastic / np.max(np.abs(moved @ elastic), axis=0))
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
     frames = {point: number for number, point in enumerate(points)}
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
@@ -180,16 +138,6 @@ def _answering(
     squares, directions = eigh(missed.T @ mass @ missed)
     chosen = squares > DEPENDENT * np.max(squares, initial=0.0)
     return np.hstack([vectors[:, :kept], missed @ (directions[:, chosen] / np.sqrt(squares[chosen]))])
-
-
-def _free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int, moved: np.ndarray) -> np.ndarray:
-    """Return the elastic free modes in given coordinates, shape (n, n - n_rigid), of a largest displacement of 1 m.
-
-    `moved` gives displacements on the mesh in these coordinates, shape (n_displacements, n).
-    """
-    _, vectors = eigh(stiffness, mass)
-    elastic = vectors[:, d * (d + 1) // 2 :]
-    return elastic / np.max(np.abs(moved @ elastic), axis=0)
 
 
 def _moments_of_beams(

@@ -20,23 +20,6 @@ CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
 def why_not_covered(scene: Scene) -> str:
     """Return what of a scene the estimate does not know, by entry; empty where it knows all of it."""
     reasons = []
-    if len(scene.coordinates) > 1:
-        reasons.append(
-            f"coordinates: {', '.join(scene.coordinates)} are {len(scene.coordinates)}, and the estimate is for one"
-        )
-    for name, body in scene.bodies.items():
-        if body.continuum:
-            reasons.append(f"bodies.{name} is of continuum elements, and the estimate is for beams")
-        elif body.dimension == 3:
-            reasons.append(f"bodies.{name} is a beam in space, and the estimate is for beams in the plane")
-        elif not body.flexible:
-            reasons.append(f"bodies.{name} is rigid, and the estimate is for flexible beams")
-    reasons += [
-        f"effects.{name} ({effect.type}) is {NOT_LOCAL.get(effect.type, 'a local force')}, "
-        "which the estimate does not know"
-        for name, effect in scene.effects.items()
-        if not _is_known(effect)
-    ]
     return "; ".join(reasons)
 
 

@@ -109,5 +109,3 @@ def test_bodies_without_terms_of_second_order_are_named() -> None:
     assert [is_known_of(body) for body in mechanism.bodies] == [True, False]
     with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
         ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
-    with pytest.raises(ValueError, match="the moments of inertia of rod are not known"):
-        inertia_moments(mechanism.bodies[1])

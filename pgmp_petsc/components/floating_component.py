@@ -1,0 +1,72 @@
+"""Condensed bodies in floating frames: moments, a stiffness and the shapes at the frames, from the condensed matrices.
+
+With the linear displacement fields of a condensed body in its unknowns y, the scalar fields 1 and X_k are components of
+displacements ``T y`` as all others are, so that its moments ``int rho u_i v_j dV`` are all that inertia needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.floating import FloatingBody
+
+
+def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters."""
+    d, mass = component.centres.shape[1], _weighted(component.mass, nominal)
+    rigid = rigid_motions(component)
+    # of a mean square displacement of 1 m2
+    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(
+        mass, _weighted(component.stiffness, nominal), d
+    )
+    stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
+    shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
+    straight = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1]))
+    kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
+    return FloatingBody(
+        component.frames,
+        component.centres,
+        shapes,
+        _moments_of(component, modes),
+        stiffness,
+        straight,
+        {},
+        kept,
+        np.linalg.inv(np.hstack([rigid, modes])),
+    )
+
+
+def rigid_motions(component: Component) -> np.ndarray:
+    """Return the unknowns of unit displacements and rotations about the origin of a condensed body's frame, shape (n,
+    d (d + 1) / 2)."""
+    d, of = component.centres.shape[1], component.fields
+    axes = [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]  # from the first axis to the second one
+    return np.column_stack([of[:, :d], *(of[:, d * (1 + j) + i] - of[:, d * (1 + i) + j] for i, j in axes)])
+
+
+def _moments_of(component: Component, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the moments of 1, of the coordinates and of modes (n, n_modes) of a condensed body; see `FloatingBody`."""
+    d, (n, n_modes) = component.centres.shape[1], modes.shape
+    # scalar fields as components of displacements: 1 and X_k along the first axis, every mode along all of them
+    fields = np.zeros((1 + d + d * n_modes, d, n))
+    fields[0, 0] = component.fields[:, 0]
+    fields[1 : 1 + d, 0] = component.fields[:, d : 2 * d].T
+    for k in range(d):
+        fields[1 + d + k * n_modes : 1 + d + (k + 1) * n_modes, k] = modes.T
+    flat = fields.reshape(len(fields), d * n)
+    return {w: flat @ part.swapaxes(1, 2).reshape(d * n, d * n) @ flat.T for w, part in component.moments.items()}
+
+
+def free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarray:
+    """Return the elastic free modes in given coordinates, M-orthonormal, shape (n, n - n_rigid)."""
+    return eigh(stiffness, mass)[1][:, d * (d + 1) // 2 :]
+
+
+def _weighted(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
+    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())
