@@ -95,8 +95,8 @@ def condensed(
     return done
 
 
-def check_slender(scene: Scene, meshed: FramedSolid) -> None:
-    """Refuse static stretching of a flexible body that has no long axis to be stretched along.
+def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def check_slender(scene: Scene, meshed: FramedSolid) -> None:
         entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
         raise InputError(
             f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
-            f'long as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+            f"long as wide, and its stretching is not told from its bending below {SLENDER:g}; {cure}"
         )
 
 
