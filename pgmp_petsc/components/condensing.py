@@ -83,9 +83,9 @@ def condensed(
             if scene.bodies[name].flexible:
                 check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                wanted = scene.second_order if large is None else large
+                # a body in its floating frame follows its foreshortening whatever the reduced model does
                 found[name], *_ = condense(
-                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, wanted
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, True
                 )
             else:
                 found[name] = rigid_component(meshed)
@@ -94,18 +94,20 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    return {
-        name: replace(shape, floating=in_floating_frame(shape, scene.nominal)) if _deforms(shape) else shape
-        for name, shape in done.items()
-    }
+    wanted = scene.second_order if large is None else large
+    return {name: _floating(shape, scene, wanted) for name, shape in done.items()}
 
 
-def _deforms(shape: BodyShape) -> bool:
-    return isinstance(shape, Component) and not shape.rigid
+def _floating(shape: BodyShape, scene: Scene, large: bool) -> BodyShape:
+    """Return a condensed body with what it is in a floating frame; what is of second order stays where it is wanted."""
+    if not isinstance(shape, Component) or shape.rigid:
+        return shape
+    floating = in_floating_frame(shape, scene.nominal)
+    return replace(shape, floating=floating, large=shape.large if large else None)
 
 
-def check_slender(scene: Scene, meshed: FramedSolid) -> None:
-    """Refuse static stretching of a flexible body that has no long axis to be stretched along.
+def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def check_slender(scene: Scene, meshed: FramedSolid) -> None:
         entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
         raise InputError(
             f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
-            f'long as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+            f"long as wide, and its stretching is not told from its bending below {SLENDER:g}; {cure}"
         )
 
 

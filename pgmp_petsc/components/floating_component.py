@@ -14,32 +14,51 @@ from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.floating import FloatingBody
+from pgmp_petsc.bodies.floating import FloatingBody, second_moments
+from pgmp_petsc.components.foreshortening import foreshortening
 
 
 def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
-    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters."""
+    """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
+
+    It follows its foreshortening where what is of second order is known of it, and where it is slender.
+    """
     d, mass = component.centres.shape[1], _weighted(component.mass, nominal)
     rigid = rigid_motions(component)
     # of a mean square displacement of 1 m2
-    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(
-        mass, _weighted(component.stiffness, nominal), d
-    )
+    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(mass, _weighted(component.stiffness, nominal), d)
+    n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
-    shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
-    straight = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1]))
+    shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
+    bent, curved = np.zeros((n_frames, d, n, n)), {}
+    if component.large is not None and component.large.slender:
+        third, stretching = (_weighted(terms, nominal) for terms in (component.large.third, component.large.stretching))
+        third = np.einsum("abc,ai,bj,ck->ijk", third, modes, modes, modes, optimize=True)
+        curvature = foreshortening(third, _weighted(stiffness, nominal), modes.T @ stretching @ modes)
+        bent, curved = foreshortened(curvature, shapes, moments)
     kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
     return FloatingBody(
         component.frames,
         component.centres,
         shapes,
-        _moments_of(component, modes),
+        moments,
         stiffness,
-        straight,
-        {},
+        bent,
+        curved,
         kept,
         np.linalg.inv(np.hstack([rigid, modes])),
     )
+
+
+def foreshortened(
+    curvature: np.ndarray, shapes: np.ndarray, moments: Mapping[Monomial, np.ndarray]
+) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
+    """Return what amplitudes of second order (n, n, n) displace frames by, and their moments; see `FloatingBody`."""
+    d = {3: 2, 6: 3}[shapes.shape[1]]
+    curved = {
+        weight: np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature) for weight, part in moments.items()
+    }
+    return np.einsum("fkm,mij->fkij", shapes[:, :d], curvature), curved
 
 
 def rigid_motions(component: Component) -> np.ndarray:

@@ -84,9 +84,11 @@ def _left_out(scene: Scene) -> str:
     """Return what of second order in the deformation component modes leave out, and the cure."""
     what = "left out: what is of second order in the deformation of a body in its floating frame"
     if scene.static_stretching:
-        return f"{what}, but for the foreshortening of beams that bend and what follows from it (geometric_stiffening)"
-    cure = "the effects geometric_stiffening and mode_inertia add it for beams in the plane; a full-order run has it"
-    return f"{what} (stiffening by loads, foreshortening); {cure}"
+        return f"{what}, but for the foreshortening of bodies that bend and what follows from it (geometric_stiffening)"
+    return (
+        f"{what} (stiffening by loads, foreshortening); the effects geometric_stiffening and mode_inertia add these, a "
+        "full-order run has it all"
+    )
 
 
 def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:

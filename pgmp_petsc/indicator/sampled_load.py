@@ -99,9 +99,7 @@ class SampledMotion:
         return self._motion.at(float(self._times[round(time / self._interval)]))
 
 
-def sampled_effects(
-    effects: Sequence[Effect], steps: np.ndarray, step: float, interval: float
-) -> tuple[Effect, ...]:
+def sampled_effects(effects: Sequence[Effect], steps: np.ndarray, step: float, interval: float) -> tuple[Effect, ...]:
     """Return effects at the instants of evaluation: those that do not change with time as they are."""
     return tuple(
         SampledLoad(effect, steps, step, interval) if _changes(effect, step * np.arange(steps[-1] + 1)) else effect

@@ -127,9 +127,7 @@ def oscillators(omega: np.ndarray, decay: np.ndarray, step: float) -> np.ndarray
     turning = np.sqrt((omega**2 - decay**2).astype(complex))
     ahead, back = (np.exp((-decay + sign * turning) * step) for sign in (1j, -1j))
     cos, apart = np.real(0.5 * (ahead + back)), np.abs(turning * step) > 1e-6
-    sin = np.where(
-        apart, np.real((ahead - back) / (2j * np.where(apart, turning, 1.0))), step * np.exp(-decay * step)
-    )
+    sin = np.where(apart, np.real((ahead - back) / (2j * np.where(apart, turning, 1.0))), step * np.exp(-decay * step))
     swing = cos + decay * sin
     constant = (1.0 - swing) / omega**2
     rise = (1.0 - 2.0 * decay / step * constant - sin / step) / omega**2
