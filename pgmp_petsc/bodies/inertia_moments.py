@@ -30,8 +30,7 @@ Moments = dict[tuple[int, int], sp.csr_matrix]
 
 
 def inertia_moments(body: Body) -> dict[Monomial, Moments]:
-    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns.
-    """
+    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns."""
     found: dict[Monomial, Moments] = {}
     d, n = body.mesh.nodes.shape[1], body.dofs.size
     parts = [_of_beams(body) if body.is_beam else iter(()), _of_lumps(body)]

@@ -29,6 +29,9 @@ from pgmp_petsc.scene.stress_checks import stressed_bodies
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
 FACTOR_SHARE = 1.0 / 3.0
+# free modes whose foreshortening a body of the checking model follows: all of them would take most of its time, and
+# bodies bend in their slowest ones
+N_FOLLOWED = 12
 
 
 class Finished(Protocol):
@@ -102,7 +105,7 @@ def _floating(shape: BodyShape, scene: Scene, large: bool) -> BodyShape:
     """Return a condensed body with what it is in a floating frame; what is of second order stays where it is wanted."""
     if not isinstance(shape, Component) or shape.rigid:
         return shape
-    floating = in_floating_frame(shape, scene.nominal)
+    floating = in_floating_frame(shape, scene.nominal, N_FOLLOWED)
     return replace(shape, floating=floating, large=shape.large if large else None)
 
 

@@ -18,10 +18,13 @@ from pgmp_petsc.bodies.floating import FloatingBody, second_moments
 from pgmp_petsc.components.foreshortening import foreshortening
 
 
-def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
+def in_floating_frame(
+    component: Component, nominal: Mapping[str, float], n_followed: int | None = None
+) -> FloatingBody:
     """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
 
-    It follows its foreshortening where what is of second order is known of it, and where it is slender.
+    It follows its foreshortening where what is of second order is known of it, and where it is slender; that of its
+    `n_followed` slowest modes alone, where a number is given.
     """
     d, mass = component.centres.shape[1], _weighted(component.mass, nominal)
     rigid = rigid_motions(component)
@@ -35,6 +38,8 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
         third, stretching = (_weighted(terms, nominal) for terms in (component.large.third, component.large.stretching))
         third = np.einsum("abc,ai,bj,ck->ijk", third, modes, modes, modes, optimize=True)
         curvature = foreshortening(third, _weighted(stiffness, nominal), modes.T @ stretching @ modes)
+        if n_followed is not None:
+            curvature[:, n_followed:] = curvature[:, :, n_followed:] = 0.0
         bent, curved = foreshortened(curvature, shapes, moments)
     kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
     return FloatingBody(

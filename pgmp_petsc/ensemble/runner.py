@@ -26,13 +26,12 @@ from pgmp_petsc.ensemble.checkpoint import Checkpoint
 from pgmp_petsc.ensemble.sampling import draw, draw_remarks, physical
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
 from pgmp_petsc.ensemble.statistics import describe
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.checked_samples import checked, share_of
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.coverage import (
     CURE,
     absence_of_estimates,
-    is_indicated,
     truncated_stresses,
     why_not_of_full_order,
 )
@@ -193,7 +192,7 @@ class Watching:
 
     def __init__(self, model: Model) -> None:
         reduced = isinstance(model, ReducedModel)
-        self.share = model.scene.ensemble.checked_share if reduced and is_indicated(model.scene) else 0.0
+        self.share = share_of(model) if reduced and model.scene.simulation.error_indicator else 0.0
         self._errors: list[Watcher] = [ErrorWatcher(ErrorIndicator(model))] if self.share > 0.0 else []
         self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
         if reduced:
@@ -213,7 +212,7 @@ def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], st
     remarks = [*absent, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
-        for first, last in checked(scene.ensemble.checked_share, status.size):
+        for first, last in checked(share_of(model), status.size):
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:

@@ -1,40 +1,18 @@
-"""Whose errors are estimated: scenes with one free coordinate, flexible beams, and effects that are loads or masses.
-
-The full-order equations of the error (`residual_error`) know nothing else. What keeps a scene out is named, so that
-every run without an estimate can say why.
-"""
+"""Which errors are not estimated, and why: every run without an estimate says so."""
 
 from __future__ import annotations
 
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Effect
 
-#: Effects that the full-order equations of the error know as they stand.
-COVERED = ("torque", "gravity", "point_mass", "gyroscopic", "geometric_stiffening", "mode_inertia")
-NOT_LOCAL = {"prescribed_motion": "a prescribed motion", "structural_damping": "damping within the bodies"}
 CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
-
-
-def why_not_covered(scene: Scene) -> str:
-    """Return what of a scene the estimate does not know, by entry; empty where it knows all of it."""
-    reasons = []
-    return "; ".join(reasons)
-
-
-def is_indicated(scene: Scene) -> bool:
-    """Return whether the errors of a scene's reduced runs are to be estimated, and can be."""
-    return scene.simulation.error_indicator and not why_not_covered(scene)
 
 
 def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, ...]:
     """Return why the errors of a scene's reduced run or ensemble are not estimated; nothing where they are."""
     if not scene.simulation.error_indicator:
         return (_absent("simulation.error_indicator = false switches the estimate off"),)
-    reason = why_not_covered(scene)
-    if reason:
-        return (_absent(reason),)
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent("ensemble.checked_share = 0 switches the estimate off"),)
     return ()
@@ -108,8 +86,3 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
 
 def _absent(reason: str) -> Remark:
     return note(f"errors were not estimated: {reason}; {CURE}")
-
-
-def _is_known(effect: Effect) -> bool:
-    fixed_force = effect.type == "force" and effect.towards is None and not effect.follows
-    return fixed_force or effect.type in COVERED

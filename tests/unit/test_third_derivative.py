@@ -9,7 +9,6 @@ from mpi4py import MPI
 from scenes import four_bar, kinematics_of, slider_crank
 from static_equilibrium import StaticEquilibrium
 
-from pgmp_petsc.bodies.inertia_moments import inertia_moments
 from pgmp_petsc.bodies.matrices import owned_rows
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative, is_known_of
 from pgmp_petsc.components.condensing import condensed
