@@ -1,9 +1,9 @@
 """Which samples of an ensemble are checked: chosen by their numbers, so that ranks and batches have no part in it.
 
 Where the scene gives no share, it is `SHARE`, or less where estimates would take more than `PRICE` of the time that
-runs take. The price is counted, not measured, as the samples must be the same whenever and wherever an ensemble is run: an
-estimate has some `EVALUATIONS` with the unknowns of beams, each with its neighbours, and of condensed bodies, each with
-all others of its body; a run has its steps with the reduced coordinates.
+runs take. The price is counted, not measured, as the samples must be the same whenever and wherever an ensemble is run:
+an estimate has some `EVALUATIONS` with the unknowns of beams, each with its neighbours, and of condensed bodies, each
+with all others of its body; a run has its steps with the reduced coordinates.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ SWUNG = (
 )
 LOCAL = (
     'effects.brake={type="joint_friction", joint="slider", limit=1.0, speed=0.05}',
-    'effects.spring={type="spring_damper", points=["ground:origin", "rod:tip"], stiffness=50.0, damping=1.0, rest=0.9}',
+    'effects.spring={type="spring_damper", points=["ground:origin", "rod:tip"], stiffness=50.0, damping=1.0, rest=1.0}',
 )
 DRIVEN = (
     "effects={}",
