@@ -1,12 +1,17 @@
 """How good the error indicator is: estimated over true errors of many samples, for several reductions and torques.
 
     python -m benchmarks.effectivity scenes/slider_crank.toml [--samples 200] [--refinement 128]
+    python -m benchmarks.effectivity SCENE --as-it-is [--reference components] [--override KEY=VALUE ...]
 
-The true error of a reduced run is its largest distance over time from a full-order run whose step is `refinement` times
-smaller. The effectivity is the largest estimated error over that; the table shows its spread over the samples. They
-are drawn from the scene's distributions, and none of them has a part in building the reduced model or the indicator.
+The second form takes any scene with its own reduction and loads; where a mesh is dear, its samples may be compared with
+the component model.
 
-The full-order run has an error of its own. How much the last halving of its step moved it, as a share of the true
+The true error of a reduced run is its largest distance over time from a run of the reference, the full-order model,
+whose step is `refinement` times smaller. The effectivity is the largest estimated error over that; the table shows its
+spread over the samples. They are drawn from the scene's distributions, and none of them has a part in building the
+reduced model or the indicator.
+
+The reference has an error of its own. How much the last halving of its step moved it, as a share of the true
 error, stands beside (`doubt`): it must be small, or it is the reference that is measured. Fast vibrations, which lag
 behind with every step, want a hundred steps where the run has one; with 8, the reference of a sudden torque is as wrong
 as the run. `surely` counts the samples within the factor for any true error that the doubt leaves open.
@@ -17,16 +22,18 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import integrate
-from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, Model, ReducedModel
@@ -34,6 +41,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_scene
 from benchmarks.tables import Table
 
@@ -58,6 +66,7 @@ SEED = 123
 REFINEMENT = 128
 N_TIMED = 3
 MOTOR = "motor"
+AS_IT_IS = "as it is"  # of the scene's own reduction or loads
 
 Histories = dict[str, np.ndarray]  # output over time, shape (n_t, n)
 
@@ -125,7 +134,7 @@ class Reference:
     Attributes
     ----------
     exact
-        Outputs at the steps of the scene.
+        Outputs at the steps of the scene; NaN where a sample failed.
     moved
         Largest change of every output by the last halving of the step, shape (n,).
     """
@@ -136,8 +145,16 @@ class Reference:
 
 def history(model: Model, values: Mapping[str, np.ndarray], every: int = 1) -> Histories:
     """Integrate samples and return their outputs at every n-th step; NaN where a sample failed."""
-    n = len(next(iter(values.values())))
-    system, rows = model.batch(values, n), []
+    n, parts = len(next(iter(values.values()))), []
+    for first in range(0, n, model.largest_batch):
+        some = {name: value[first : first + model.largest_batch] for name, value in values.items()}
+        with closing(model.batch(some, len(next(iter(some.values()))))) as system:
+            parts.append(_history_of(model, system, every))
+    return {name: np.concatenate([part[name] for part in parts], axis=1) for name in model.outputs.functions}
+
+
+def _history_of(model: Model, system: SecondOrderSystem, every: int) -> Histories:
+    rows = []
 
     def record(number: int, time: float, state: State) -> None:
         if number % every == 0:
@@ -148,14 +165,13 @@ def history(model: Model, values: Mapping[str, np.ndarray], every: int = 1) -> H
     return {name: np.where(fine, [row[name] for row in rows], np.nan) for name in model.outputs.functions}
 
 
-def refer(path: Path, load: str, values: Mapping[str, np.ndarray], refinement: int) -> Reference:
-    """Integrate the full-order samples with a step that is `refinement` times smaller, and with twice that."""
+def refer(case: Case, overrides: tuple[str, ...], values: Mapping[str, np.ndarray], refinement: int) -> Reference:
+    """Integrate the samples of the reference with a step that is `refinement` times smaller, and with twice that."""
     runs = []
     for finer in (refinement // 2, refinement):
-        scene, meshes = read_scene(path, (load,), (), MPI.COMM_SELF, Purpose.FULL)
-        step = f"simulation.step={scene.simulation.step / finer!r}"
-        fine, _ = read_scene(path, (load, step), (), MPI.COMM_SELF, Purpose.FULL)
-        runs.append(history(FullModel(fine, meshes), values, finer))
+        scene, _ = case.read(overrides)
+        fine, meshes = case.read((*overrides, f"simulation.step={scene.simulation.step / finer!r}"))
+        runs.append(history(case.model(fine, meshes), values, finer))
     before, exact = runs
     return Reference(exact, {name: np.max(np.abs(exact[name] - before[name]), axis=0) for name in exact})
 
@@ -187,7 +203,7 @@ def costs(setting: str, model: ReducedModel, full: FullModel, values: Mapping[st
     tasks = (
         lambda: integrate(model.batch(values, n), model.scene.simulation),
         lambda: watched(model, values),
-        lambda: integrate(full.batch(values, n), full.scene.simulation),
+        lambda: history(full, values),
     )
     times = []
     for _ in range(N_TIMED):
@@ -198,24 +214,48 @@ def costs(setting: str, model: ReducedModel, full: FullModel, values: Mapping[st
     return Cost(setting, *np.min(np.reshape(times, (N_TIMED, len(tasks))), axis=0))
 
 
-def measure(
-    path: Path,
-    n_samples: int,
-    refinement: int,
-    settings: Sequence[str] = (),
-    torques: Sequence[str] = (),
-    seed: int = SEED,
-) -> tuple[list[Effectivity], list[Cost]]:
-    """Measure the effectivity of settings and torques, all of them by default, and costs with the first torque."""
+@dataclass(frozen=True)
+class Case:
+    """A scene, and what its reduced runs are compared with.
+
+    Attributes
+    ----------
+    path, overrides
+        Of the scene.
+    components
+        Whether that is the component model; the full-order model otherwise.
+    settings, torques
+        Reductions and torques to be measured.
+    """
+
+    path: Path
+    overrides: tuple[str, ...] = ()
+    components: bool = False
+    settings: tuple[str, ...] = tuple(SETTINGS)
+    torques: tuple[str, ...] = tuple(TORQUES)
+
+    def read(self, overrides: tuple[str, ...], purpose: Purpose | None = None) -> tuple[Scene, dict]:
+        """Read the scene with more overrides, by default for the reference."""
+        purpose = purpose or (Purpose.COMPONENTS if self.components else Purpose.FULL)
+        return read_scene(self.path, (*self.overrides, *overrides), (), MPI.COMM_SELF, purpose)
+
+    def model(self, scene: Scene, meshes: dict) -> Model:
+        """Return the reference's model."""
+        return component_model(scene, meshes, MPI.COMM_SELF) if self.components else FullModel(scene, meshes)
+
+
+def measure(case: Case, n_samples: int, refinement: int, seed: int = SEED) -> tuple[list[Effectivity], list[Cost]]:
+    """Measure the effectivity of settings and torques, and costs with the first torque."""
     comm, results, times = MPI.COMM_SELF, [], []
     roms = {}
-    for torque in torques or TORQUES:
-        load = f"effects.{MOTOR}.table={TORQUES[torque]}"
-        scene, meshes = read_scene(path, (load,), (), comm, Purpose.FULL)
+    for torque in case.torques:
+        load = () if torque == AS_IT_IS else (f"effects.{MOTOR}.table={TORQUES[torque]}",)
+        scene, meshes = case.read(load)
         values = draw(scene, seed, 0, n_samples)
-        reference = refer(path, load, values, refinement)
-        for setting in settings or SETTINGS:
-            reduced, _ = read_scene(path, (*SETTINGS[setting], load), (), comm, Purpose.BUILD)
+        reference = refer(case, load, values, refinement)
+        for setting in case.settings:
+            own = () if setting == AS_IT_IS else SETTINGS[setting]
+            reduced, _ = case.read((*own, *load), Purpose.BUILD)
             first = setting not in roms
             if first:
                 with RankGroup.split(comm, 1) as group:
@@ -224,7 +264,7 @@ def measure(
             for output, found in compare(model, reference, values).items():
                 results.append(Effectivity(setting, torque, output, *found))
             if first:
-                times.append(costs(setting, model, FullModel(scene, meshes), values))
+                times.append(costs(setting, model, case.model(scene, meshes), values))
     return results, times
 
 
@@ -252,8 +292,8 @@ def table(results: Sequence[Effectivity], n_samples: int, refinement: int) -> Ta
         "surely",
     )
     words = (
-        f"Largest estimated over largest true error of {n_samples} samples; the true one against full-order runs of "
-        f"steps {refinement} times smaller. The true error is a median, as a share of the output's largest value; the "
+        f"Largest estimated over largest true error of {n_samples} samples; the true one against runs of the reference "
+        f"with steps {refinement} times smaller. The true error is a median, as a share of the largest value; the "
         "doubt is what the last halving of the reference's step moved, over the true error, 95 % of the samples being "
         "below; surely: even if the true error is larger or smaller by that."
     )
@@ -274,7 +314,12 @@ def cost_table(times: Sequence[Cost], n_samples: int) -> Table:
 
 def print_tables(given: argparse.Namespace) -> None:
     """Measure what is asked for on the command line, and print both tables."""
-    results, times = measure(given.scene, given.samples, given.refinement, (), given.torque, given.seed)
+    case = Case(given.scene, tuple(given.override), given.reference == "components")
+    if given.as_it_is:
+        case = replace(case, settings=(AS_IT_IS,), torques=(AS_IT_IS,))
+    elif given.torque:
+        case = replace(case, torques=tuple(given.torque))
+    results, times = measure(case, given.samples, given.refinement, given.seed)
     print(table(results, given.samples, given.refinement).markdown(), end="\n\n")
     print(cost_table(times, given.samples).markdown())
 
@@ -282,7 +327,12 @@ def print_tables(given: argparse.Namespace) -> None:
 def main() -> int:
     """Print the tables as Markdown."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.effectivity", description=__doc__.split("\n")[0])
-    parser.add_argument("scene", type=Path, help="a scene with a torque called 'motor'")
+    words = "a scene; with a torque called 'motor' unless it is taken as it is"
+    parser.add_argument("scene", type=Path, help=words)
+    parser.add_argument("--as-it-is", action="store_true", help="with its own reduction and loads")
+    words = "model that true errors are measured against"
+    parser.add_argument("--reference", choices=("full", "components"), default="full", help=words)
+    parser.add_argument("--override", action="append", default=[], metavar="KEY=VALUE", help="of the scene")
     parser.add_argument("--samples", type=int, default=200, metavar="N")
     words = "steps of the reference in one of the scene; even"
     parser.add_argument("--refinement", type=int, default=REFINEMENT, metavar="K", help=words)

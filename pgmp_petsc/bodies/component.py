@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.large_deformation import LargeDeformation
 from pgmp_petsc.bodies.recovery import Recovery
 
@@ -32,6 +33,9 @@ class Component:
         Of the frames in the body's frame, shape (n_frames, d), m.
     mass, stiffness
         ``T^T M_i T`` and ``T^T K_i T`` by weight, shape (n, n).
+    moments
+        ``int rho u_i v_j dV`` of unit unknowns by weight, shape (d, d, n, n), i and u first; their trace is the mass.
+        Empty of rigid bodies, and of those read back from a reduced model, whose tables hold it.
     fields
         What of y makes the linear displacement fields of the body, shape (n, d (d + 1)): first the translations, then
         ``x_j`` in direction i as number ``d (1 + i) + j``. They hold rigid motion and the directions of inertia forces.
@@ -48,12 +52,15 @@ class Component:
     large
         What is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
         bodies read back from a reduced model, whose tables hold it.
+    floating
+        The same body in a floating frame; None of rigid bodies.
     """
 
     frames: dict[str, int]
     centres: np.ndarray
     mass: dict[Monomial, np.ndarray]
     stiffness: dict[Monomial, np.ndarray]
+    moments: dict[Monomial, np.ndarray]
     fields: np.ndarray
     probes: np.ndarray
     n_mesh_dofs: int
@@ -61,6 +68,7 @@ class Component:
     centre_of_mass: np.ndarray | None = None
     recovery: Recovery | None = None
     large: LargeDeformation | None = None
+    floating: FloatingBody | None = None
 
     def terms(self, kind: str) -> dict[Monomial, np.ndarray]:
         """Return the matrices (n, n) of ``"mass"``, ``"stiffness"`` or ``"stretching"`` by weight; none of the last

@@ -62,6 +62,9 @@ class FloatingBody:
         ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise.
     recovery
         The fields on the mesh, where stresses are asked for.
+    parts
+        Small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
+        is, shape (n_rigid + n, n_rigid + n); None of a body of beams.
     """
 
     frames: dict[str, int]
@@ -72,6 +75,7 @@ class FloatingBody:
     bent: np.ndarray
     curved: dict[Monomial, np.ndarray]
     recovery: Recovery | None = None
+    parts: np.ndarray | None = None
 
     @property
     def n(self) -> int:

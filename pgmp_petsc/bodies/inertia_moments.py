@@ -30,13 +30,7 @@ Moments = dict[tuple[int, int], sp.csr_matrix]
 
 
 def inertia_moments(body: Body) -> dict[Monomial, Moments]:
-    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns.
-
-    Raises
-    ------
-    ValueError
-        If they are not known: of flexible condensed bodies without `Component.large`.
-    """
+    """Return P_ij of a body that is not meshed, by weight, shape (n, n) in the order of its unknowns."""
     found: dict[Monomial, Moments] = {}
     d, n = body.mesh.nodes.shape[1], body.dofs.size
     parts = [_of_beams(body) if body.is_beam else iter(()), _of_lumps(body)]
@@ -116,9 +110,7 @@ def _of_lumps(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
 def _of_component(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
     dofs = np.arange(body.dofs.size)[None]
     if not body.component.rigid:
-        if body.component.large is None:
-            raise ValueError(f"the moments of inertia of {body.name} are not known")
-        for weight, moments in body.component.large.moments.items():
+        for weight, moments in body.component.moments.items():
             yield weight, dofs, moments[None]
         return
     if body.node_dofs == 3:

@@ -10,8 +10,6 @@ forces, ``W3[u, ., .]`` is its geometric stiffness. In a subspace that answers l
 of third order: let ``u = T y + s`` with s of second order in y, and K-orthogonal to T. Then s has no part in the energy
 up to third order, and the loads that T answers do no work on s.
 
-Inertia forces in a turning frame need the moments ``int rho u_i v_j dV`` of the components of fields.
-
 *Stretching* tells fields that stretch a slender body from those that bend or twist it. The body is cut across its long
 principal axis t into pieces of the volume V_s; with the mean strain e_s along t of each, the energy
 ``1/2 sum_s E V_s e_s^2`` is at most the strain energy, all of it where the body is stretched, and none where it bends.
@@ -42,8 +40,6 @@ class LargeDeformation:
     ----------
     third
         W3, symmetric, shape (n, n, n).
-    moments
-        ``int rho u_i v_j dV``, shape (d, d, n, n), i and u first; their trace is the mass.
     stretching
         Stiffness against the mean strains of pieces, shape (n, n).
     slenderness
@@ -51,7 +47,6 @@ class LargeDeformation:
     """
 
     third: dict[Monomial, np.ndarray]
-    moments: dict[Monomial, np.ndarray]
     stretching: dict[Monomial, np.ndarray]
     slenderness: float
 
@@ -133,21 +128,6 @@ class FieldsOnCells:
             weight = region.modulus.monomial
             found[weight] = found.get(weight, 0.0) + part
         return {weight: _cyclic(part, n) for weight, part in found.items()}
-
-    def moments(self) -> dict[Monomial, np.ndarray]:
-        """Return ``int rho u_i v_j dV`` by weight, shape (d, d, n, n)."""
-        d, n = self._fields.shape[1:]
-        rule = reference_element(self._solid.mesh.kind).mass
-        found: dict[Monomial, np.ndarray] = {}
-        for region, chosen in self._chosen(rule.weights.size * d * n):
-            mesh = self._solid.mesh
-            volumes = volumes_of(mesh.nodes[mesh.cells[chosen]], rule).ravel()
-            own = self._fields[self._places[self._row[chosen]]]
-            values = np.einsum("qa,eadn->eqdn", rule.values, own, optimize=True).reshape(volumes.size, d * n)
-            part = region.density.coefficient * (values.T @ (volumes[:, None] * values))
-            weight = region.density.monomial
-            found[weight] = found.get(weight, 0.0) + part.reshape(d, n, d, n).swapaxes(1, 2)
-        return found
 
     def mean_strains(self, axis: LongAxis) -> tuple[np.ndarray, dict[Monomial, np.ndarray]]:
         """Return the integrals of the strains along the axis over every piece, shape (n_pieces, 1 + n), the volume

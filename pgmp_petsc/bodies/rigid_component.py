@@ -81,6 +81,7 @@ def _component(
         centres=centres,
         mass={weight: 0.5 * (matrix + matrix.T)},
         stiffness={},
+        moments={},
         fields=np.linalg.solve(matrix, momenta),
         probes=np.zeros((len(matrix), 1)),
         n_mesh_dofs=n_mesh_dofs,

@@ -216,6 +216,7 @@ def _condensed(
     d, comm, values = solid.mesh.dimension, subspace.comm, points[0]
     vectors = subspace.vectors
     mass, stiffness = ({w: _projected(a, vectors, comm) for w, a in terms.items()} for terms in matrices)
+    moments = {w: _moments(a, vectors, d, comm) for w, a in matrices[0].items()}
     frame_of = subspace.inner(loads, vectors)  # P V
     total_mass, total = weighted_sum_dense(mass, values), weighted_sum_dense(stiffness, values)
     shapes = _frame_shapes(total, frame_of)
@@ -223,13 +224,16 @@ def _condensed(
     _, modes = eigh(rest.T @ total @ rest, rest.T @ total_mass @ rest)
     turn = np.hstack([shapes, rest @ modes])
     constant = np.linalg.solve(turn, subspace.inner(subspace.mass_vectors, fields))
-    mass, stiffness = ({w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness))
+    mass, stiffness, moments = (
+        {w: turn.T @ a @ turn for w, a in terms.items()} for terms in (mass, stiffness, moments)
+    )
     recovery, section = vectors @ turn, None
     if solid.section_scale is not None:
         across = np.linalg.solve(turn, _across_axis(solid, nodes, subspace, matrices[0], points[-1]) @ turn)
         own = weighted_sum_dense(mass, values)
         section = SectionCoordinates.of(solid.section_scale.factor, len(frames), across, own, constant)
-        mass, stiffness, turn = section.apply(mass), section.apply(stiffness), turn @ section.at(values)
+        mass, stiffness, moments = (section.apply(terms) for terms in (mass, stiffness, moments))
+        turn = turn @ section.at(values)
     keep = _without_rigid(d, constant, weighted_sum_dense(mass, values))
     rows = d * nodes.start + np.arange(d * len(nodes))
     component = Component(
@@ -237,6 +241,7 @@ def _condensed(
         np.array([frame.centre for frame in frames.values()]),
         mass,
         {w: keep.T @ a @ keep for w, a in stiffness.items()},
+        moments,
         constant,
         turn.T @ subspace.inner(subspace.mass_vectors, _waves(rows, solid.n_dofs)),
         solid.n_dofs,
@@ -274,6 +279,21 @@ def _projected(matrix: PETSc.Mat, vectors: np.ndarray, comm: MPI.Comm) -> np.nda
 
     product = comm.allreduce(vectors.T @ times(matrix, vectors), op=MPI.SUM)
     return 0.5 * (product + product.T)
+
+
+def _moments(mass: PETSc.Mat, vectors: np.ndarray, d: int, comm: MPI.Comm) -> np.ndarray:
+    """Return ``int rho u_i v_j dV`` of fields given by local rows, shape (d, d, n, n): the mass is the same along every
+    axis."""
+    from mpi4py import MPI
+
+    rows, n = vectors.shape
+    by_node = vectors.reshape(rows // d, d, n)
+    along = np.zeros((d, rows // d, d, n))
+    along[:, :, 0] = np.moveaxis(by_node, 1, 0)  # each component as one in the first direction
+    along = along.reshape(d, rows, n)
+    pushed = [times(mass, fields) for fields in along]
+    found = np.array([[fields.T @ force for force in pushed] for fields in along])
+    return comm.allreduce(found, op=MPI.SUM)
 
 
 def _without_rigid(d: int, fields: np.ndarray, mass: np.ndarray) -> np.ndarray:

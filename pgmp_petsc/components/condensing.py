@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
@@ -12,6 +13,7 @@ from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.floating_component import in_floating_frame
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -27,6 +29,9 @@ from pgmp_petsc.scene.stress_checks import stressed_bodies
 # of the free memory, for a factor: the matrices that belong to it, the factorisation that counts eigenvalues, and
 # vectors take as much again, and what grows while bodies are condensed comes on top
 FACTOR_SHARE = 1.0 / 3.0
+# free modes whose foreshortening a body of the checking model follows: all of them would take most of its time, and
+# bodies bend in their slowest ones
+N_FOLLOWED = 12
 
 
 class Finished(Protocol):
@@ -81,9 +86,9 @@ def condensed(
             if scene.bodies[name].flexible:
                 check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                wanted = scene.second_order if large is None else large
+                # a body in its floating frame follows its foreshortening whatever the reduced model does
                 found[name], *_ = condense(
-                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, wanted
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, True
                 )
             else:
                 found[name] = rigid_component(meshed)
@@ -92,11 +97,20 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    return done
+    wanted = scene.second_order if large is None else large
+    return {name: _floating(shape, scene, wanted) for name, shape in done.items()}
 
 
-def check_slender(scene: Scene, meshed: FramedSolid) -> None:
-    """Refuse static stretching of a flexible body that has no long axis to be stretched along.
+def _floating(shape: BodyShape, scene: Scene, large: bool) -> BodyShape:
+    """Return a condensed body with what it is in a floating frame; what is of second order stays where it is wanted."""
+    if not isinstance(shape, Component) or shape.rigid:
+        return shape
+    floating = in_floating_frame(shape, scene.nominal, N_FOLLOWED)
+    return replace(shape, floating=floating, large=shape.large if large else None)
+
+
+def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
+    """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
     Raises
     ------
@@ -110,7 +124,7 @@ def check_slender(scene: Scene, meshed: FramedSolid) -> None:
         entry = next(name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
         raise InputError(
             f'effects.{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
-            f'long as wide, and its stretching is not told from its bending below {SLENDER:g}; take "dynamic"'
+            f"long as wide, and its stretching is not told from its bending below {SLENDER:g}; {cure}"
         )
 
 

@@ -3,39 +3,40 @@
 A continuum body's fields are those that it is condensed to (`component_modes`): they answer its frames whatever these
 are joined to. A body of beams has its lowest free modes and what its frames' forces do beyond them
 statically. In both cases the fields are turned to free modes, which are orthogonal to the rigid motions in the mass at
-nominal parameters, and these are left out: the frame makes them (`bodies.floating`).
+nominal parameters, and these are left out: the frame makes them (`bodies.floating`). Bodies that follow their
+foreshortening have fields that answer the inertia forces of rigid motion too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
-import scipy.sparse as sp
 from mpi4py import MPI
 from scipy.linalg import eigh
 
-from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.framed_solid import FramedSolid
-from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
-from pgmp_petsc.components.condensing import serving_points
+from pgmp_petsc.components.condensing import check_slender, serving_points
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.floating_component import foreshortened, free_modes, in_floating_frame
 from pgmp_petsc.components.foreshortening import foreshortening
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 
-DEPENDENT = 1e-9  # of the largest eigenvalue of vectors' products in the mass
+NOT_SLENDER = "leave geometric_stiffening out, or take pgmp simulate --full"
+DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the square of what is new
 
 
 def floating_shapes(
@@ -79,52 +80,18 @@ def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
-    solid, d = meshed.solid, meshed.solid.mesh.dimension
-    n_modes = scene.reduction.modes + scene.n_overconstrained
-    stressed, points = solid.name in stressed_bodies(scene), serving_points(scene, meshed)
-    component, recovery, section = condense(solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed)
-    nominal = scene.nominal
-    mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
-    modes = _free_modes(mass, total, d, recovery)
-    parts = [recovery @ modes] if section is None else [recovery @ part @ modes for part in section.parts]
-    of_mesh = {weight: matrix.tocsr()[::d, ::d] for weight, matrix in solid.mass(range(solid.mesh.n_nodes)).items()}
-    moments = _moments_of_mesh(solid.mesh.nodes, parts, of_mesh, None if section is None else section.factor)
-    stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
-    shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
-    straight = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1]))
-    kept = Recovery(solid.mesh, recovery @ modes) if stressed else None
-    return FloatingBody(component.frames, component.centres, shapes, moments, stiffness, straight, {}, kept)
-
-
-def _moments_of_mesh(
-    nodes: np.ndarray, modes: list[np.ndarray], mass: Mapping[Monomial, sp.csr_matrix], scale: Quantity | None
-) -> dict[Monomial, np.ndarray]:
-    """Return the moments of fields on a mesh.
-
-    Parameters
-    ----------
-    nodes
-        Shape (n_nodes, d), m.
-    modes
-        Displacement fields, (n_nodes d, n), of each power of the scale of the cross-section, or those alone.
-    mass
-        Of one component of displacements, by weight, shape (n_nodes, n_nodes).
-    scale
-        Of the cross-section, with which coordinates across the x axis grow; None where there is none.
-    """
-    d, n_nodes = nodes.shape[1], len(nodes)
-    along = nodes if scale is None else nodes * (np.arange(d) == 0)
-    places = [np.hstack([np.ones((n_nodes, 1)), along])]
-    if scale is not None:
-        places.append(np.hstack([np.zeros((n_nodes, 1)), nodes - along]))
-    fields = [np.hstack([own, *(part[k::d] for k in range(d))]) for own, part in zip(places, modes)]
-    found: dict[Monomial, np.ndarray] = {}
-    for weight, matrix in mass.items():
-        for (p, one), (q, other) in product(enumerate(fields), repeat=2):
-            factor = Quantity(1.0) if scale is None else scale ** (p + q)
-            place = weight * factor.monomial
-            found[place] = found.get(place, 0.0) + factor.coefficient * (one.T @ (matrix @ other))
-    return found
+    check_slender(scene, meshed, NOT_SLENDER)
+    n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
+    component, *_ = condense(
+        meshed.solid,
+        meshed.frames,
+        serving_points(scene, meshed),
+        n_modes,
+        MPI.COMM_SELF,
+        stressed=stressed,
+        large=scene.static_stretching,
+    )
+    return in_floating_frame(component, scene.nominal)
 
 
 def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBody:
@@ -138,28 +105,43 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
     stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
-    if stressed:  # inertia forces of rigid motion
+    if stressed or scene.static_stretching:  # inertia forces of rigid motion
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
     basis = _answering(values, vectors, total_mass, loads, per_node, scene.reduction.modes + scene.n_overconstrained)
     # torsion moves no node: of rotations what they move at the body's extent
     moved = basis * np.where(np.arange(len(basis)) % per_node < d, 1.0, body.extent)[:, None]
-    modes = basis @ _free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d, moved)
+    elastic = free_modes(basis.T @ total_mass @ basis, basis.T @ total @ basis, d)
+    modes = basis @ (elastic / np.max(np.abs(moved @ elastic), axis=0))
     shapes = modes.reshape(body.n_nodes, per_node, -1)[held]
     frames = {point: number for number, point in enumerate(points)}
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
-    n = modes.shape[1]
+    moments, n = _moments_of_beams(body, modes), modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
     if scene.static_stretching:
-        elastic = values[per_node:], vectors[:, per_node:]
-        axial = body.section.axial.at(scene.nominal)
-        chi = foreshortening(body, modes, modes.T @ total @ modes, axial, elastic)
-        bent = chi.reshape(body.n_nodes, per_node, n, n)[held, :d]
-        parts = _moments_of_beams(body, chi.reshape(-1, n * n), slice(1, 1 + d), slice(1 + d, None))
-        curved = {weight: part.reshape(d, d, n, n) for weight, part in parts.items()}
-    moments, kept = _moments_of_beams(body, modes), Recovery(body, modes) if stressed else None
+        curvature = foreshortening(*_energy_of_beams(body, modes, scene.nominal))
+        bent, curved = foreshortened(curvature, shapes, moments)
+        for weight, part in _turned_sections(body, modes).items():
+            curved[weight] = curved.get(weight, 0.0) + part
+    kept = Recovery(body, modes) if stressed else None
     return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
+
+
+def _energy_of_beams(
+    body: Body, modes: np.ndarray, values: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the third derivative of the strain energy (n, n, n), the stiffness, and what of it resists stretching (n,
+    n) of fields of a body of beams."""
+    everywhere, n = range(body.dofs.size), modes.shape[1]
+    rows, columns = np.tril_indices(n)
+    third = np.empty((n, n, n))
+    forces = modes.T @ ThirdDerivative([body], everywhere).weighted(modes, (rows, columns), values)
+    third[:, rows, columns] = third[:, columns, rows] = forces
+    whole = assemble([body], everywhere).stiffness
+    stiffness = sum(float(weight.evaluate(values)) * matrix for weight, matrix in whole.items())
+    stretching = axial_stiffness([body], everywhere, values)
+    return third, modes.T @ (stiffness @ modes), modes.T @ (stretching @ modes)
 
 
 def _of_nodes(fields: np.ndarray, per_node: int) -> np.ndarray:
@@ -176,56 +158,78 @@ def _answering(
     """Return the rigid motions, the lowest elastic modes and what they miss of the static answers to loads that are
     balanced by inertia forces, from all eigenvalues and modes."""
     kept = min(n_rigid + n_modes, values.size)
-    missed = vectors[:, kept:] @ ((vectors[:, kept:].T @ loads) / values[kept:, None])
+    amplitudes = vectors.T @ loads
+    elastic = amplitudes[n_rigid:]
+    # forces that balance inertia forces of rigid motion alone deform nothing
+    deforming = np.linalg.norm(elastic, axis=0) > DEPENDENT * np.linalg.norm(amplitudes, axis=0)
+    answers = elastic[:, deforming] / values[n_rigid:, None]
+    # a beam is far stiffer along than across: each answer counts by itself
+    missed = vectors[:, kept:] @ (answers[kept - n_rigid :] / np.linalg.norm(answers, axis=0))
     squares, directions = eigh(missed.T @ mass @ missed)
-    chosen = squares > DEPENDENT * np.max(squares, initial=0.0)
+    chosen = squares > DEPENDENT
     return np.hstack([vectors[:, :kept], missed @ (directions[:, chosen] / np.sqrt(squares[chosen]))])
 
 
-def _free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int, moved: np.ndarray) -> np.ndarray:
-    """Return the elastic free modes in given coordinates, shape (n, n - n_rigid), of a largest displacement of 1 m.
-
-    `moved` gives displacements on the mesh in these coordinates, shape (n_displacements, n).
-    """
-    _, vectors = eigh(stiffness, mass)
-    elastic = vectors[:, d * (d + 1) // 2 :]
-    return elastic / np.max(np.abs(moved @ elastic), axis=0)
-
-
-def _moments_of_beams(
-    body: Body, modes: np.ndarray, rows: slice = slice(None), columns: slice = slice(None)
-) -> dict[Monomial, np.ndarray]:
-    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n), or some
-    rows and columns of them.
+def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return the moments of fields of a body of beams, of unit displacements and rotations (n_dofs, n).
 
     A point at the place ``sum_s eta_s t_s`` of a section moves with ``u + sum_s eta_s phi x t_s``: scalar fields are
     ``a + sum_s eta_s b_s`` with a linear between the nodes, and b from the rotations there; the section's moments are
     those of 1 and of eta_s.
     """
     mesh, n, d = body.mesh, modes.shape[1], body.mesh.nodes.shape[1]
-    by_node = modes.reshape(mesh.n_nodes, body.node_dofs, n)
-    axes = body.axes if d == 3 else _planar_axes(mesh)
-    spins = by_node[:, d:] if d == 3 else np.insert(by_node[:, d:], 0, np.zeros((2, 1, n)), axis=1)
+    by_node, spins = modes.reshape(mesh.n_nodes, body.node_dofs, n), _spins(body, modes)
     shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])
     consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-    # rho I_2 is the moment of what lies along t_3, and rho I_3 of what lies along t_2; in the plane rho I of t_2
-    across = (2, 1) if d == 3 else (1,)
     found: dict[Monomial, np.ndarray] = {}
-    for nodes, length, own in zip(mesh.cells, mesh.lengths, axes):
+    for nodes, length, across in zip(mesh.cells, mesh.lengths, _across(body)):
         fields = [shared[nodes]]
-        for s in across:
-            turned = np.cross(spins[nodes], np.resize(own[:, s], 3) * (np.arange(3) < d), axisa=1, axisb=0)
-            at_rest = np.hstack([np.zeros((2, 1)), np.tile(own[:, s], (2, 1))])
+        for t in across:
+            turned = np.cross(spins[nodes], t, axisa=1, axisb=0)
+            at_rest = np.hstack([np.zeros((2, 1)), np.tile(t[:d], (2, 1))])
             fields.append(np.hstack([at_rest, *(turned[..., k] for k in range(d))]))
         for weight, coefficients in body.section.mass_terms().items():
             for coefficient, field in zip(coefficients, fields):
                 if coefficient:
-                    part = coefficient * length * (field[:, rows].T @ consistent @ field[:, columns])
+                    part = coefficient * length * (field.T @ consistent @ field)
                     found[weight] = found.get(weight, 0.0) + part
     return found
 
 
-def _planar_axes(mesh: LineMesh) -> np.ndarray:
-    """Return the directions along and across the elements of a mesh in the plane, one a column, (n_elements, 2, 2)."""
-    along = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0] / mesh.lengths[:, None]
-    return np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=2)
+def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray]:
+    """Return ``int rho X_k chi_l`` of sections that turn to second order, by weight, shape (d, d, n, n).
+
+    A rotation vector takes t to ``t + phi x t + 1/2 phi x (phi x t)``; directors are linear between the nodes.
+    """
+    d, n = body.mesh.nodes.shape[1], modes.shape[1]
+    spins = _spins(body, modes).swapaxes(1, 2)
+    products = np.einsum("aic,ajc->aij", spins, spins)
+    found: dict[Monomial, np.ndarray] = {}
+    for nodes, length, across in zip(body.mesh.cells, body.mesh.lengths, _across(body)):
+        for weight, coefficients in body.section.mass_terms().items():
+            for coefficient, t in zip(coefficients[1:], across):
+                if not coefficient:
+                    continue
+                along = spins[nodes] @ t
+                mixed = np.einsum("ai,ajl->lij", along, spins[nodes])
+                # 1/2 (a x (b x t) + b x (a x t)) = 1/2 ((a.t) b + (b.t) a) - (a.b) t
+                turned = 0.5 * (mixed + mixed.swapaxes(1, 2)) - np.multiply.outer(t, products[nodes].sum(axis=0))
+                part = 0.5 * coefficient * length * np.multiply.outer(t[:d], turned[:d])
+                found[weight] = found.get(weight, np.zeros((d, d, n, n))) + part
+    return found
+
+
+def _spins(body: Body, modes: np.ndarray) -> np.ndarray:
+    """Return the rotation vectors of all nodes of fields of a body of beams, shape (n_nodes, 3, n)."""
+    d, n = body.mesh.nodes.shape[1], modes.shape[1]
+    turns = modes.reshape(body.n_nodes, body.node_dofs, n)[:, d:]
+    return turns if d == 3 else np.insert(turns, 0, np.zeros((2, 1, n)), axis=1)
+
+
+def _across(body: Body) -> np.ndarray:
+    """Return the directions across the elements of a body, in the order of their moments, (n_elements, 2 or 1, 3)."""
+    if body.mesh.nodes.shape[1] == 3:
+        # rho I_2 is the moment of what lies along t_3, and rho I_3 of what lies along t_2
+        return body.axes.swapaxes(1, 2)[:, [2, 1]]
+    along = np.diff(body.mesh.nodes[body.mesh.cells], axis=1)[:, 0] / body.mesh.lengths[:, None]
+    return np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])[:, None]

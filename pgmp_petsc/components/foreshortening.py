@@ -1,70 +1,42 @@
-"""Foreshortening: the displacements of second order of a body of beams that bends.
+"""Foreshortening: the displacements of second order of a slender body that bends or twists.
 
-With the axis t of an element, its slope u' and rotation phi, the axial strain of `beam2d` and `beam3d` is
+A body that bends becomes shorter. Left to the amplitudes that stretch the body, this would stiffen the bending, and a
+model of second order would need these amplitudes with all their inertia and a cubic strain energy that has no lower
+bound. Instead the body follows it at once (`stretching = "static"`): amplitudes xi stand for displacements
+``Psi (xi + 1/2 xi^T c xi)``, and
 
-    t.u' + 1/2 eps[xi, xi],    eps[a, b] = theta_a.u'_b + theta_b.u'_a - theta_a.theta_b,    theta = phi x t,
+    c_ij = -S K^-1 W3[B e_i, B e_j, .],    S = s^2 (3 - 2 s),    s = K^-1 K_s,    B = 1 - S,
 
-to second order. Left to the amplitudes that stretch the body, it would stiffen the bending, and a model of second order
-needs these amplitudes with all their inertia and a cubic strain energy that has no lower bound. Instead the body
-follows it at once (`stretching = "static"`): its displacements chi of second order are the static answer to strains of
-``-eps[psi_i, psi_j]``,
+with the stiffness K, the part K_s of it that resists stretching, and the third derivative W3 of the strain energy at
+rest. S picks of amplitudes what stretches the body, as in the reduced model (`modes.curvature`), and B what bends or
+twists it. The energy of third order in bending and stretching, ``1/2 W3[B xi, B xi, S xi]``, is taken away by that: a
+straight beam is as long as before. Forces at its ends and inertia forces do work on c, which is what stiffens a
+spinning or stretched body. It is ``-W3`` contracted with the body's stretching by these forces.
 
-    K chi_ij = -int EA eps[psi_i, psi_j] t.v' dx    for all v,
-
-orthogonal to the rigid motions in the mass. A straight beam is then as long as before. Forces on its ends and inertia
-forces do work on chi, which is what stiffens a spinning or stretched beam. What of psi stretches the body itself takes
-no part in eps: its share is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi``, made steeper by ``3 S^2 - 2 S^3``
-as in the reduced model (`modes.curvature`).
+It is the same for beams, whose W3 follows from strains (`bodies.third_derivative`), and for bodies of cells
+(`bodies.large_deformation`). The fields answer forces at frames and inertia forces of rigid motion statically, so that
+these do all of their work on c.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import Body
 
-
-def foreshortening(
-    body: Body, modes: np.ndarray, stiffness: np.ndarray, axial: float, elastic: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Return chi of every pair of modes, shape (n_dofs, n, n), 1/m.
+def foreshortening(third: np.ndarray, stiffness: np.ndarray, stretching: np.ndarray) -> np.ndarray:
+    """Return c, the amplitudes' second derivatives, shape (n, n, n), 1/m, the amplitude that is moved first.
 
     Parameters
     ----------
-    body
-        Of beams.
-    modes
-        Displacement fields, shape (n_dofs, n).
-    stiffness
-        Of the amplitudes of the modes, shape (n, n), N/m.
-    axial
-        EA, N.
-    elastic
-        Eigenvalues and M-orthonormal elastic modes of the free body, all of them, shapes (m,) and (n_dofs, m).
+    third
+        W3 of the amplitudes, symmetric, shape (n, n, n), N/m2.
+    stiffness, stretching
+        K, positive definite, and K_s, each of shape (n, n), N/m.
     """
-    mesh, d, n = body.mesh, body.mesh.nodes.shape[1], modes.shape[1]
-    first, second = mesh.cells.T
-    lengths = mesh.lengths[:, None, None]
-    along = np.diff(mesh.nodes[mesh.cells], axis=1)[:, 0] / mesh.lengths[:, None]
-
-    def slopes_and_turns(fields: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        by_node = fields.reshape(mesh.n_nodes, body.node_dofs, n)
-        slopes = (by_node[second, :d] - by_node[first, :d]) / lengths
-        turned = 0.5 * (by_node[first, d:] + by_node[second, d:])
-        if d == 2:
-            return slopes, np.stack([-along[:, 1], along[:, 0]], axis=1)[:, :, None] * turned
-        return slopes, np.cross(turned, along[:, :, None], axisa=1, axisb=1, axisc=1)
-
-    stretches = np.einsum("ec,ecn->en", along, slopes_and_turns(modes)[0])
-    share = np.linalg.solve(stiffness, axial * np.einsum("en,em,e->nm", stretches, stretches, mesh.lengths))
-    bending = np.eye(n) - share @ share @ (3.0 * np.eye(n) - 2.0 * share)
-    slopes, turns = slopes_and_turns(modes @ bending)
-    mixed = np.einsum("eci,ecj->eij", turns, slopes)
-    strain = mixed + mixed.swapaxes(1, 2) - np.einsum("eci,ecj->eij", turns, turns)
-    pull = axial * np.einsum("ec,eij->ecij", along, strain)
-    forces = np.zeros((mesh.n_nodes, body.node_dofs, n, n))
-    np.add.at(forces[:, :d], second, pull)
-    np.add.at(forces[:, :d], first, -pull)
-    values, vectors = elastic
-    answers = (vectors.T @ forces.reshape(-1, n * n)) / values[:, None]
-    return -(vectors @ answers).reshape(-1, n, n)
+    n = len(stiffness)
+    share = np.linalg.solve(stiffness, stretching)
+    stretched = share @ share @ (3.0 * np.eye(n) - 2.0 * share)
+    bending = np.eye(n) - stretched
+    forces = np.einsum("kab,ai,bj->kij", third, bending, bending, optimize=True).reshape(n, n * n)
+    found = -(stretched @ np.linalg.solve(stiffness, forces)).reshape(n, n, n)
+    return 0.5 * (found + found.swapaxes(1, 2))

@@ -35,7 +35,6 @@ def large_deformation(solid: Solid, nodes: range, recovery: np.ndarray, comm: MP
     strains, moduli = on_cells.mean_strains(axis)
     return LargeDeformation(
         _summed(on_cells.third(), comm),
-        _summed(on_cells.moments(), comm),
         stretching_of(_total(strains, comm), _summed(moduli, comm)),
         axis.slenderness,
     )

@@ -103,13 +103,13 @@ class SectionCoordinates:
         return cls(factor, np.eye(len(mass)) - linear, linear)
 
     def apply(self, terms: Mapping[Monomial, np.ndarray]) -> dict[Monomial, np.ndarray]:
-        """Return ``T^T A T`` by weight, for terms A by weight."""
+        """Return ``T^T A T`` by weight, for terms A by weight: symmetric, or (d, d, n, n) that are as a whole."""
         found: dict[Monomial, np.ndarray] = {}
         for weight, matrix in terms.items():
             mixed = self.constant.T @ matrix @ self.linear
             parts = (
                 self.constant.T @ matrix @ self.constant,
-                mixed + mixed.T,
+                mixed + (mixed.T if mixed.ndim == 2 else mixed.transpose(1, 0, 3, 2)),
                 self.linear.T @ matrix @ self.linear,
             )
             for power, part in enumerate(parts):

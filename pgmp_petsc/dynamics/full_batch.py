@@ -143,6 +143,15 @@ class FullBatch:
         itself = np.empty((self._blocks.n_blocks, 0, self._blocks.n_lanes))
         return self._correct(time, state, (scheme.gain_v, scheme.gain_a, 1.0), itself, active, fresh)
 
+    def turns(self, theta: np.ndarray) -> np.ndarray:
+        """Return the angles that turns are counted from at coordinates (n_theta, n), rad, shape (n_turns, n)."""
+        return self._equations.turns(theta)
+
+    def frames_of(self, q: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Return the frames of all nodes, shape (n_nodes, n_frame, n), for unknowns (n_dofs, n) and turns (n_turns,
+        n)."""
+        return self._equations.frames(q, turns)
+
     def count_turns(self, state: State) -> None:
         """Take note of the angles at an instant that is kept."""
         for q, turns in zip(state.q, state.turns):
@@ -151,13 +160,13 @@ class FullBatch:
     def take_steps(self, asked: StepsAsked, reference: np.ndarray | None = None) -> list[StepTaken]:
         """Take equal steps, up to one in which an iteration fails; see `AlphaStep`.
 
-        States may be those about a motion: `reference` has its positions and accelerations at the ends of the steps,
-        shape (2, n_steps, n_dofs, n_samples).
+        States may be those about a motion: `reference` has its positions, velocities and accelerations at the ends of
+        the steps, shape (3, n_steps, n_dofs, n_samples).
         """
         previous, scheme, n = asked.previous, asked.scheme, asked.ends.size
         expected = np.full(self._size.shape, FIRST_CONTRACTION) if asked.expected is None else asked.expected
         if reference is None:
-            reference = np.empty((2, 0, self.n_dofs, self.n_samples))
+            reference = np.empty((3, 0, self.n_dofs, self.n_samples))
         about = np.moveaxis(self.pack(reference), 0, 2)
         before = (previous.q, previous.v, previous.a, previous.multipliers, previous.turns, asked.auxiliary, expected)
         after = tuple(aligned((n, *part.shape)) for part in before)
@@ -165,8 +174,8 @@ class FullBatch:
         coefficients = (scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma, scheme.gain_v, scheme.gain_a)
         n_taken = take_steps(
             self._reference, self._factors, self._sources.at(asked.ends), asked.probed, coefficients,
-            self._typical_mass, asked.step, (np.ascontiguousarray(about[0]), np.ascontiguousarray(about[1])),
-            asked.behind, before, self._blocks.mask(asked.samples), after, lost, n_corrections,
+            self._typical_mass, asked.step, tuple(np.ascontiguousarray(part) for part in about), asked.behind,
+            before, self._blocks.mask(asked.samples), after, lost, n_corrections,
         )  # fmt: skip
         last = lost.ravel()[: self.n_samples]
         return [

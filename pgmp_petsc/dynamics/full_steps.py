@@ -37,8 +37,8 @@ def take_steps(
     step
         s.
     reference
-        Positions and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs, n_lanes), about
-        which the states below are; of no steps where they are the motion itself.
+        Positions, velocities and accelerations of a motion at the ends of the steps, (n_steps, n_blocks, n_dofs,
+        n_lanes), about which the states below are; of no steps where they are the motion itself.
     behind
         Accelerations one step before the beginning, shape (n_blocks, n_dofs, n_lanes).
     before
@@ -109,7 +109,8 @@ def _take_steps_of_block(
             active[lane] = samples[lane]
         if about:
             _add(width, 1.0, reference[0][k, block], ahead[0])
-            _add(width, 1.0, reference[1][k, block], ahead[2])
+            _add(width, 1.0, reference[1][k, block], ahead[1])
+            _add(width, 1.0, reference[2][k, block], ahead[2])
         state = ahead[0], ahead[1], ahead[2], forces, counted
         going = lanes
         for iteration in range(MAX_ITERATIONS):
@@ -132,7 +133,8 @@ def _take_steps_of_block(
         count_turns(problem, ahead[0], counted)
         if about:
             _add(width, -1.0, reference[0][k, block], ahead[0])
-            _add(width, -1.0, reference[1][k, block], ahead[2])
+            _add(width, -1.0, reference[1][k, block], ahead[1])
+            _add(width, -1.0, reference[2][k, block], ahead[2])
         _follow(width, scheme, a, auxiliary, ahead[2], lanes, follows)
         if lanes_of(lost):
             return k + 1

@@ -196,7 +196,7 @@ def _estimate_remarks(
     remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
-        for first, last in checked(scene.ensemble.checked_share, status.size):
+        for first, last in checked(origin.checked_share, status.size):
             chosen[first:last] = status[first:last] == Status.FINE
         unknown = int(np.sum(chosen & np.any([~np.isfinite(v) for v in estimates["errors"].values()], axis=0)))
         if unknown:

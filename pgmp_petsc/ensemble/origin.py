@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.ensemble.checked_samples import share_of
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.indicator.coverage import absence_of_estimates, truncated_stresses, why_not_of_full_order
 from pgmp_petsc.models import Model, ReducedModel
@@ -29,12 +30,15 @@ class Origin:
         Of the outputs, by name.
     not_estimated
         What is to be said of errors that are not estimated.
+    checked_share
+        Of the samples whose errors are estimated.
     """
 
     model: str
     scene: Scene
     units: dict[str, str]
     not_estimated: tuple[Remark, ...]
+    checked_share: float
 
     @classmethod
     def of(cls, model: Model) -> Origin:
@@ -44,7 +48,7 @@ class Origin:
             absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
         else:
             absent = why_not_of_full_order(model)
-        return cls(model.name, scene, dict(model.outputs.units), tuple(absent))
+        return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share_of(model))
 
 
 class Kept(Protocol):

@@ -22,7 +22,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.batch import Batch, Plan
 from pgmp_petsc.ensemble.checkpoint import Checkpoint
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.checked_samples import checked, share_of
 from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
@@ -30,7 +30,6 @@ from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
-from pgmp_petsc.indicator.coverage import is_indicated
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import Ensemble
@@ -175,7 +174,7 @@ class Watching:
 
     def __init__(self, model: Model) -> None:
         reduced = isinstance(model, ReducedModel)
-        self.share = model.scene.ensemble.checked_share if reduced and is_indicated(model.scene) else 0.0
+        self.share = share_of(model)
         self._errors: list[Watcher] = [ErrorWatcher(ErrorIndicator(model))] if self.share > 0.0 else []
         self._others: list[Watcher] = [BalanceWatcher()] if model.scene.ensemble.balance else []
         if reduced:

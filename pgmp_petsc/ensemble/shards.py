@@ -43,6 +43,7 @@ def shard_of(origin: Origin, plan: Plan, checkpoint: Checkpoint, ranks: int, tim
         origin.units,
         origin.not_estimated,
         () if file is None else file.remarks,
+        origin.checked_share,
         checkpoint.remarks,
         checkpoint.columns(),
         checkpoint.bands(min(scene.ensemble.band_samples, last)),
@@ -102,7 +103,7 @@ class Shards:
         first = self._shards[0]
         record, place = first.record, first.place
         scene = scene_from_toml(record.scene_toml, ".").with_remarks(record.remarks)
-        origin = Origin(first.model, scene, first.units, first.not_estimated)
+        origin = Origin(first.model, scene, first.units, first.not_estimated, first.checked_share)
         columns, file = self.columns(), None
         if place.file is not None:
             names, parameters = place.file["names"], columns.of("parameters")

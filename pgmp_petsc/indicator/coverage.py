@@ -1,57 +1,18 @@
-"""Whose errors are estimated: scenes with one free coordinate, flexible beams, and effects that are loads or masses.
-
-The full-order equations of the error (`residual_error`) know nothing else. What keeps a scene out is named, so that
-every run without an estimate can say why.
-"""
+"""Which errors are not estimated, and why: every run without an estimate says so."""
 
 from __future__ import annotations
 
 from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.effects import Effect
 
-#: Effects that the full-order equations of the error know as they stand.
-COVERED = ("torque", "gravity", "point_mass", "gyroscopic", "geometric_stiffening", "mode_inertia")
-NOT_LOCAL = {"prescribed_motion": "a prescribed motion", "structural_damping": "damping within the bodies"}
 CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
-
-
-def why_not_covered(scene: Scene) -> str:
-    """Return what of a scene the estimate does not know, by entry; empty where it knows all of it."""
-    reasons = []
-    if len(scene.coordinates) > 1:
-        reasons.append(
-            f"coordinates: {', '.join(scene.coordinates)} are {len(scene.coordinates)}, and the estimate is for one"
-        )
-    for name, body in scene.bodies.items():
-        if body.continuum:
-            reasons.append(f"bodies.{name} is of continuum elements, and the estimate is for beams")
-        elif body.dimension == 3:
-            reasons.append(f"bodies.{name} is a beam in space, and the estimate is for beams in the plane")
-        elif not body.flexible:
-            reasons.append(f"bodies.{name} is rigid, and the estimate is for flexible beams")
-    reasons += [
-        f"effects.{name} ({effect.type}) is {NOT_LOCAL.get(effect.type, 'a local force')}, "
-        "which the estimate does not know"
-        for name, effect in scene.effects.items()
-        if not _is_known(effect)
-    ]
-    return "; ".join(reasons)
-
-
-def is_indicated(scene: Scene) -> bool:
-    """Return whether the errors of a scene's reduced runs are to be estimated, and can be."""
-    return scene.simulation.error_indicator and not why_not_covered(scene)
 
 
 def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, ...]:
     """Return why the errors of a scene's reduced run or ensemble are not estimated; nothing where they are."""
     if not scene.simulation.error_indicator:
         return (_absent("simulation.error_indicator = false switches the estimate off"),)
-    reason = why_not_covered(scene)
-    if reason:
-        return (_absent(reason),)
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent("ensemble.checked_share = 0 switches the estimate off"),)
     return ()
@@ -101,9 +62,11 @@ def _left_out(scene: Scene) -> str:
     """Return what of second order in the deformation component modes leave out, and the cure."""
     what = "left out: what is of second order in the deformation of a body in its floating frame"
     if scene.static_stretching:
-        return f"{what}, but for the foreshortening of beams that bend and what follows from it (geometric_stiffening)"
-    cure = "the effects geometric_stiffening and mode_inertia add it for beams in the plane; a full-order run has it"
-    return f"{what} (stiffening by loads, foreshortening); {cure}"
+        return f"{what}, but for the foreshortening of bodies that bend and what follows from it (geometric_stiffening)"
+    return (
+        f"{what} (stiffening by loads, foreshortening); the effects geometric_stiffening and mode_inertia add these, a "
+        "full-order run has it all"
+    )
 
 
 def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
@@ -123,8 +86,3 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
 
 def _absent(reason: str) -> Remark:
     return note(f"errors were not estimated: {reason}; {CURE}")
-
-
-def _is_known(effect: Effect) -> bool:
-    fixed_force = effect.type == "force" and effect.towards is None and not effect.follows
-    return fixed_force or effect.type in COVERED

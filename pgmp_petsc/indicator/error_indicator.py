@@ -20,22 +20,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.body import DOFS_PER_NODE
-from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import ERROR_PREFIX
-from pgmp_petsc.effects import effects_of
+from pgmp_petsc.indicator.checking_model import CheckingModel
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
-from pgmp_petsc.indicator.sampled_load import SampledLoad
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
 from pgmp_petsc.indicator.step_error import SOFTEST, StepError
-from pgmp_petsc.models import FullModel, ReducedModel
-from pgmp_petsc.models.model import start_of
-from pgmp_petsc.models.stresses import of_frames
+from pgmp_petsc.models import ReducedModel
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -70,10 +65,9 @@ class ErrorIndicator:
 
     def __init__(self, model: ReducedModel) -> None:
         self.model = model
-        self.modes = FlexibleModes(model.terms.tables, model.scene.reduction.interpolation)
-        self.effects = effects_of(model.scene, model.kinematics.mechanism)
-        settles = model.scene.initial.equilibrium
-        self._full = FullModel(model.scene, model.meshes, model.kinematics) if settles else None
+        self.checking = CheckingModel(model)
+        terms, scheme = model.terms, model.scene.reduction.interpolation
+        self.modes = FlexibleModes(terms.tables, scheme, terms.damping, self.checking.driven)
         self._take_steps_of(model.scene.simulation)
 
     def _take_steps_of(self, simulation: Simulation) -> None:
@@ -90,29 +84,6 @@ class ErrorIndicator:
         other._take_steps_of(simulation)
         return other
 
-    def equilibria(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> np.ndarray | None:
-        """Return the full-order equilibria that samples start from, NaN where there is none or it is not asked for.
-
-        Parameters
-        ----------
-        values
-            Parameter values, each of shape (n,).
-        samples
-            Mask of the samples that are asked for, shape (n,).
-
-        Returns
-        -------
-        ndarray or None
-            Shape (n_dofs, n); None where runs start undeformed.
-        """
-        if self._full is None:
-            return None
-        found = np.full((self.model.kinematics.mechanism.n_dofs, samples.size), np.nan)
-        if samples.any():
-            settled = self._full.settled({name: value[samples] for name, value in values.items()}, int(samples.sum()))
-            found[:, samples] = np.where(settled.lost, np.nan, settled.unknowns)
-        return found
-
     def watch(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> WatchedRun:
         """Begin to watch a run of a batch.
 
@@ -124,10 +95,6 @@ class ErrorIndicator:
             Numbers of the samples within the batch whose errors are wanted, shape (n,).
         """
         return WatchedRun(self, {name: value[samples] for name, value in values.items()}, np.asarray(samples))
-
-    def loads(self, schedule: Schedule) -> tuple[SampledLoad, ...]:
-        """Return the loads at the instants of a schedule."""
-        return tuple(SampledLoad(effect, schedule.steps, self.step, schedule.interval) for effect in self.effects)
 
 
 class WatchedRun:
@@ -143,10 +110,11 @@ class WatchedRun:
         kept = indicator.schedules[-1].steps
         self._place = np.full(indicator.n_steps + 1, -1)
         self._place[kept] = np.arange(kept.size)
-        n_eta = 1 + indicator.model.terms.tables.n_modes
-        # coordinates, velocities, accelerations, and what vibrations lack; and the angle of the run itself
+        r = self._r = indicator.model.kinematics.n_coordinates
+        n_eta = r + indicator.model.terms.tables.n_modes
+        # coordinates, velocities, accelerations, and what vibrations lack; and the rigid coordinates of the run itself
         self._states = np.empty((kept.size, 4, samples.size, n_eta))
-        self._angles = np.empty((kept.size, samples.size))
+        self._theta = np.empty((kept.size, samples.size, r))
         self._speeds = np.zeros(samples.size)
         self._waiting = np.empty((LOOK, 3, samples.size, n_eta))
         self._n_waiting = 0
@@ -174,12 +142,13 @@ class WatchedRun:
 
     def _begin(self, start: np.ndarray) -> None:
         q, v, a = start
-        self._middles = q[:, 0] + 0.5 * np.copysign(HOLD, v[:, 0])
+        r = self._r
+        self._middles = q[:, :r] + 0.5 * np.copysign(HOLD, v[:, :r])
         modes = self._indicator.modes.at(self._middles, self._weights)
         self._slowest = 1.0 / np.maximum(modes.omega[:, 0], SOFTEST / self._indicator.step)
-        self._step_error = StepError(self._indicator.step, start.copy(), modes)
+        self._step_error = StepError(self._indicator.step, start.copy(), modes, self._indicator.checking.driven)
         self._states[0] = q, v, a, np.zeros_like(q)
-        self._angles[0] = q[:, 0]
+        self._theta[0] = q[:, :r]
 
     def _look(self, motion: np.ndarray, last: int) -> None:
         """Follow the errors over some steps, the last one given by its number, and take modes anew where needed."""
@@ -188,10 +157,11 @@ class WatchedRun:
         kept = np.flatnonzero(places >= 0)
         places = places[kept]
         self._states[places, :2], self._states[places, 2] = exact[kept], motion[kept, 2]
-        self._states[places, 3], self._angles[places] = missing[kept], motion[kept, 0, :, 0]
-        np.maximum(self._speeds, np.max(np.abs(motion[:, 1, :, 0]), axis=0), out=self._speeds)
-        theta, speed = motion[-1, :2, :, 0]
-        turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD))
+        r = self._r
+        self._states[places, 3], self._theta[places] = missing[kept], motion[kept, 0, :, :r]
+        np.maximum(self._speeds, np.max(np.abs(motion[:, 1, :, :r]), axis=(0, 2)), out=self._speeds)
+        theta, speed = motion[-1, :2, :, :r]
+        turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
         if turned.size:
             # those of the middle of the turn that lies ahead
             self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
@@ -209,11 +179,11 @@ class WatchedRun:
         n, names = self._samples.size, self._indicator.model.outputs.functions
         largest, at_end = ({name: np.full(n, np.nan) for name in names} for _ in range(2))
         fine = (status[self._samples] == Status.FINE) & self._placeable()
-        equilibria = self._indicator.equilibria(self._values, fine)
+        equilibria = self._indicator.checking.equilibria(self._values, fine)
         if equilibria is not None:
             fine &= np.isfinite(equilibria).all(axis=0)
         with np.errstate(all="ignore"):
-            bent, missing = (np.max(np.abs(self._states[:, part, :, 1:]), axis=(0, 2)) for part in (0, 3))
+            bent, missing = (np.max(np.abs(self._states[:, part, :, self._r :]), axis=(0, 2)) for part in (0, 3))
             longest = longest_intervals(self._speeds, missing / bent, self._slowest)
         needed = choose(self._indicator.schedules, np.where(fine, longest, np.inf))
         histories: list = [None] * n
@@ -240,22 +210,21 @@ class WatchedRun:
         self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray, begin: np.ndarray | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the instants of a schedule; `begin` as of `ErrorSystem`."""
-        model, n = self._indicator.model, chosen.size
+        checking, n, r = self._indicator.checking, chosen.size, self._r
         states = self._states[schedule.places][:, :, chosen]
         # what cannot be placed stands still at the start, and is never advanced
         states[:, :, ~fine] = states[:1, :, ~fine]
         plain = states[:, 0].copy()
-        plain[..., fine, 0] = self._angles[schedule.places][:, chosen[fine]]
+        plain[:, fine, :r] = self._theta[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        start = start_of(model.scene, model.kinematics.mechanism)
-        full = FullBatch(model.kinematics, self._indicator.loads(schedule), values, start, n)
-        motion = ReferenceMotion(model.frames_of, model.output_frames_of, states, self._slowest[chosen])
-        system = ErrorSystem(full, motion, schedule.interval, begin)
-        nodes, corrected = list(model.outputs.nodes), []
+        full = checking.batch(values, n, schedule, self._indicator.step)
+        motion = ReferenceMotion(checking.unknowns_of, states, r, self._slowest[chosen])
+        system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
+        corrected = []
 
         def record(number: int, time: float, state: State) -> None:
-            error = system.unpack(state.q).reshape(-1, DOFS_PER_NODE, n)[nodes]
-            corrected.append(motion.at(number).shaken.reshape(error.shape) + error)
+            q = motion.at(number).shaken + system.unpack(state.q)
+            corrected.append(checking.full.observed_of(q, full.frames_of(q, system.unpack(state.turns)), values))
 
         simulation = self._indicator.simulation.model_copy(
             update={
@@ -277,21 +246,19 @@ class WatchedRun:
     def _errors(
         self, plain: np.ndarray, corrected: np.ndarray, values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Return reduced less corrected outputs, shape (n_e, n), from coordinates and frames of the outputs' nodes.
-
-        Stresses of the corrected motion are those that the full-order model has there.
-        """
+        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta) and from what
+        the checking model observes, (n_e, n_observed, n)."""
         model, shape = self._indicator.model, plain.shape[:2]
-        outputs, every_time = model.outputs, {name: np.tile(value, shape[0]) for name, value in values.items()}
-        here = outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
-        frames = np.moveaxis(corrected, 0, 2)
-        frames = frames.reshape(*frames.shape[:2], shape[0] * shape[1])
-        stresses = of_frames(outputs, model.kinematics.mechanism.bodies, frames, every_time)
-        there = outputs.evaluate(outputs.observed(frames, stresses))
+        every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
+        here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
+        observed = np.moveaxis(corrected, 0, 1)
+        there = self._indicator.checking.full.outputs.evaluate(observed.reshape(len(observed), -1))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self) -> np.ndarray:
         """Return which samples stay finite, and where the rigid mechanism can be placed, shape (n,)."""
-        theta = np.array([self._states[:, 0, :, 0], self._states[:, 0, :, 0] + self._states[:, 3, :, 0]])
+        r = self._r
+        theta = np.array([self._states[:, 0, :, :r], self._states[:, 0, :, :r] + self._states[:, 3, :, :r]])
         finite = np.isfinite(self._states).all(axis=(0, 1, 3))
-        return finite & self._indicator.model.kinematics.within_reach(theta).all(axis=(0, 1))
+        reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:3])
+        return finite & reached.all(axis=(0, 1))

@@ -1,8 +1,8 @@
-"""The nodal motion that a reduced run stands for, with its accelerations.
+"""The motion of all unknowns that a reduced run stands for, with its velocities and accelerations.
 
-A reduced state gives the positions ``q(eta)`` by back-transformation. The accelerations that belong to it are the
-second derivative along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as a difference of fourth order.
-All of the chain rule is in it, also what the reduced equations leave out.
+A reduced state gives the unknowns ``q(eta)`` by back-transformation (`NodalMotion`). The velocities and accelerations
+that belong to it are the derivatives along the path ``eta + tau eta' + 1/2 tau^2 eta''`` at tau = 0, taken as
+differences of fourth order. All of the chain rule is in them, also what the reduced equations leave out.
 """
 
 from __future__ import annotations
@@ -12,52 +12,55 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Frames = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to frames of some nodes (n_nodes, 3, k)
+Unknowns = Callable[[np.ndarray], np.ndarray]  # reduced coordinates (k, n_eta) to unknowns (n_dofs, k)
 
-# rad that the rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the acceleration, and
+# rad that a rigid coordinate turns from point to point: a difference is wrong by TURN^4 / 90 of the acceleration, and
 # by the closure of the mechanism, 1e-12, over TURN^2
 TURN = 1e-2
-DIFFERENCE = {-2: -1 / 12, -1: 16 / 12, 0: -30 / 12, 1: 16 / 12, 2: -1 / 12}
+FIRST = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
+SECOND = {-2: -1 / 12, -1: 16 / 12, 0: -30 / 12, 1: 16 / 12, 2: -1 / 12}
 LARGEST = 2**22  # numbers that are kept at once
 
 
 @dataclass(frozen=True)
 class Instant:
-    """Nodal motion at one instant.
+    """Motion at one instant; all of shape (n_dofs, n_samples).
 
     Attributes
     ----------
-    q, a
-        Positions and accelerations that belong together, each of shape (n_dofs, n_samples).
+    q, v, a
+        Unknowns, velocities and accelerations that belong together.
     shaken
-        Positions of the outputs' nodes with what the vibrations lack, shape (3 n_nodes, n_samples).
+        Unknowns with what the vibrations lack.
     """
 
     q: np.ndarray
+    v: np.ndarray
     a: np.ndarray
     shaken: np.ndarray
 
 
 class ReferenceMotion:
-    """Nodal motion at the instants of evaluation.
+    """Motion at the instants of evaluation.
 
     Parameters
     ----------
-    frames, output_frames
-        Back-transformation of all nodes and of those of the outputs.
+    unknowns
+        Back-transformation.
     states
         Reduced coordinates, velocities, accelerations and missing vibrations at every instant, shape (n_instants, 4,
         n_samples, n_eta).
+    n_theta
+        Number of rigid coordinates.
     longest
         Largest step of the differences of every sample, shape (n_samples,), s: the bodies' own vibrations set it where
         the mechanism does not turn.
     """
 
-    def __init__(self, frames: Frames, output_frames: Frames, states: np.ndarray, longest: np.ndarray) -> None:
-        self._frames, self._output_frames = frames, output_frames
-        self._states = states
-        self._longest = longest
-        self._first, self._kept = 0, (np.empty(0),) * 3
+    def __init__(self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray) -> None:
+        self._unknowns, self._states = unknowns, states
+        self._n_theta, self._longest = n_theta, longest
+        self._first, self._kept = 0, (np.empty(0),) * 4
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
@@ -66,20 +69,23 @@ class ReferenceMotion:
         return Instant(*(part[number - self._first] for part in self._kept))
 
     def _compute(self, number: int) -> None:
-        n_samples = self._states.shape[2]
-        n_dofs = _nodal(self._frames, self._states[:1, 0]).shape[1]
-        n_instants = max(1, LARGEST // (3 * n_dofs * n_samples))
+        n_samples, r = self._states.shape[2], self._n_theta
+        n_dofs = self._evaluate(self._states[:1, 0]).shape[1]
+        n_instants = max(1, LARGEST // (4 * n_dofs * n_samples))
         q, v, a, vibration = np.moveaxis(self._states[number : number + n_instants], 1, 0)
-        pace = np.maximum(v[..., 0] ** 2 + TURN * np.abs(a[..., 0]), (TURN / self._longest) ** 2)
-        tau = (TURN / np.sqrt(pace))[..., None]
-        here = _nodal(self._frames, q)
-        second = DIFFERENCE[0] * here
-        for at in (-2, -1, 1, 2):
-            second += DIFFERENCE[at] * _nodal(self._frames, q + at * tau * v + 0.5 * (at * tau) ** 2 * a)
-        second /= np.moveaxis(tau, 2, 1) ** 2
-        self._first, self._kept = number, (here, second, _nodal(self._output_frames, q + vibration))
+        pace = np.max(v[..., :r] ** 2 + TURN * np.abs(a[..., :r]), axis=-1)
+        tau = (TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2)))[..., None]
+        here = self._evaluate(q)
+        first, second = np.zeros_like(here), SECOND[0] * here
+        for at, weight in FIRST.items():
+            there = self._evaluate(q + at * tau * v + 0.5 * (at * tau) ** 2 * a)
+            first += weight * there
+            second += SECOND[at] * there
+        span = np.moveaxis(tau, 2, 1)
+        kept = here, first / span, second / span**2, self._evaluate(q + vibration)
+        self._first, self._kept = number, kept
 
-
-def _nodal(frames: Frames, eta: np.ndarray) -> np.ndarray:
-    """Return nodal unknowns (k, n_dofs, n_samples) for reduced coordinates (k, n_samples, n_eta)."""
-    return np.moveaxis(frames(eta.reshape(-1, eta.shape[2])).reshape(-1, *eta.shape[:2]), 0, 1)
+    def _evaluate(self, eta: np.ndarray) -> np.ndarray:
+        """Return unknowns (k, n_dofs, n_samples) for reduced coordinates (k, n_samples, n_eta)."""
+        found = self._unknowns(eta.reshape(-1, eta.shape[2]))
+        return np.moveaxis(found.reshape(-1, *eta.shape[:2]), 0, 1)

@@ -1,9 +1,11 @@
 """The error of a reduced motion from its residual in the full-order equations.
 
-With a motion ``q_r(t)`` of the nodes and its accelerations, ``q = q_r + e`` solves the full-order equations if
+With a motion ``q_r(t)`` of the unknowns, its velocities and its accelerations, ``q = q_r + e`` solves the full-order
+equations if
 
-    M (q_r'' + e'') + g_int(q_r + e) + C^T lambda = g_ext,     c(q_r + e) = 0,     e' = 0 at the start.
+    M(q) q'' + g(q, q') + C^T lambda = g_ext,     c(q) = 0,     e' = 0 at the start,
 
+with all that the model has in g: inner forces, those of velocities, damping and local effects.
 Runs start undeformed with e = 0. From static equilibrium each model starts in its own, and e is the difference.
 
 At e = 0 that is the residual of the motion; the error is what it sets off. The residual varies slowly, as the motion
@@ -33,6 +35,8 @@ class ErrorSystem:
         Reference motion; its instant number k is that of the time ``k interval``.
     interval
         Step of the integration, s.
+    theta
+        Rigid coordinates at the start, from which turns are counted, shape (n_theta, n_samples), rad.
     equilibrium
         Unknowns of the full-order static equilibrium that samples start from, shape (n_dofs, n_samples), NaN for those
         that are never advanced; None where runs start undeformed.
@@ -42,13 +46,19 @@ class ErrorSystem:
     settled = None
 
     def __init__(
-        self, full: FullBatch, motion: ReferenceMotion, interval: float, equilibrium: np.ndarray | None = None
+        self,
+        full: FullBatch,
+        motion: ReferenceMotion,
+        interval: float,
+        theta: np.ndarray,
+        equilibrium: np.ndarray | None = None,
     ) -> None:
         self.comm = full.comm
         self.n_samples = full.n_samples
         self._full = full
         self._motion = motion
         self._interval = interval
+        self._turns = full.pack(full.turns(theta))
         self._equilibrium = equilibrium
         self._number = -1
         self.steps_at_once = full.steps_at_once
@@ -63,28 +73,38 @@ class ErrorSystem:
         error = rest.copy()
         if self._equilibrium is not None:
             error = self._full.pack(np.nan_to_num(self._equilibrium - first))
-        multipliers, turns = (self._full.pack(np.zeros((n, self.n_samples))) for n in (self._full.n_constraints, 0))
-        return State(error, rest, rest.copy(), multipliers, turns)
+        multipliers = self._full.pack(np.zeros((self._full.n_constraints, self.n_samples)))
+        return State(error, rest, rest.copy(), multipliers, self._turns.copy())
 
     def correct(self, time: float, state: State, scheme: Scheme, active: np.ndarray, fresh: bool) -> np.ndarray:
         """Do one Newton correction of the error; see `SecondOrderSystem.correct`."""
-        number = round(time / self._interval)
-        if number != self._number:
-            instant = self._motion.at(number)
-            self._number, self._q, self._a = number, self._full.pack(instant.q), self._full.pack(instant.a)
-        moved = State(self._q + state.q, state.v, self._a + state.a, state.multipliers, state.turns)
-        before = moved.q.copy(), moved.a.copy()
+        q, v, a = self._reference(time)
+        moved = State(q + state.q, v + state.v, a + state.a, state.multipliers, state.turns)
+        before = moved.q.copy(), moved.v.copy(), moved.a.copy()
         size = self._full.correct(time, moved, scheme, active, fresh)
         # by its change, so that a sample which is not active stays what it is to the last digit
         state.q += moved.q - before[0]
-        state.a += moved.a - before[1]
+        state.v += moved.v - before[1]
+        state.a += moved.a - before[2]
         return size
 
     def take_steps(self, asked: StepsAsked) -> list[StepTaken]:
         """Take steps of the error; see `FullBatch.take_steps`."""
         instants = [self._motion.at(round(end / self._interval)) for end in asked.ends]
-        reference = np.array([[instant.q for instant in instants], [instant.a for instant in instants]])
-        return self._full.take_steps(asked, reference)
+        return self._full.take_steps(
+            asked, np.array([[getattr(one, part) for one in instants] for part in ("q", "v", "a")])
+        )
+
+    def count_turns(self, state: State) -> None:
+        """Take note of the angles at the instant that was corrected last; see `FullBatch.count_turns`."""
+        self._full.count_turns(State(self._parts[0] + state.q, state.v, state.a, state.multipliers, state.turns))
+
+    def _reference(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        number = round(time / self._interval)
+        if number != self._number:
+            instant = self._motion.at(number)
+            self._number, self._parts = number, tuple(self._full.pack(p) for p in (instant.q, instant.v, instant.a))
+        return self._parts
 
     def restore(self, state: State, previous: State, samples: np.ndarray) -> None:
         """Put samples back."""

@@ -8,23 +8,28 @@ error of the run is evaluated.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from pgmp_petsc.bodies.matrices import AffineMatrices
-from pgmp_petsc.effects import Action, Effect
+from pgmp_petsc.effects import Action, Effect, Motion
 from pgmp_petsc.effects.load import Load
+from pgmp_petsc.effects.motion import Instant
 from pgmp_petsc.indicator.quadrature import integrals
 
 N_PARTS = 16  # of a step, between which an amplitude is taken for linear
+Amplitude = Callable[[float | np.ndarray], float | np.ndarray]
 
 
-class SampledLoad(Effect):
-    """An effect at the instants of evaluation, with the impulse that the run missed.
+class SampledAmplitude:
+    """An amplitude at the instants of evaluation, with the impulse that the run missed.
 
     Parameters
     ----------
-    effect
-        The effect.
+    amplitude
+        Over time, s.
     steps
         Numbers of the steps at which the error is evaluated, the first 0, increasing.
     step
@@ -33,41 +38,85 @@ class SampledLoad(Effect):
         Time between two evaluations, s; the evaluation number k has the time ``k interval``.
     """
 
-    def __init__(self, effect: Effect, steps: np.ndarray, step: float, interval: float) -> None:
-        super().__init__(effect.name)
-        self._effect = effect
+    def __init__(self, amplitude: Amplitude, steps: np.ndarray, step: float, interval: float) -> None:
         self._interval = interval
         times = step * np.arange(steps[-1] + 1)
-        amplitudes = effect.amplitude(times)
-        missed = np.cumsum(_impulses(effect, times)) - integrals(amplitudes, step)
+        amplitudes = amplitude(times)
+        missed = np.cumsum(_impulses(amplitude, times)) - integrals(amplitudes, step)
         middles = (steps[1:-1] + steps[2:]) / 2.0
         # nothing is evaluated before the first interval ends: it stands for the time from the start
         ends = np.interp(np.concatenate([[0.0], middles, [steps[-1]]]), np.arange(times.size), missed)
         self._amplitudes = amplitudes[steps]
         self._amplitudes[1:] += np.diff(ends) / interval
 
-    def loads(self, matrices: AffineMatrices) -> list[Load]:
-        """Return the load terms of the effect."""
-        return self._effect.loads(matrices)
-
-    def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
-        """Return the patterns of the effect."""
-        return self._effect.patterns(matrices)
-
-    def turning_patterns(self) -> list[Action]:
-        """Return the turning patterns of the effect."""
-        return self._effect.turning_patterns()
-
-    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
+    def __call__(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the amplitude at the nearest evaluation."""
         return self._amplitudes[np.rint(np.divide(time, self._interval)).astype(int)]
 
 
-def _impulses(effect: Effect, times: np.ndarray) -> np.ndarray:
+class SampledLoad(Effect):
+    """An effect whose strength changes with time, at the instants of evaluation; see `SampledAmplitude`."""
+
+    def __init__(self, effect: Effect, steps: np.ndarray, step: float, interval: float) -> None:
+        super().__init__(effect.name)
+        self._effect, self._instants = effect, (steps, step, interval)
+        self._amplitude = SampledAmplitude(effect.amplitude, *self._instants)
+
+    def loads(self, matrices: AffineMatrices) -> list[Load]:
+        """Return the load terms of the effect."""
+        return self._effect.loads(matrices)
+
+    def actions(self) -> list[Action]:
+        """Return the actions of the effect with their strength at the instants of evaluation."""
+        return self._sampled(self._effect.actions())
+
+    def natural_actions(self) -> list[Action]:
+        """Return those in natural coordinates."""
+        return self._sampled(self._effect.natural_actions())
+
+    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
+        """Return the amplitude at the nearest evaluation."""
+        return self._amplitude(time)
+
+    def _sampled(self, actions: Sequence[Action]) -> list[Action]:
+        return [
+            action
+            if action.amplitude is None
+            else replace(action, amplitude=SampledAmplitude(action.amplitude, *self._instants))
+            for action in actions
+        ]
+
+
+class SampledMotion:
+    """A prescribed motion at the instants of evaluation, as `Motion`; parameters as of `SampledAmplitude`."""
+
+    def __init__(self, motion: Motion, steps: np.ndarray, step: float, interval: float) -> None:
+        self.name, self.coordinate = motion.name, motion.coordinate
+        self._motion, self._times, self._interval = motion, step * steps, interval
+
+    def at(self, time: float) -> Instant:
+        """Return the motion at the nearest evaluation."""
+        return self._motion.at(float(self._times[round(time / self._interval)]))
+
+
+def sampled_effects(effects: Sequence[Effect], steps: np.ndarray, step: float, interval: float) -> tuple[Effect, ...]:
+    """Return effects at the instants of evaluation: those that do not change with time as they are."""
+    return tuple(
+        SampledLoad(effect, steps, step, interval) if _changes(effect, step * np.arange(steps[-1] + 1)) else effect
+        for effect in effects
+    )
+
+
+def _changes(effect: Effect, times: np.ndarray) -> bool:
+    sources = [action.amplitude for action in (*effect.actions(), *effect.natural_actions())]
+    return any(source is not None for source in sources) or bool(np.ptp(effect.amplitude(times)))
+
+
+def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:
     """Return the integral of the amplitude over every step, 0 first, shape (n_t,)."""
     result = np.zeros_like(times)
     steps = np.diff(times)
     for part in range(N_PARTS + 1):
         weight = 1.0 / N_PARTS if 0 < part < N_PARTS else 0.5 / N_PARTS
-        result[1:] += weight * steps * effect.amplitude(times[:-1] + part / N_PARTS * steps)
+        result[1:] += weight * steps * amplitude(times[:-1] + part / N_PARTS * steps)
     return result

@@ -55,8 +55,6 @@ class Feature:
         Yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for.
     purposes
         What it is used for; for others it is without effect, and allowed.
-    beams_only
-        Whether continuum bodies and beams in space are refused.
     unscaled
         Whether bodies with a scaled cross-section are refused.
     one_coordinate
@@ -72,7 +70,6 @@ class Feature:
     name: str
     entries: Callable[[Scene], Iterator[str]]
     purposes: frozenset[Purpose]
-    beams_only: bool = False
     unscaled: bool = False
     one_coordinate: bool = False
     flexible_body: bool = False
@@ -123,14 +120,8 @@ FEATURES = (
     Feature(
         "stiffness by loads, inertia of changing modes",
         _effects_of("geometric_stiffening", "mode_inertia"),
-        OF_THE_REDUCTION,
+        OF_THE_REDUCTION | {Purpose.COMPONENTS},
         unscaled=True,
-    ),
-    Feature(
-        "stiffness by loads in floating frames",
-        _effects_of("geometric_stiffening", "mode_inertia"),
-        frozenset({Purpose.COMPONENTS}),
-        beams_only=True,
     ),
     Feature(
         "stretching with its inertia",
@@ -178,23 +169,10 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
                 if feature.flexible_body and not flexible:
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
-                if feature.beams_only:
-                    _check_beams(scene, entry, feature.cure)
                 if feature.unscaled:
                     _check_unscaled(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
-
-
-def _check_beams(scene: Scene, what: str, cure: str) -> None:
-    continuum = [name for name, body in scene.bodies.items() if body.continuum]
-    if continuum:
-        verb = "is" if len(continuum) == 1 else "are"
-        names = ", ".join(continuum)
-        raise InputError(f"{what}: for bodies of beams only, but {names} {verb} of continuum elements; {cure}")
-    if scene.dimension == 3:
-        names = ", ".join(scene.bodies)
-        raise InputError(f"{what}: for mechanisms of beams in the plane only, but {names} move in space; {cure}")
 
 
 def _check_unscaled(scene: Scene, what: str, cure: str) -> None:

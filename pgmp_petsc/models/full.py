@@ -182,10 +182,17 @@ class FullModel:
         -------
         ndarray, shape (n_observed, n)
         """
-        stresses = np.empty((0, frames.shape[2]))
+        q = np.empty((0, frames.shape[2]))
         if self._stresses is not None:
             q = np.concatenate([system.unpack(state.q) for state in states], axis=1)
-            stresses = self._stresses.of(q, system.values)
+        return self.observed_of(q, frames, system.values)
+
+    def observed_of(self, q: np.ndarray, frames: np.ndarray, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return what the outputs are made of, (n_observed, n), for the frames of all nodes (n_nodes, n_frame, n).
+
+        Stresses alone need the unknowns (n_dofs, n). Parameter values are numbers, or of shape (n,).
+        """
+        stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
         return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
 
     @property

@@ -42,6 +42,8 @@ class ReducedModel:
 
     Attributes
     ----------
+    rom
+        As given.
     effects
         Effects that act by forces.
     start
@@ -59,7 +61,7 @@ class ReducedModel:
     title = "reduced"
 
     def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
-        self.scene = scene
+        self.scene, self.rom = scene, rom
         self.identity = rom.identity
         self.meshes = rom.meshes
         self.kinematics = kinematics or RigidKinematics(Mechanism.from_scene(scene, rom.meshes), rom.branch)

@@ -13,7 +13,7 @@ there, as those of the same order cancel in an extension: ``u' + 1/2 w'^2``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -89,16 +89,6 @@ class FullStresses:
                 places = _placed(self._unknowns.mechanism.space, frames[body.nodes.stop - 1, :, 0], field.mesh, moved)
             found[name] = places, field.at_nodes(strains, values)
         return found
-
-
-def of_frames(outputs: OutputSet, bodies: Sequence[Body], frames: np.ndarray, values: Values) -> np.ndarray:
-    """Return the stresses of beams, shape (n_stresses, n), from frames of the outputs' nodes (n_nodes, n_frame, n)."""
-    rows = []
-    for stress in outputs.stresses:
-        own = bodies[stress.body].nodes
-        chosen = frames[np.isin(outputs.nodes, np.arange(own.start, own.stop))]
-        rows.append(stress.value(stress.points.of_places(chosen), values))
-    return np.array(rows).reshape(len(rows), frames.shape[2])
 
 
 class ReducedStresses:

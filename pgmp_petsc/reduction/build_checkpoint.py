@@ -37,7 +37,7 @@ FORMAT = 5
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
 NAMED = ("groups", "regions")  # of a mesh
-OF_COMPONENT, OF_LARGE = ("mass", "stiffness"), ("third", "moments", "stretching")  # terms by weight
+OF_COMPONENT, OF_LARGE = ("mass", "stiffness", "moments"), ("third", "stretching")  # terms by weight
 LOCAL = ("shape", "mass_kept")  # arrays of a sample of which every rank of a group has its own rows
 
 

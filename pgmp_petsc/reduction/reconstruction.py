@@ -36,14 +36,27 @@ class Reconstruction:
         Interpolation over the samples.
     nodes
         Global numbers of the nodes wanted.
+    internal
+        Whether the internal coordinates of all bodies are wanted too.
     """
 
-    def __init__(self, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str, nodes: Sequence[int]) -> None:
+    def __init__(
+        self,
+        kinematics: RigidKinematics,
+        rom: ReducedOrderModel,
+        scheme: str,
+        nodes: Sequence[int],
+        internal: bool = False,
+    ) -> None:
         self._kinematics = kinematics
         self._nodes = np.asarray(nodes, dtype=int)
         self._space = kinematics.mechanism.space
         per_node = self._space.n_dofs
         rows = (per_node * self._nodes[:, None] + np.arange(per_node)).ravel()
+        self._n_nodal = rows.size
+        if internal:
+            mechanism = kinematics.mechanism
+            rows = np.append(rows, np.arange(per_node * mechanism.n_nodes, mechanism.n_dofs))
         self._curved = rom.curvature is not None
         shapes = [rom.projection[:, rows]]
         if self._curved:
@@ -59,7 +72,17 @@ class Reconstruction:
 
         In space a frame is position, directors and the rigid coordinates: shape (n_nodes, 12 + n_theta, n).
         """
-        theta, local = eta[:, : self._kinematics.n_coordinates], self._displacements(eta)
+        return self._frames(eta, self._displacements(eta))
+
+    def unknowns(self, eta: np.ndarray) -> np.ndarray:
+        """Return positions, in space with directors, and internal coordinates as a full-order model numbers them, shape
+        (n_dofs, n); see `mechanism.unknowns`."""
+        local = self._displacements(eta)
+        frames = self._frames(eta, local)[:, : self._space.n_pose]
+        return np.concatenate([frames.reshape(-1, len(eta)), local[:, self._n_nodal :].T])
+
+    def _frames(self, eta: np.ndarray, local: np.ndarray) -> np.ndarray:
+        theta, local = eta[:, : self._kinematics.n_coordinates], local[:, : self._n_nodal]
         poses = self._kinematics.poses(theta)
         if self._space is SPATIAL:
             return self._in_space(theta, poses, local)

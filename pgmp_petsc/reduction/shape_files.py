@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.floating import FloatingBody
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -17,6 +20,7 @@ from pgmp_petsc.runtime.files import BUILD_AGAIN, put, take
 if TYPE_CHECKING:
     import h5py
 
+AMPLITUDES = "amplitudes in the floating frame"
 UNKNOWNS = "frames' displacements and rotations, then internal coordinates"
 
 
@@ -34,11 +38,12 @@ def take_shape(group: h5py.Group) -> LineMesh | Component:
     """Read back what `put_shape` wrote."""
     if "centres" not in group:
         return LineMesh(take(group, "nodes", 2), take(group, "cells", 2), _names(group))
-    return Component(
+    component = Component(
         frames=_names(group),
         centres=take(group, "centres", 2),
         mass=_take_terms(group, "mass"),
         stiffness=_take_terms(group, "stiffness"),
+        moments={},
         fields=take(group, "fields", 2),
         probes=take(group, "probes", 2),
         n_mesh_dofs=int(group.attrs["n_mesh_dofs"]),
@@ -46,16 +51,14 @@ def take_shape(group: h5py.Group) -> LineMesh | Component:
         centre_of_mass=take(group, "centre_of_mass", 1) if "centre_of_mass" in group else None,
         recovery=_take_recovery(group["recovery"], take(group, "fields", 2)) if "recovery" in group else None,
     )
+    return component if component.rigid else replace(component, floating=_take_floating(group["floating"], component))
 
 
 def _put_component(group: h5py.Group, component: Component) -> None:
     put(group, "centres", component.centres, "m", "of the frames, in the body's frame")
     _put_names(group, component.frames)
     for name in ("mass", "stiffness"):
-        terms = getattr(component, name)
-        stacked = np.array(list(terms.values())).reshape(len(terms), component.n, component.n)
-        data = put(group, name, stacked, "SI, weight taken out", f"(term, ...): {UNKNOWNS}")
-        data.attrs["weights"] = [str(weight) for weight in terms]
+        _put_terms(group, name, getattr(component, name), (component.n, component.n), UNKNOWNS)
     put(group, "fields", component.fields, "m, 1", f"unknowns of the linear displacement fields: {UNKNOWNS}")
     put(group, "probes", component.probes, "SI", f"what tells modes apart: {UNKNOWNS}")
     group.attrs["n_mesh_dofs"] = component.n_mesh_dofs
@@ -64,6 +67,48 @@ def _put_component(group: h5py.Group, component: Component) -> None:
         put(group, "centre_of_mass", component.centre_of_mass, "m", "of a rigid body, in its frame")
     if component.recovery is not None:
         _put_recovery(group.create_group("recovery"), component.recovery)
+    if component.floating is not None:
+        _put_floating(group.create_group("floating"), component.floating)
+
+
+def _put_floating(group: h5py.Group, floating: FloatingBody) -> None:
+    """Write what a condensed body is in a floating frame, besides its frames."""
+    d, n = floating.centres.shape[1], floating.n
+    put(group, "parts", floating.parts, "m, 1", f"motion of the frame, then {AMPLITUDES}, (part, unknown): {UNKNOWNS}")
+    about = f"displacements and rotations of the frames, (frame, component, amplitude): {AMPLITUDES}"
+    put(group, "shapes", floating.shapes, "m, 1", about)
+    put(group, "bent", floating.bent, "m", f"second derivatives of the frames' displacements: {AMPLITUDES}")
+    _put_terms(group, "stiffness", floating.stiffness, (n, n), AMPLITUDES)
+    fields = "1, coordinates, then the shapes' first components, second ones ..."
+    _put_terms(group, "moments", floating.moments, (1 + d + d * n, 1 + d + d * n), fields)
+    _put_terms(group, "curved", floating.curved, (d, d, n, n), f"coordinates, components of second order: {AMPLITUDES}")
+
+
+def _take_floating(group: h5py.Group, component: Component) -> FloatingBody:
+    """Read back what `_put_floating` wrote."""
+    parts, kept = take(group, "parts", 2), component.recovery
+    shapes = take(group, "shapes", 3)
+    if kept is not None:
+        kept = Recovery(kept.carrier, kept.shapes @ np.linalg.inv(parts)[:, -shapes.shape[2] :])
+    return FloatingBody(
+        frames=component.frames,
+        centres=component.centres,
+        shapes=shapes,
+        moments=_take_terms(group, "moments"),
+        stiffness=_take_terms(group, "stiffness"),
+        bent=take(group, "bent", 4),
+        curved=_take_terms(group, "curved", 5),
+        recovery=kept,
+        parts=parts,
+    )
+
+
+def _put_terms(
+    group: h5py.Group, name: str, terms: Mapping[Monomial, np.ndarray], shape: tuple[int, ...], about: str
+) -> None:
+    stacked = np.array(list(terms.values())).reshape(len(terms), *shape)
+    data = put(group, name, stacked, "SI, weight taken out", f"(term, ...): {about}")
+    data.attrs["weights"] = [str(weight) for weight in terms]
 
 
 def _put_recovery(group: h5py.Group, recovery: Recovery) -> None:
@@ -102,9 +147,9 @@ def _take_recovery(group: h5py.Group, fields: np.ndarray) -> Recovery:
     return Recovery(mesh, shapes)
 
 
-def _take_terms(group: h5py.Group, name: str) -> dict[Monomial, np.ndarray]:
+def _take_terms(group: h5py.Group, name: str, n_axes: int = 3) -> dict[Monomial, np.ndarray]:
     weights = (Monomial.parse(str(text)) for text in group[name].attrs["weights"])
-    return dict(zip(weights, take(group, name, 3)))
+    return dict(zip(weights, take(group, name, n_axes)))
 
 
 def _put_names(group: h5py.Group, names: dict[str, int]) -> None:

@@ -70,6 +70,8 @@ class ShardSamples:
         Of the outputs, by name.
     not_estimated, file_remarks
         What is to be said of errors that are not estimated, and of a file of samples.
+    checked_share
+        Of the samples whose errors are estimated.
     found
         What the checkpoint said of pieces that it did not take up.
     columns
@@ -84,6 +86,7 @@ class ShardSamples:
     units: dict[str, str]
     not_estimated: tuple[Remark, ...]
     file_remarks: tuple[Remark, ...]
+    checked_share: float
     found: tuple[Remark, ...]
     columns: Mapping[str, np.ndarray]
     bands: Mapping[str, np.ndarray]
@@ -94,6 +97,7 @@ class ShardSamples:
             self.record.write(file)
             file.attrs["shard"] = json.dumps(vars(self.place))
             file.attrs["units"] = json.dumps(self.units)
+            file.attrs["checked_share"] = self.checked_share
             for name in REMARKS:
                 file.attrs[name] = to_json(getattr(self, name))
             _put_all(file, "columns", self.columns, "of each sample")
@@ -119,7 +123,10 @@ def read_shard(path: str | os.PathLike[str]) -> Iterator[ShardSamples]:
             check_model(model)
             remarks = {name: from_json(file.attrs[name]) for name in REMARKS}
             columns, bands = _Stored(file, "columns", 1), _Stored(file, "bands", 2)
-            shard = ShardSamples(model, RunRecord.read(file), place, units, columns=columns, bands=bands, **remarks)
+            shard = ShardSamples(
+                model, RunRecord.read(file), place, units, checked_share=float(file.attrs["checked_share"]),
+                columns=columns, bands=bands, **remarks,
+            )  # fmt: skip
         yield shard
 
 

@@ -76,12 +76,13 @@ class Ensemble(Table):
         10_000, ge=2, description="most samples that the bands are of, the first ones; the pieces keep their outputs"
     )
     batch: Batch = Field(512, ge=1, description="most samples that a rank integrates together")
-    checked_share: Number = Field(
-        0.02,
+    checked_share: Number | None = Field(
+        None,
         ge=0.0,
         le=1.0,
         description="share of the reduced samples whose errors are estimated: the first of every ten thousand samples; "
-        "of less than a thousand, the share of a thousand; 0 = none, 1 = all",
+        "of less than a thousand, the share of a thousand; 0 = none, 1 = all; by default 0.02, or less where that "
+        "would take more than a quarter of the time of the runs, but always one sample",
     )
     balance: bool = Field(
         False, description="draw up the balance of energy of every sample, which needs its energies after every step"

@@ -18,7 +18,6 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     CURE,
     absence_of_estimates,
-    is_indicated,
     truncated_stresses,
     why_not_of_full_order,
 )
@@ -213,7 +212,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    indicator = ErrorIndicator(model) if is_indicated(model.scene) else None
+    indicator = ErrorIndicator(model) if model.scene.simulation.error_indicator else None
 
     def once(attempt: Attempt) -> _Part:
         simulation = attempt.simulation

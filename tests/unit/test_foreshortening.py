@@ -1,98 +1,126 @@
-"""The foreshortening of beams that bend, against the third derivative of their energy and the slopes' squares."""
+"""The foreshortening of bodies that bend: a straight beam's length, what it leaves of the energy, and its moments."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from cantilevers import BAR, BEAM_IN_SPACE, IN_SPACE, PLATE, bar_mesh, cantilever, plate_mesh
 from effect_scenes import CANTILEVER, line_meshes, scene_of
-from scipy.linalg import eigh
-from spatial_beams import SLIDER_CRANK, lines_of
+from mpi4py import MPI
 
-from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.matrices import assemble
-from pgmp_petsc.bodies.third_derivative import ThirdDerivative
-from pgmp_petsc.components.component_modes import weighted_sum_dense
+from pgmp_petsc.bodies.floating import FloatingBody, first_moments
+from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.components.foreshortening import foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.mesh.straight_beam import straight_beam
 
-N_MODES = 3
-
-
-def planar() -> Body:
-    """Return a slender beam in the plane."""
-    scene = scene_of(CANTILEVER)
-    return Mechanism.from_scene(scene, line_meshes(scene)).bodies[0].alone()
+STIFFENING = ('effects.stiffening={type="geometric_stiffening"}', 'effects.shapes={type="mode_inertia"}')
+TIP = 'outputs.tip={type="position", point="beam:tip", axis="x"}'
+FEW = ("reduction.modes=3", *STIFFENING, TIP)
 
 
-def spatial() -> Body:
-    """Return a slender beam in space."""
-    scene = scene_from_toml(SLIDER_CRANK.replace('"r1"', "5.6e-3"), ".", ("parameters={}",))
-    return Mechanism.from_scene(scene, lines_of(scene)).bodies[1].alone()
+def floating(scene, meshes) -> FloatingBody:
+    """Return the cantilever of a scene in its floating frame."""
+    bodies = Mechanism.from_scene(scene, meshes).bodies
+    return floating_shapes(scene, meshes, bodies, MPI.COMM_SELF)["beam"]
 
 
-def solved(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return eigenvalues and modes of the free body without its rigid motions, and its mass."""
-    matrices = assemble([body], range(body.dofs.size))
-    mass, stiffness = (
-        weighted_sum_dense({weight: part.toarray() for weight, part in terms.items()}, {})
-        for terms in (matrices.mass, matrices.stiffness)
+def planar() -> FloatingBody:
+    scene = scene_of(CANTILEVER, "", "bodies.beam.line.elements=16", *FEW)
+    return floating(scene, line_meshes(scene))
+
+
+def spatial() -> FloatingBody:
+    return floating(cantilever(BEAM_IN_SPACE, "", IN_SPACE, *FEW), {"beam": straight_beam(1.0, 16, 0.0, 3)})
+
+
+def plate() -> FloatingBody:
+    return floating(cantilever(PLATE, "", *FEW), {"beam": plate_mesh()})
+
+
+def bar() -> FloatingBody:
+    return floating(cantilever(BAR, "", IN_SPACE, *FEW), {"beam": bar_mesh()})
+
+
+FORCE, COUPLE = 1.0, 0.3
+KINDS = [planar, spatial, plate, bar]
+
+
+def bending(body: FloatingBody) -> np.ndarray:
+    """Return the amplitudes of a body that a force and a couple at its tip bend, about the last axis, shape (n,)."""
+    stiffness = sum(body.stiffness.values())
+    tip = body.shapes[body.frames["tip"]]
+    return np.linalg.solve(stiffness, FORCE * tip[1] + COUPLE * tip[-1])
+
+
+def integrals(values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the integral from the first place to every one."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(x))])
+
+
+def slopes(x: np.ndarray) -> np.ndarray:
+    """Return the slopes of a free beam, E I = rho A = L = 1, under this load and the inertia forces that balance it."""
+    # int q = -F and int q x = -F L - C with q = a + b x
+    a, b = np.linalg.solve([[1.0, 0.5], [0.5, 1.0 / 3.0]], [-FORCE, -FORCE - COUPLE])
+    slope = integrals(a * x**2 / 2 + b * x**3 / 6, x)
+    # the rotation without moment of momentum
+    deflection = integrals(slope, x)
+    turn = integrals((x - 0.5) * deflection, x)[-1] / integrals((x - 0.5) ** 2, x)[-1]
+    return slope - turn
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_a_straight_body_is_as_long_as_before(make: Callable[[], FloatingBody]) -> None:
+    """Its ends come closer by the integral of the squares of its slopes."""
+    body, x = make(), np.linspace(0.0, 1.0, 2001)
+    xi, squares = bending(body), integrals(slopes(x) ** 2, x)[-1]
+    moved = np.einsum("fkij,i,j->fk", body.bent, xi, xi)
+    closer = moved[body.frames["tip"]] - moved[body.frames["hinge"]]
+    # sections have a height, and cells of 12 along the plate: less than a hundredth
+    assert closer[0] == pytest.approx(-squares, rel=0.02)
+    assert np.abs(closer[1:]).max() < 1e-3 * squares
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_its_moment_is_that_of_the_shortened_line(make: Callable[[], FloatingBody]) -> None:
+    """``int rho x chi_x`` with ``chi_x' = -w'^2`` and chi without a mean: what centrifugal forces do work on."""
+    body, x = make(), np.linspace(0.0, 1.0, 2001)
+    xi, chi = bending(body), -integrals(slopes(x) ** 2, x)
+    expected = integrals((chi - integrals(chi, x)[-1]) * x, x)[-1]
+    assert np.einsum("ij,i,j", sum(body.curved.values())[0, 0], xi, xi) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("make", KINDS)
+def test_it_moves_no_centre_of_mass(make: Callable[[], FloatingBody]) -> None:
+    body = make()
+    d = body.centres.shape[1]
+    mass, fields = first_moments(sum(body.moments.values()), d)
+    assert np.abs(fields).max() < 1e-9 * mass[0]  # and chi is a sum of the fields
+
+
+def test_it_is_none_of_what_only_stretches() -> None:
+    """Amplitudes that stretch a body have no part in it, and what bends is not moved by it."""
+    n = 4
+    random = np.random.default_rng(0).normal(size=(n, n, n))
+    third = sum(random.transpose(order) for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)))
+    stiffness = np.diag([1.0, 2.0, 3.0, 4.0])
+    found = foreshortening(third, stiffness, np.diag([0.0, 0.0, 3.0, 4.0]))
+    expected = np.zeros((n, n, n))
+    expected[2:, :2, :2] = -third[2:, :2, :2] / np.array([3.0, 4.0])[:, None, None]
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+def test_amplitudes_may_be_turned() -> None:
+    """Other coordinates of the same fields give the same displacements."""
+    rng, n = np.random.default_rng(1), 3
+    random, turn = rng.normal(size=(n, n, n)), rng.normal(size=(n, n))
+    third = sum(random.transpose(order) for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)))
+    half = rng.normal(size=(n, n))
+    stiffness, stretching = half @ half.T + np.eye(n), 0.5 * half @ half.T
+    found = foreshortening(third, stiffness, stretching)
+    other = foreshortening(
+        np.einsum("abc,ai,bj,ck->ijk", third, turn, turn, turn), turn.T @ stiffness @ turn, turn.T @ stretching @ turn
     )
-    values, vectors = eigh(stiffness, mass)
-    n_rigid = body.node_dofs
-    return values[n_rigid:], vectors[:, n_rigid:], mass
-
-
-def second_order(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return chi of the first modes, these, and the elastic eigenvalues and modes."""
-    values, vectors, _ = solved(body)
-    modes = vectors[:, :N_MODES]
-    axial = body.section.axial.at({})
-    return foreshortening(body, modes, np.diag(values[:N_MODES]), axial, (values, vectors)), modes, values, vectors
-
-
-def test_in_the_plane_it_is_the_static_modal_derivative() -> None:
-    """``K chi = -K3[psi, psi]``, but for what shear forces of the modes do when they turn: 2e-3 of it here."""
-    body = planar()
-    chi, modes, values, vectors = second_order(body)
-    rows, columns = np.tril_indices(N_MODES)
-    forces = ThirdDerivative([body], range(body.dofs.size)).weighted(modes, (rows, columns), {})
-    expected = -vectors @ ((vectors.T @ forces) / values[:, None])
-    np.testing.assert_allclose(chi[:, rows, columns], expected, rtol=0, atol=4e-3 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("make", [planar, spatial])
-def test_a_straight_beam_is_as_long_as_before(make) -> None:
-    """Its ends come closer by the integral of the squares of its slopes, but for its shear."""
-    body = make()
-    chi, modes, _, _ = second_order(body)
-    by_node, d = modes.reshape(body.n_nodes, body.node_dofs, -1), body.mesh.nodes.shape[1]
-    slopes = np.diff(by_node[:, 1:d], axis=0) / body.mesh.lengths[:, None, None]
-    squares = np.einsum("eci,ecj,e->ij", slopes, slopes, body.mesh.lengths)
-    ends = chi.reshape(body.n_nodes, body.node_dofs, N_MODES, N_MODES)[[0, -1], 0]
-    closer = ends[1] - ends[0]
-    # psi w + w psi - psi psi with psi the rotation is w w less the square of the shear
-    np.testing.assert_allclose(closer, -squares, rtol=0, atol=0.02 * np.abs(squares).max())
-
-
-@pytest.mark.parametrize("make", [planar, spatial])
-def test_it_moves_no_centre_of_mass_and_has_no_spin(make) -> None:
-    body = make()
-    chi, _, _, _ = second_order(body)
-    _, _, mass = solved(body)
-    nodal = np.zeros((body.n_nodes, body.node_dofs, body.mesh.nodes.shape[1]))
-    nodal[:, range(nodal.shape[2]), range(nodal.shape[2])] = 1.0
-    momentum = np.einsum("nk,nm,mij->kij", nodal.reshape(body.dofs.size, -1), mass, chi)
-    total = mass[0 :: body.node_dofs, 0 :: body.node_dofs].sum()
-    assert np.abs(momentum).max() < 1e-10 * total * np.abs(chi).max()
-
-
-def test_modes_along_a_beam_have_none() -> None:
-    body = planar()
-    values, vectors, _ = solved(body)
-    along = np.abs(vectors[1::3]).max(axis=0) < 1e-8 * np.abs(vectors[0::3]).max(axis=0)
-    chosen = np.flatnonzero(along)[:2]
-    stiffness = np.diag(values[chosen])
-    chi = foreshortening(body, vectors[:, chosen], stiffness, body.section.axial.at({}), (values, vectors))
-    bending = second_order(body)[0]
-    assert np.abs(chi).max() < 1e-8 * np.abs(bending).max()
+    np.testing.assert_allclose(np.einsum("ak,kij->aij", turn, other), np.einsum("aij,ik,jl->akl", found, turn, turn))

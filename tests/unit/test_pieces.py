@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from runs import paper_scene, reduced_model
 
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.ensemble.checked_samples import checked
+from pgmp_petsc.ensemble.checked_samples import SHARE, checked, price_of, share_of
 from pgmp_petsc.ensemble.pieces import LEAST, Piece, missing, pieces
 
 
@@ -48,3 +49,13 @@ def test_the_first_of_every_ten_thousand_are_checked() -> None:
     assert checked(1.0, 2500) == [(0, 2500)]
     assert checked(0.0, 2500) == []
     assert checked(1e-5, 1000) == [(0, 1)]
+
+
+def test_a_share_is_what_a_quarter_of_the_time_buys() -> None:
+    """Two per cent of beams in the plane; fewer where a sample has few steps, and what the scene says in any case."""
+    small = ("reduction.modes=4", "reduction.angles=24")
+    found = {n: reduced_model(paper_scene(*small, f"simulation.step={1.0 / n!r}")) for n in (4000, 100)}
+    assert share_of(found[4000]) == SHARE
+    assert price_of(found[100]) == pytest.approx(40.0 * price_of(found[4000]))
+    assert 0.0 < share_of(found[100]) < SHARE
+    assert share_of(reduced_model(paper_scene(*small, "ensemble.checked_share=0.5"))) == 0.5

@@ -1,4 +1,4 @@
-"""The nodal motion behind a reduced state, and its accelerations."""
+"""The motion of all unknowns behind a reduced state, its velocities and its accelerations."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 from runs import paper_scene, reduced_model
 
 import pgmp_petsc.indicator.reference_motion as module
+from pgmp_petsc.indicator.checking_model import CheckingModel
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.models import ReducedModel
 
@@ -28,7 +29,7 @@ def states_of(model: ReducedModel, n_instants: int = 6, n_samples: int = 3, bent
 
 
 def motion_of(model: ReducedModel, states: np.ndarray) -> ReferenceMotion:
-    return ReferenceMotion(model.frames_of, model.output_frames_of, states, np.full(3, 3e-3))
+    return ReferenceMotion(CheckingModel(model).unknowns_of, states, 1, np.full(3, 3e-3))
 
 
 def test_rigid_accelerations(model: ReducedModel) -> None:
@@ -51,6 +52,8 @@ def test_rigid_accelerations(model: ReducedModel) -> None:
             second = mechanism.place(ahead) - 2 * mechanism.place(poses) + mechanism.place(behind)
             expected = expected + second[:, 0] / step**2 * speed**2
             scale = np.abs(expected).max() + 1.0
+            pushed = mechanism.place_rates(poses[..., 0], rates)[:, 0] * speed
+            np.testing.assert_allclose(instant.v[:, sample], pushed, rtol=0, atol=1e-7 * (np.abs(pushed).max() + 1.0))
             np.testing.assert_allclose(instant.a[:, sample], expected, rtol=0, atol=3e-7 * scale)
             np.testing.assert_allclose(instant.q[:, sample], mechanism.place(poses)[:, 0], rtol=0, atol=1e-12)
             body = expected.reshape(-1, 3)[mechanism.bodies[0].nodes, 2]
@@ -69,7 +72,7 @@ def test_bodies_that_bend_accelerate_as_their_coordinates(model: ReducedModel) -
         ends = (model.frames_of(state[0] + sign * 1e-3 * state[2]) for sign in (1.0, -1.0))
         plus, minus = (frames.reshape(-1, 3) for frames in ends)
         np.testing.assert_allclose(motion.at(number).a, (plus - minus) / 2e-3, rtol=0, atol=1e-8)
-        shaken = model.frames_of(state[0] + state[3])[list(model.outputs.nodes)].reshape(-1, 3)
+        shaken = model.frames_of(state[0] + state[3]).reshape(-1, 3)
         np.testing.assert_allclose(motion.at(number).shaken, shaken, rtol=0, atol=1e-15)
 
 

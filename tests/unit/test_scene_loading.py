@@ -121,7 +121,7 @@ def test_defaults(tmp_path: Path) -> None:
         "bins": 50,
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 512,
-        "checked_share": 0.02,
+        "checked_share": None,
         "balance": False,
         "sampler": "random",
         "replicates": 8,

@@ -9,7 +9,6 @@ from mpi4py import MPI
 from scenes import four_bar, kinematics_of, slider_crank
 from static_equilibrium import StaticEquilibrium
 
-from pgmp_petsc.bodies.inertia_moments import inertia_moments
 from pgmp_petsc.bodies.matrices import owned_rows
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative, is_known_of
 from pgmp_petsc.components.condensing import condensed
@@ -109,5 +108,3 @@ def test_bodies_without_terms_of_second_order_are_named() -> None:
     assert [is_known_of(body) for body in mechanism.bodies] == [True, False]
     with pytest.raises(ValueError, match="the third derivative of the strain energy of rod is not known"):
         ThirdDerivative(mechanism.bodies, range(mechanism.n_dofs))
-    with pytest.raises(ValueError, match="the moments of inertia of rod are not known"):
-        inertia_moments(mechanism.bodies[1])

@@ -109,7 +109,12 @@ def stiffened() -> tuple[FullModel, ComponentModel]:
     return beams(*STIFFENING)
 
 
-@pytest.mark.parametrize("make", [beams, space, stiffened])
+def stiffened_in_space() -> tuple[FullModel, ComponentModel]:
+    """Return both models of the slider-crank of beams in space, component modes with their foreshortening."""
+    return space(*STIFFENING)
+
+
+@pytest.mark.parametrize("make", [beams, space, stiffened, stiffened_in_space])
 def test_forces_are_those_of_lagrange(make) -> None:
     """d/dt dT/dv - dT/dq + dU/dq by differences of the energies, in a deformed state with all velocities."""
     system = (model := make()[1]).batch(samples(model.scene, 1), 1)

@@ -1,0 +1,127 @@
+"""The estimated error of reduced runs of every kind of body, of two coordinates, drives and local effects.
+
+True errors are those against runs of the mesh with finer steps, of solids in space against component modes. The
+benchmark `effectivity` measures more of it, with the repository's scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import history, samples
+from scenes import meshes_of
+from solid_scenes import solid_meshes, solid_slider_crank
+from spatial import bars_of, slider_crank_in_space
+from spatial_beams import lines_of, slider_crank_of_beams
+from two_coordinates import double_pendulum
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.indicator.coverage import absence_of_estimates
+from pgmp_petsc.indicator.error_indicator import ErrorIndicator
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene
+
+FACTOR = 3.0
+REFINEMENT = 8  # steps of the reference in one of the reduced run
+BASIS = ("reduction.static_modes=true", 'reduction.interpolation="spline"')
+RAMP = 'effects.motor={type="torque", joint="crank_hinge", table=[[0.0, 0.0], [0.05, 2.0], [1.0, 2.0]]}'
+OUTPUTS = 'outputs={angle={type="angle", joint="crank_hinge"}, bent={type="deformation", point="rod:tip", axis="x"}}'
+SWUNG = (
+    'outputs={first={type="angle", joint="shoulder"}, bent={type="deformation", point="lower:tip", axis="y"}}',
+    'effects.weight={type="gravity"}',
+    'effects.brake={type="joint_damping", joint="elbow", coefficient=0.02}',
+    'effects.inner={type="structural_damping", stiffness=1e-4}',
+    "reduction.angles=16",
+)
+LOCAL = (
+    'effects.brake={type="joint_friction", joint="slider", limit=1.0, speed=0.05}',
+    'effects.spring={type="spring_damper", points=["ground:origin", "rod:tip"], stiffness=50.0, damping=1.0, rest=1.0}',
+)
+DRIVEN = (
+    "effects={}",
+    'effects.drive={type="prescribed_motion", coordinate="theta", spin_up={speed=20.0, time=0.1}}',
+    'effects.inner={type="structural_damping", stiffness=1e-5}',
+    'outputs={bent={type="deformation", point="rod:right", axis="x"}}',
+)
+Made = tuple[Scene, dict]
+
+
+def in_plane(*overrides: str) -> Made:
+    """Return plane-stress bodies."""
+    return solid_slider_crank(*BASIS, *overrides), solid_meshes(n_per_metre=20)
+
+
+def in_space(*overrides: str) -> Made:
+    """Return bodies of cells in space."""
+    scene = slider_crank_in_space(*BASIS, RAMP, OUTPUTS, *overrides)
+    return scene, bars_of(scene)
+
+
+def beams_in_space(*overrides: str) -> Made:
+    """Return beams in space whose weight bends them out of the plane."""
+    weight = 'effects.weight={type="gravity", direction=[0.0, -0.6, -0.8]}'
+    scene = slider_crank_of_beams(*BASIS, RAMP, OUTPUTS, weight, *overrides)
+    return scene, lines_of(scene)
+
+
+def two_beams(*overrides: str) -> Made:
+    """Return beams with two coordinates."""
+    scene = double_pendulum(*BASIS, *SWUNG, *overrides)
+    return scene, meshes_of(scene)
+
+
+def kept_rom(made: Made, directory: Path) -> ReducedOrderModel:
+    """Build a reduced model, and return what a file keeps of it."""
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        build_rom(*made, group).write(directory / "rom.h5")
+    return ReducedOrderModel.read(directory / "rom.h5")
+
+
+def finer(made: Made) -> Scene:
+    """Return the scene with the steps of the reference."""
+    simulation = made[0].simulation
+    return made[0].model_copy(
+        update={"simulation": simulation.model_copy(update={"step": simulation.step / REFINEMENT})}
+    )
+
+
+CASES = {
+    "cells in the plane": (in_plane, ("reduction.modes=3",), False),
+    "cells in the plane, second order": (in_plane, ("reduction.modes=3", "reduction.second_order=true"), False),
+    "driven cells in the plane": (in_plane, ("reduction.modes=3", *DRIVEN), False),
+    "cells in space": (in_space, (), True),
+    "beams in space": (beams_in_space, (), False),
+    "two coordinates": (two_beams, (), False),
+    "local effects": (in_plane, ("reduction.modes=3", *(one.replace("rod:tip", "rod:right") for one in LOCAL)), False),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_estimates_are_within_the_factor(case: str, tmp_path: Path) -> None:
+    make, overrides, components = CASES[case]
+    made = _short(make, overrides)
+    scene, meshes = made
+    assert absence_of_estimates(scene) == ()
+    model, values = ReducedModel(scene, kept_rom(made, tmp_path)), samples(scene, 2)
+    exact_of = component_model(finer(made), meshes, MPI.COMM_SELF) if components else FullModel(finer(made), meshes)
+    watched = ErrorIndicator(model).watch(values, np.arange(2))
+    run = integrate(model.batch(values, 2), scene.simulation, observer=watched)
+    estimate, found = watched.estimate(run.status).largest, history(model, values, 2)[1]
+    exact = history(exact_of, values, 2)[1]
+    for name, one in found.items():
+        true = np.abs(one - exact[name][::REFINEMENT]).max(axis=0)
+        ratios = estimate[name] / true
+        assert np.all((ratios > 1.0 / FACTOR) & (ratios < FACTOR)), (name, ratios, true)
+        np.testing.assert_allclose(ratios[1], ratios[0], rtol=1e-6)  # of the same sample
+
+
+def _short(make: Callable[..., Made], overrides: tuple[str, ...]) -> Made:
+    return make("reduction.angles=32", "simulation.duration=0.1", "simulation.step=5e-4", *overrides)
