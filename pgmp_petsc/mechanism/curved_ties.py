@@ -40,7 +40,7 @@ class Quadratics(NamedTuple):
 
     @classmethod
     def of(
-        cls, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray, least: float = 1e-14
+        cls, first_row: int, frame: int, amplitudes: np.ndarray, bent: np.ndarray, least: float = 1e-8
     ) -> Quadratics:
         """Return those of one frame.
 
@@ -53,7 +53,7 @@ class Quadratics(NamedTuple):
         bent
             ``a``, shape (d, n, n), 1/m.
         least
-            Of the largest entry, below which there is none.
+            Of the largest entry, below which there is none: symmetric meshes leave round-off there.
         """
         d, n = len(bent), amplitudes.size
         i, j = np.tril_indices(n)

@@ -97,9 +97,11 @@ class CurvatureProblem:
             forces += float(weight.evaluate(problem.values)) * part
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
-        chi = self._answers(modes, modes.eigenvectors, shape, answered, pairs, forces, what)
-        momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
         rigid = modes.rigid[:, modes.free]
+        # modes may stretch bodies too
+        deflated = modes.eigenvectors if self._axial is None else rigid
+        chi = self._answers(modes, deflated, shape, answered, pairs, forces, what)
+        momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
         if self._axial is None:
             return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
         chi = chi - self._along(rigid, chi, momenta)
