@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pgmp_petsc.dynamics.reduced_arrays import vectors_of
+from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.dynamics.reduced_kernel import gather
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
 from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
@@ -149,8 +149,8 @@ def look_at(places, weights, first, length, loads, forces, trail, kept):
     """
     n, n_eta = trail.shape[2], trail.shape[3]
     r = len(places.axes)
-    q, rates, moving = vectors_of(n_eta), vectors_of(r), vectors_of(r + r * (r + 1) // 2)
-    loading = vectors_of(places.influence.shape[2])
+    q, rates, moving = empty_lanes(n_eta, LANES), empty_lanes(r, LANES), empty_lanes(r + r * (r + 1) // 2, LANES)
+    loading = empty_lanes(places.influence.shape[2], LANES)
     samples = np.empty(LANES, dtype=np.int64)
     for block in range(kept.ends.shape[0]):
         for lane in range(LANES):
