@@ -15,11 +15,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.dynamics.reduced_kernel import gather
 from pgmp_petsc.dynamics.sample_blocks import SampleBlocks
-from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.runtime.lane_items import empty_lanes
+from pgmp_petsc.runtime.vectors import LANES, aligned_zeros, blend, differing, exceeding, larger, load, spread, store
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.runtime.compiled import njit
 
