@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -75,6 +75,7 @@ def describe_ensemble(
         *_few(int(chosen.sum())),
         *sensitivity_remarks(sobol, sampler.kind, len(sampler.names), fine, correlated),
         *_partial_bands(bands, int(chosen.sum())),
+        *over_time_remarks({name: one.count for name, one in statistics.items()}, over_time, int(chosen.sum())),
         *_estimate_remarks(origin, estimates, status),
     )
     said, seed = (*scene.remarks, *remarks), None if plan.file else plan.seed
@@ -171,6 +172,39 @@ def _few(n_fine: int) -> tuple[Remark, ...]:
     if 1 < n_fine < 5:
         return (note(f"{n_fine} samples have no interval of the deviation, which takes 5 at least; draw more"),)
     return ()
+
+
+def over_time_remarks(
+    counts: Mapping[str, int], over_time: Mapping[str, Collection[str]], n_fine: int
+) -> tuple[Remark, ...]:
+    """Return which figures over time are of a part of the samples that are fine.
+
+    Parameters
+    ----------
+    counts
+        Number of values that the statistics of each quantity are of.
+    over_time
+        Names of what is known, as in `Ensemble`: of ``extremes`` and of ``first_passages``.
+    """
+    remarks = []
+    for label in over_time["first_passages"]:
+        if counts[label] < n_fine:
+            remarks.append(
+                note(
+                    f"first passages of {label} are described over the {counts[label]} of {n_fine} samples that have "
+                    "one; the others may have theirs after the end of the run"
+                )
+            )
+    for name in dict.fromkeys(key.rpartition("/")[0] for key in over_time["extremes"]):
+        unknown = n_fine - counts[f"{name}.{DESCRIBED[0]}"]
+        if unknown:
+            remarks.append(
+                note(
+                    f"extremes of {name} are not known of {unknown} of {n_fine} samples that are fine: for a while it "
+                    "was no number there"
+                )
+            )
+    return tuple(remarks)
 
 
 def _partial_bands(bands: Mapping[str, Band], n_fine: int) -> tuple[Remark, ...]:

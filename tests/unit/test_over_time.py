@@ -9,9 +9,10 @@ import pytest
 
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble.description import in_words, over_time_remarks
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher, band_steps
 from pgmp_petsc.ensemble.watchers import Begun
-from pgmp_petsc.scene.ensemble import Ensemble
+from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
 STEP, N_STEPS, N = 0.01, 100, 5
@@ -136,3 +137,16 @@ def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
     assert OverTimeWatcher(Model(bands=5), with_bands=True).watch(
         Begun(SimpleNamespace(n_samples=N), {}, np.arange(N), Model().scene.simulation)
     ).every == 25  # fmt: skip
+
+
+def test_figures_of_a_part_of_the_samples_are_said_to_be() -> None:
+    known = {"extremes": ["y/max", "y/min", "z/max", "z/min"], "first_passages": ["late", "soon"]}
+    counts = {"y.max": 9, "z.max": 10, "late": 4, "soon": 10}
+    passages, extremes = over_time_remarks(counts, known, 10)
+    assert "first passages of late are described over the 4 of 10 samples that have one" in passages.text
+    assert "extremes of y are not known of 1 of 10 samples that are fine" in extremes.text
+
+
+def test_events_are_said_in_words() -> None:
+    assert in_words(Event(output="y", above=0.5), "m") == "y above 0.5 m at the end"
+    assert in_words(Event(output="y", below=-2.0, when="ever"), "1") == "y below -2 at any time"
