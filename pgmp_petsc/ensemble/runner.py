@@ -32,6 +32,7 @@ from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Fo
 from pgmp_petsc.indicator.coverage import (
     CURE,
     absence_of_estimates,
+    left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
 )
@@ -209,6 +210,7 @@ def _remarks(model: Model, estimates: Mapping[str, Mapping[str, np.ndarray]], st
     if not isinstance(model, ReducedModel):
         return why_not_of_full_order(model)
     absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+    absent += left_out_of_estimates(model) if estimates["errors"] else ()
     remarks = [*absent, *remarks_of(scene, estimates["validity"])]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
