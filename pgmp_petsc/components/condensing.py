@@ -77,6 +77,7 @@ def condensed(
     done = dict(shapes) | dict({} if finished is None else finished.components)
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
+    wanted = scene.second_order if large is None else large
     own, stressed = waiting[group.index :: group.count], stressed_bodies(scene)
     free = free_share(group.world)
     memory = None if free is None else FACTOR_SHARE * free
@@ -86,9 +87,10 @@ def condensed(
             if scene.bodies[name].flexible:
                 check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
-                # a body in its floating frame follows its foreshortening whatever the reduced model does
+                # where errors are estimated, a body in its floating frame follows its foreshortening
+                known = wanted or scene.simulation.error_indicator
                 found[name], *_ = condense(
-                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, True
+                    meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, known
                 )
             else:
                 found[name] = rigid_component(meshed)
@@ -97,7 +99,6 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    wanted = scene.second_order if large is None else large
     return {name: _floating(shape, scene, wanted) for name, shape in done.items()}
 
 

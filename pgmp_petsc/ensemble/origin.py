@@ -10,7 +10,12 @@ import numpy as np
 
 from pgmp_petsc.ensemble.checked_samples import share_of
 from pgmp_petsc.ensemble.columns import Columns
-from pgmp_petsc.indicator.coverage import absence_of_estimates, truncated_stresses, why_not_of_full_order
+from pgmp_petsc.indicator.coverage import (
+    absence_of_estimates,
+    left_out_of_estimates,
+    truncated_stresses,
+    why_not_of_full_order,
+)
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
@@ -43,12 +48,13 @@ class Origin:
     @classmethod
     def of(cls, model: Model) -> Origin:
         """Return that of a model."""
-        scene = model.scene
+        scene, share = model.scene, share_of(model)
         if isinstance(model, ReducedModel):
             absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
+            absent += left_out_of_estimates(model) if share > 0.0 else ()
         else:
             absent = why_not_of_full_order(model)
-        return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share_of(model))
+        return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)
 
 
 class Kept(Protocol):

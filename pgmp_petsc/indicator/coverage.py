@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pgmp_petsc.models import ComponentModel, FullModel
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
 
@@ -16,6 +17,26 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent("ensemble.checked_share = 0 switches the estimate off"),)
     return ()
+
+
+def left_out_of_estimates(model: ReducedModel) -> tuple[Remark, ...]:
+    """Return which condensed bodies are checked without what is of second order in their deformation, and the cure."""
+    scene, found = model.scene, []
+    for name, shape in model.meshes.items():
+        if not isinstance(shape, Component) or shape.floating is None or shape.floating.curved:
+            continue
+        why = "it was built with simulation.error_indicator = false, or it is not slender"
+        if scene.bodies[name].section_scale is not None:
+            why = "its cross-section is scaled"
+        found.append(f"bodies.{name} ({why})")
+    if not found or not scene.simulation.error_indicator:
+        return ()
+    return (
+        note(
+            f"estimated errors leave out what is of second order in the deformation of {', '.join(found)}; where it "
+            f"bends much, {CURE}"
+        ),
+    )
 
 
 def truncated_stresses(scene: Scene) -> tuple[Remark, ...]:

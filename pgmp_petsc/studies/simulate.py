@@ -18,6 +18,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     CURE,
     absence_of_estimates,
+    left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
 )
@@ -246,7 +247,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        remarks += [*steps, *_not_estimated(estimate)]
+        remarks += [*steps, *_not_estimated(estimate), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}

@@ -7,20 +7,24 @@ import pytest
 from mpi4py import MPI
 from runs import paper_scene, rom_of
 from scenes import four_bar, kinematics_of, mechanism_of, slider_crank
+from solid_scenes import solid_meshes, solid_slider_crank
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.effects import actions_of, effects_of, loads_of
-from pgmp_petsc.indicator.coverage import absence_of_estimates
+from pgmp_petsc.indicator.coverage import absence_of_estimates, left_out_of_estimates
 from pgmp_petsc.indicator.validity import BodyStrains, half_height, remarks_of
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, look_at, side_by_side
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.modes.problem import ModalProblem
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.reduction.sample_grid import SampleGrid
 from pgmp_petsc.reduction.samples import Samples
 from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
 from pgmp_petsc.results.errors import ROTATION_LIMIT, VALIDITY, beyond_limit
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Coefficients
 
@@ -111,6 +115,26 @@ def test_where_there_is_an_estimate(entry: str) -> None:
     assert absence_of_estimates(slider_crank(entry), ensemble=True) == ()
     (remark,) = absence_of_estimates(slider_crank("ensemble.checked_share=0.0"), ensemble=True)
     assert "ensemble.checked_share = 0" in remark.text
+
+
+@pytest.mark.parametrize(
+    ("entries", "why"),
+    [
+        ((), None),
+        (("simulation.error_indicator=false",), "built with simulation.error_indicator = false"),
+        (("parameters={s={nominal=1.0}}", 'bodies.rod.section_scale="s"'), "bodies.rod (its cross-section is scaled)"),
+    ],
+)
+def test_what_estimates_leave_out(entries: tuple[str, ...], why: str | None) -> None:
+    scene = solid_slider_crank("reduction.modes=3", "reduction.angles=8", *entries)
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        rom = build_rom(scene, solid_meshes(n_per_metre=10), group)
+    told = scene.model_copy(update={"simulation": scene.simulation.model_copy(update={"error_indicator": True})})
+    remarks = left_out_of_estimates(ReducedModel(told, rom))
+    assert len(remarks) == (why is not None)
+    assert all(why in remark.text and "--full" in remark.text for remark in remarks)
+    if not scene.simulation.error_indicator:
+        assert left_out_of_estimates(ReducedModel(scene, rom)) == ()
 
 
 def test_the_nearest_sample() -> None:

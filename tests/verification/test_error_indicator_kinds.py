@@ -39,7 +39,6 @@ SWUNG = (
     'effects.weight={type="gravity"}',
     'effects.brake={type="joint_damping", joint="elbow", coefficient=0.02}',
     'effects.inner={type="structural_damping", stiffness=1e-4}',
-    "reduction.angles=16",
 )
 LOCAL = (
     'effects.brake={type="joint_friction", joint="slider", limit=1.0, speed=0.05}',
@@ -51,6 +50,7 @@ DRIVEN = (
     'effects.inner={type="structural_damping", stiffness=1e-5}',
     'outputs={bent={type="deformation", point="rod:right", axis="x"}}',
 )
+SCALED = ("parameters={s={nominal=0.9}}", 'bodies.rod.section_scale="s"')
 Made = tuple[Scene, dict]
 
 
@@ -97,9 +97,10 @@ CASES = {
     "cells in the plane": (in_plane, ("reduction.modes=3",), False),
     "cells in the plane, second order": (in_plane, ("reduction.modes=3", "reduction.second_order=true"), False),
     "driven cells in the plane": (in_plane, ("reduction.modes=3", *DRIVEN), False),
+    "scaled cross-section": (in_plane, ("reduction.modes=3", *SCALED), False),
     "cells in space": (in_space, (), True),
     "beams in space": (beams_in_space, (), False),
-    "two coordinates": (two_beams, (), False),
+    "two coordinates": (two_beams, ("reduction.angles=12",), False),
     "local effects": (in_plane, ("reduction.modes=3", *(one.replace("rod:tip", "rod:right") for one in LOCAL)), False),
 }
 
