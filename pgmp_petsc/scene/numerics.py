@@ -67,7 +67,7 @@ class Reduction(Table):
     )
     stretching: Literal["dynamic", "static"] = Field(
         "dynamic",
-        description='with second_order, how bodies that bend follow their shortening: "dynamic" by the coordinates that '
+        description='with second_order, how bodies that bend follow their shortening: "dynamic" by coordinates that '
         'stretch them, with their inertia; "static" at once, which larger deflections of slender bodies need',
     )
     effects: Literal["named", "auto"] = Field(

@@ -106,7 +106,9 @@ class Scene(Table):
     def static_stretching(self) -> bool:
         """Whether bodies follow their shortening by bending at once, instead of by coordinates that stretch them."""
         chosen = self.reduction.second_order and self.reduction.stretching == "static"
-        return chosen or any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
+        return chosen or any(
+            e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values()
+        )
 
     @property
     def gyroscopic(self) -> bool:
