@@ -15,9 +15,16 @@ order, the nonlinear static answers to all loads that Psi answers to first order
 rigid motion and of Psi, is deflated: chi is M-orthogonal to both, in space with the momenta of sections that turn
 (`rotary_curvature`), so that delta is the part of the motion along Psi to second order too.
 
-Where a vector of Psi stretches the bodies, chi may keep its part (`static_stretching`): bending shortens a beam without
-stretching it. Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy,
-which then couples the two, is unbounded at moderate deflections.
+Along stiff vectors of Psi chi may keep its part (`static_stretching`): bending shortens a beam without stretching it.
+Left to a stiff coordinate, the shortening is followed with its inertia, but the cubic strain energy, which then couples
+the two, is unbounded at deflections of about twice the radius of gyration. With ``K = Psi^T K Psi`` and ``M = Psi^T M
+Psi``
+
+    kept_ij = F M^-1 Psi^T M chi[(1 - S) psi_i, (1 - S) psi_j],
+    S = s^2 (3 - 2 s),  s = K^-1 K_axial,      F = (1 + a^2)^-1 a^2,  a = tr(A^-1) A / STIFF,  A = M^-1 K.
+
+S leaves out what stretches bodies itself. What follows at once is told by the frequency: few vectors of a mechanism
+hold what only stretches, and one that stretches by a quarter is as stiff.
 """
 
 from __future__ import annotations
@@ -34,6 +41,10 @@ from pgmp_petsc.mechanism.constraints import ConstraintHessian, ConstraintHessia
 from pgmp_petsc.mechanism.null_space import RANK_TOLERANCE
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
 from pgmp_petsc.modes.rotary_curvature import RotaryCurvature
+
+# squares of frequencies over that of the softest vectors: five times as fast, a vector is at rest for vibrations of
+# twice the softest frequency
+STIFF = 25.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +71,7 @@ class CurvatureProblem:
     problem
         Eigenproblem at the nominal parameters.
     static_stretching
-        Whether chi keeps its part along vectors that stretch the bodies.
+        Whether chi keeps its part along stiff vectors, which stretch the bodies.
     """
 
     def __init__(self, problem: ModalProblem, static_stretching: bool = False) -> None:
@@ -98,7 +109,7 @@ class CurvatureProblem:
         where = problem.kinematics.describe(modes.theta)
         what = f"static modal derivatives at {where}"
         rigid = modes.rigid[:, modes.free]
-        # modes may stretch bodies too
+        # modes may be stiff too
         deflated = modes.eigenvectors if self._axial is None else rigid
         chi = self._answers(modes, deflated, shape, answered, pairs, forces, what)
         momenta = self.rotary.momenta(everywhere, pairs, problem.values)[problem.rows.start : problem.rows.stop]
@@ -106,7 +117,7 @@ class CurvatureProblem:
             return Curvature(chi - self._along(np.hstack([rigid, shape]), chi, momenta), third)
         chi = chi - self._along(rigid, chi, momenta)
         part = problem.inner(shape, problem.times_mass(chi) + momenta)
-        return Curvature(chi - shape @ self._bent_part(shape, part), third)
+        return Curvature(chi - shape @ self._dropped_part(shape, part), third)
 
     def stiffness_answers(self, modes: ModeSet) -> np.ndarray:
         """Return what tells how a load changes the stiffness of each mode, local rows, shape (n_local, n_modes).
@@ -162,20 +173,25 @@ class CurvatureProblem:
         gram = problem.inner(basis, problem.times_mass(basis))
         return basis @ np.linalg.solve(gram, problem.inner(basis, problem.times_mass(chi) + momenta))
 
-    def _bent_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """Return of components along Psi (m, n_pairs) those that bend bodies; what only stretches them is left to chi.
+    def _dropped_part(self, shape: np.ndarray, part: np.ndarray) -> np.ndarray:
+        """Return of momenta along Psi (m, n_pairs) the components that chi does not keep.
 
-        The share of stretching is the operator ``S = (Psi^T K Psi)^-1 Psi^T K_axial Psi`` with eigenvalues from 0 to 1,
-        made steeper by ``3 S^2 - 2 S^3``: smooth over the configurations, whatever the basis.
+        S and F are smooth over the configurations, whatever the basis.
         """
-        problem, everywhere = self._problem, self._problem.all_rows(shape)
+        problem, m, everywhere = self._problem, shape.shape[1], self._problem.all_rows(shape)
+        rows, columns = np.tril_indices(m)
         stiffness = problem.inner(shape, problem.times_stiffness(shape))
-        share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
-        stretching = share @ share @ (3.0 * np.eye(len(share)) - 2.0 * share)
         # Psi is M-orthonormal at the nominal parameters but for parameter modes
         gram = problem.inner(shape, problem.times_mass(shape))
-        bending = np.linalg.solve(gram, part)
-        return bending - stretching @ bending
+        share = np.linalg.solve(stiffness, problem.inner(shape, self._axial @ everywhere))
+        bending = np.eye(m) - share @ share @ (3.0 * np.eye(m) - 2.0 * share)
+        squares = np.linalg.solve(gram, stiffness)
+        squares *= np.trace(np.linalg.inv(squares)) / STIFF
+        stiff = np.eye(m) - np.linalg.inv(np.eye(m) + squares @ squares)
+        along = np.empty((m, m, m))
+        along[:, rows, columns] = along[:, columns, rows] = np.linalg.solve(gram, part)
+        kept = np.einsum("kab,ai,bj->kij", along, bending, bending, optimize=True)
+        return (along - np.einsum("lk,kij->lij", stiff, kept))[:, rows, columns]
 
     def answered_loads(self, modes: ModeSet, static: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Return the loads that modes and static modes answer, shape (n_local, n_modes + n_static).

@@ -62,6 +62,11 @@ class Reduction(Table):
         description="add what is of second order in the deformation: the curvature of the mode shapes (static modal "
         "derivatives) and the cubic strain energy",
     )
+    stretching: Literal["dynamic", "static"] = Field(
+        "dynamic",
+        description='with second_order, how bodies that bend follow their shortening: "dynamic" by coordinates that '
+        'stretch them, with their inertia; "static" at once, which larger deflections of slender bodies need',
+    )
     effects: Literal["named", "auto"] = Field(
         "named",
         description='"auto" lets pgmp build leave out effects too small to matter, and add terms of the reduced model '

@@ -110,7 +110,10 @@ class Scene(Table):
     @property
     def static_stretching(self) -> bool:
         """Whether bodies follow their shortening by bending at once, instead of by coordinates that stretch them."""
-        return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
+        chosen = self.reduction.second_order and self.reduction.stretching == "static"
+        return chosen or any(
+            e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values()
+        )
 
     @property
     def gyroscopic(self) -> bool:

@@ -53,6 +53,9 @@ class Limits:
         Whether a reduced model of the scene may have terms of second order.
     condensed
         Whether it is condensing that ends the modes, and not the meshes.
+    slender
+        Whether all flexible bodies have a long axis: terms of second order are then with static stretching, which holds
+        for larger deflections.
     """
 
     n_modes: int
@@ -63,6 +66,7 @@ class Limits:
     n_inertia: int = 1
     second_order: bool = True
     condensed: bool = False
+    slender: bool = True
 
     @property
     def last_mode(self) -> str:
@@ -94,7 +98,9 @@ class Limits:
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
         n = len(coordinates)
         n_inertia, curved = n * (n + 1) // 2 + len(clamped), takes_second_order(scene)
-        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, condensed)
+        larges = [body.component.large for body in mechanism.bodies if body.component is not None]
+        slender = all(large is None or large.slender for large in larges)
+        return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, condensed, slender)
 
 
 @dataclass(frozen=True)
@@ -153,13 +159,17 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
         if extension not in extensions:
             extensions.append(extension)
     families = [
-        _family({"static_modes": static, **extension, "second_order": second}, given, limits)
-        for second in orders
+        _family({"static_modes": static, **extension, "second_order": second, "stretching": kind}, given, limits)
+        for second, kind in ((second, _stretching(second, given, limits)) for second in orders)
         for extension in extensions
     ]
     # with given modes there may be no room for an extension
     fitting = [[rung for rung in family if rung.n_flexible <= limits.n_modes] for family in families]
     return [family for family in fitting if family] or families[:1]
+
+
+def _stretching(second: bool, given: dict[str, Any], limits: Limits) -> str:
+    return given.get("stretching", "static" if second and limits.slender else "dynamic")
 
 
 def middle_of(family: Sequence[Rung]) -> Rung:

@@ -24,7 +24,7 @@ from pgmp_petsc.selection.ledger import REDUCTION, Ledger, shares_of
 from pgmp_petsc.selection.refusal import kept_text, refuse, refuse_basis
 from pgmp_petsc.selection.trial import Errors, Trial
 
-OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order")
+OF_BASIS = ("modes", "static_modes", "inertia_modes", "parameter_modes", "second_order", "stretching")
 OF_GRID = ("angles", "interpolation")
 KNOBS = OF_BASIS + OF_GRID
 MUCH_BETTER = 0.7  # a family that leaves less than this share of another's error is climbed in its place

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from scenes import kinematics_of, slider_crank
 
@@ -62,12 +64,23 @@ def test_the_cost_of_terms_of_second_order_grows_with_the_third_power() -> None:
 
 def test_what_is_given_is_kept() -> None:
     (family,) = families_of({"second_order": True, "modes": 11} | PLAIN, PAPER)
-    assert [rung.entries for rung in family] == [{"modes": 11, "static_modes": True, "second_order": True} | PLAIN]
+    kept = {"modes": 11, "static_modes": True, "second_order": True, "stretching": "static"}
+    assert [rung.entries for rung in family] == [kept | PLAIN]
     plain, _ = families_of({"static_modes": False} | PLAIN, PAPER)
-    assert plain[-1].entries == {"modes": 30, "static_modes": False, "second_order": False} | PLAIN
+    kept = {"modes": 30, "static_modes": False, "second_order": False, "stretching": "dynamic"}
+    assert plain[-1].entries == kept | PLAIN
     no_load, _ = families_of(PLAIN, Limits(5, 0, 2))
     assert [rung.entries["modes"] for rung in no_load] == [1, 2, 3, 4, 5]
     assert not any(rung.entries["static_modes"] for rung in no_load)
+
+
+def test_slender_bodies_follow_their_shortening_at_once() -> None:
+    def kinds(given: dict, limits: Limits) -> list[str]:
+        return [family[0].entries["stretching"] for family in families_of(given | PLAIN, limits)]
+
+    assert kinds({}, PAPER) == ["dynamic", "static"], "without terms of second order nothing is followed"
+    assert kinds({}, replace(PAPER, slender=False)) == ["dynamic", "dynamic"]
+    assert kinds({"stretching": "dynamic"}, PAPER) == ["dynamic", "dynamic"]
 
 
 def test_a_large_mesh_is_not_climbed_to_the_top() -> None:

@@ -194,14 +194,43 @@ def test_the_frequencies_of_a_rotating_bar_of_solids(stretching: str) -> None:
 def test_a_body_without_a_long_axis_has_no_static_stretching() -> None:
     scene = cantilever(PLATE, MODELS["static"] + REDUCTION)
     mesh = ends(rectangle_mesh("quad8", (3, 2), (1.0, 0.5)))
-    for command in (built, describe_scene):
+    asked = cantilever(PLATE, REDUCTION, "reduction.second_order=true", 'reduction.stretching="static"')
+    for command, given in ((built, scene), (describe_scene, scene), (describe_scene, asked)):
         with pytest.raises(InputError) as caught:
-            command(scene, {"beam": mesh})
+            command(given, {"beam": mesh})
+        entry = "reduction" if given is asked else "effects.stiffening"
         assert str(caught.value) == (
-            'effects.stiffening.stretching = "static": bodies.beam is only 2 times as long as wide, and its stretching '
+            f'{entry}.stretching = "static": bodies.beam is only 2 times as long as wide, and its stretching '
             'is not told from its bending below 3; take "dynamic"'
         )
     describe_scene(cantilever(PLATE, MODELS["dynamic"] + REDUCTION), {"beam": mesh})
+
+
+FLYWHEEL = (
+    'effects={wheel={type="point_mass", point="crank:tip", mass=0.3, inertia=1e-3}, motor={type="torque", '
+    'joint="crank_hinge", table=[[0.0, 0.0], [0.1, 4.0], [0.3, 4.0]]}}',
+    'outputs={slide={type="deformation", point="rod:tip", axis="x"}, '
+    'bending={type="deformation", point="rod:middle", axis="y", frame="body"}}',
+    "simulation.duration=0.3",
+    "simulation.step=5e-4",
+)
+
+
+@pytest.mark.parametrize("n_modes", [6, 14])
+def test_static_stretching_takes_any_number_of_modes(n_modes: int) -> None:
+    """Fourteen modes hold some that stretch the rod, and others that stretch it by a part."""
+    reduction = (
+        f"reduction={{second_order=true, stretching='static', modes={n_modes}, static_modes=true, angles=48, "
+        "interpolation='spline'}"
+    )
+    scene = load_scene(ROOT / "scenes" / "slider_crank_effects.toml", [*FLYWHEEL, reduction])
+    meshes = line_meshes(scene)
+    exact = simulate_full(FullModel(scene, meshes), MPI.COMM_SELF).outputs
+    rom = build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1))
+    found = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF).outputs
+    for name, expected in exact.items():
+        left = np.abs(found[name] - expected).max() / np.abs(expected).max()
+        assert left < 5e-3, (name, left)
 
 
 # --- spin-up ---------------------------------------------------------------------------------------------------------
