@@ -68,7 +68,7 @@ class EnergyNames:
         return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def energies_of(problem, conservative, strengths, blocks, q, v, multipliers, turns):
     """Return energies and powers of states, shape (n, n_rows, n_lanes), J and W; of what is counted on this rank.
 

@@ -313,7 +313,7 @@ def _count(statements, dofs, q, turns):
                 turns[k, lane] = angle
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def correct(problem, factors, blocks, amplitudes, angles, residual, state, gains, typical_mass, active, fresh, size):
     """Do one Newton correction of every active sample of some blocks in place.
 

@@ -15,7 +15,7 @@ from pgmp_petsc.runtime.lane_items import borrowed, items, keep, lanes_of, selec
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def take_steps(
     problem, factors, strengths, probed, scheme, typical_mass, step, reference, behind, before, samples, after, lost,
     n_corrections,

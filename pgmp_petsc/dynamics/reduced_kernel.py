@@ -169,7 +169,7 @@ def take_up(state, samples, work):
     gather(state[2], samples, work.a)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def correct(equations, memory, strengths, state, gains, active, fresh, size):
     """Do one Newton correction of some samples in place.
 

@@ -70,7 +70,7 @@ class Progress(NamedTuple):
     trail: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def advance(equations, memory, strengths, scheme, step, first, state, bounds, edges, lanes, progress):
     """Take some samples through several equal steps, each until it is done or something happens to it.
 

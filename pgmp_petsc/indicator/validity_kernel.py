@@ -129,7 +129,7 @@ def side_by_side(rows: np.ndarray) -> np.ndarray:
     return vectors
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def look_at(places, weights, first, length, loads, forces, trail, kept):
     """Look at some states of all samples.
 
@@ -284,7 +284,7 @@ def _keep_shares(influence, row, terms, loading, largest):
         store(largest, 2, blend(finite & exceeding(lost, share), blend(exceeding(share, none), none, share), lost))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def fill_planar_strains(moved, cells, lengths, angles, half_heights, curved, strain):
     """Fill the largest strain of an outermost fibre of a planar beam, (n,), NaN where one is.
 

@@ -185,7 +185,7 @@ def _starts(rows: np.ndarray, n: int) -> np.ndarray:
     return np.searchsorted(rows, np.arange(n + 1))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, entry=True, error_model="numpy")
 def _evaluate(what, rows, q, rates, known, result):
     """Fill what is wanted of all rows, for all samples; one function, as each compiles the statements anew.
 

@@ -16,7 +16,8 @@ from typing import Any
 
 import numba
 from numba.core import event, sigutils
-from numba.core.caching import FunctionCache
+from llvmlite import binding
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.runtime import rtsys
 
 from pgmp_petsc.runtime.progress import waits_for
@@ -26,11 +27,14 @@ COMPILING = "compiling, once for scenes of this kind"
 _problems: list[str] = []
 
 
-def njit(*, cache: bool = False, counted: bool = True, **options: Any) -> Callable[[Callable], Callable]:
+def njit(
+    *, cache: bool = False, counted: bool = True, entry: bool = False, **options: Any
+) -> Callable[[Callable], Callable]:
     """Return numba's decorator with the same options; a cache that fails is done without.
 
     A function that neither makes nor returns arrays can do without `counted` references to them; they took 40 % of the
-    steps of reduced models.
+    steps of reduced models. An `entry` is called from Python alone: what other compiled functions would take it up from
+    is not kept in the cache, as reading that is most of what loading a large function takes.
     """
 
     def decorate(function: Callable) -> Callable:
@@ -39,7 +43,7 @@ def njit(*, cache: bool = False, counted: bool = True, **options: Any) -> Callab
         dispatcher = numba.njit(no_cfunc_wrapper=True, _nrt=counted, **options)(function)
         if cache and not numba.config.DISABLE_JIT:
             try:
-                dispatcher._cache = _LenientCache(function)
+                dispatcher._cache = (_EntryCache if entry else _LenientCache)(function)
             except (RuntimeError, OSError) as error:  # no locator has a folder
                 _note(
                     f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}"
@@ -87,6 +91,24 @@ class _LenientCache(FunctionCache):
             self.flush()
         except OSError:
             pass  # keeping the function will fail too, and say so
+
+
+class _NamesAlone(CompileResultCacheImpl):
+    """Keeps the machine code of a function, and of its intermediate code the names that are defined."""
+
+    def reduce(self, cres: Any) -> tuple:
+        """Return what is kept."""
+        (name, kind, (machine_code, bitcode)), *rest = super().reduce(cres)
+        module = binding.parse_bitcode(bitcode)
+        defined = [function.name for function in module.functions if not function.is_declaration]
+        text = "\n".join(f'define void @"{each}"() {{ ret void }}' for each in defined)
+        return (name, kind, (machine_code, binding.parse_assembly(text).as_bitcode())), *rest
+
+
+class _EntryCache(_LenientCache):
+    """The cache of a function that Python alone calls."""
+
+    _impl_class = _NamesAlone
 
 
 class _Compiling(event.Listener):

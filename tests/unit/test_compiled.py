@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -106,3 +107,47 @@ def test_another_signatures_code_is_not_called(module: Path) -> None:
     first, second = files(module, "nbc")
     first.write_bytes(second.read_bytes())
     assert printed(module).startswith("6 1.0 ")
+
+
+def decorated(node: ast.FunctionDef) -> dict[str, object] | None:
+    """Return the options of a function's ``njit``, or None."""
+    for call in node.decorator_list:
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "njit":
+            return {word.arg: getattr(word.value, "value", None) for word in call.keywords}
+    return None
+
+
+def test_entries_are_called_from_python_alone() -> None:
+    """Another compiled function would find their names in the cache and nothing to take up."""
+    entries, called = set(), set()
+    for path in (ROOT / "pgmp_petsc").rglob("*.py"):
+        tree, module = ast.parse(path.read_text()), ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        known = {
+            alias.asname or alias.name: (node.module, alias.name)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        }
+        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+        known |= {node.name: (module, node.name) for node in functions}
+        for node in functions:
+            options = decorated(node)
+            if options is None:
+                continue
+            if options.get("entry"):
+                entries.add((module, node.name))
+            names = {item.id for item in ast.walk(node) if isinstance(item, ast.Name) and item.id != node.name}
+            called |= {known[name] for name in names if name in known}
+    assert len(entries) >= 8 and not entries & called
+
+
+def test_an_entry_is_kept_without_what_others_would_take_up(module: Path) -> None:
+    assert printed(module) == "6 1.0 None"
+    sizes = [path.stat().st_size for path in files(module, "nbc")]
+    for path in (module / "cache").rglob("*.nb?"):
+        path.unlink()
+    (module / "source" / "kernel.py").write_text(KERNEL.replace("cache=True", "cache=True, entry=True"))
+    for _ in range(2):  # compiled, then from the cache
+        assert printed(module) == "6 1.0 None"
+    kept = [path.stat().st_size for path in files(module, "nbc")]
+    assert len(kept) == len(sizes) == 2 and max(kept) < min(sizes)
