@@ -190,5 +190,5 @@ class _Passage:
             return np.full(now.shape, time)
         earlier, before = self._before
         with np.errstate(all="ignore"):
-            share = np.where(before < 0.0, before / (before - now), 0.0)
+            share = np.where(before < 0.0, before / (before - now), np.isnan(before))  # no number before: here
         return earlier + share * (time - earlier)

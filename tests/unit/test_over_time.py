@@ -130,6 +130,17 @@ def test_an_output_that_was_no_number_has_no_extremes() -> None:
     assert np.isnan(found["y/max"][1]) and np.isnan(found["y/time_of_min"][1]) and np.isfinite(found["y/max"][0])
 
 
+def test_a_passage_out_of_no_number_is_where_the_number_is() -> None:
+    model = Model(probabilities=EVENTS)
+    model.outputs.evaluate = lambda observed: {"y": np.where(observed[0] < 1.5, np.nan, observed[0])}
+    found = watched(model)["first_passages"]["high"]
+    assert np.isnan(found[:2]).all()
+    # the first step whose end lies above 1.5
+    times = np.arange(N_STEPS + 1) * STEP
+    expected = [times[np.argmax(size * np.sin(2.0 * np.pi * times) >= 1.5)] for size in SIZES[2:]]
+    np.testing.assert_allclose(found[2:], expected, rtol=1e-12)
+
+
 def test_nothing_is_looked_at_where_nothing_is_asked_for() -> None:
     assert not OverTimeWatcher(Model(bands=0), with_bands=True).is_asked
     assert not OverTimeWatcher(Model(), with_bands=False).is_asked
