@@ -109,7 +109,10 @@ def sampled_effects(effects: Sequence[Effect], steps: np.ndarray, step: float, i
 
 def _changes(effect: Effect, times: np.ndarray) -> bool:
     sources = [action.amplitude for action in (*effect.actions(), *effect.natural_actions())]
-    return any(source is not None for source in sources) or bool(np.ptp(effect.amplitude(times)))
+    if any(source is not None for source in sources):
+        return True
+    # others have the constant one of all effects
+    return type(effect).amplitude is not Effect.amplitude and bool(np.ptp(effect.amplitude(times)))
 
 
 def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:
