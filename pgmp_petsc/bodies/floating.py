@@ -29,7 +29,7 @@ as ``int rho chi_l dV`` vanishes with p as the centre of mass.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -74,7 +74,7 @@ class FloatingBody:
     stiffness: dict[Monomial, np.ndarray]
     bent: np.ndarray
     curved: dict[Monomial, np.ndarray]
-    recovery: Recovery | None = None
+    recovery: Recovery | None = field(default=None, compare=False)  # follows from the body's own and from `parts`
     parts: np.ndarray | None = None
 
     @property

@@ -16,7 +16,7 @@ SHARE = 0.02
 PRICE = 0.25
 EVALUATIONS = 260  # of both sets of instants that an estimate has at least, corrections of all of them included
 # us of one core: an unknown of a beam, a pair of unknowns of a condensed body, a reduced coordinate in a step
-OF_BEAM, OF_PAIR, OF_STEP = 0.8, 0.1, 0.09
+OF_BEAM, OF_PAIR, OF_STEP = 0.8, 0.17, 0.09
 FEWEST = 1_000  # samples of which a share is taken, where there are less: already a small ensemble has some
 
 

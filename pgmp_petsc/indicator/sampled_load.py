@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -60,7 +61,6 @@ class SampledLoad(Effect):
     def __init__(self, effect: Effect, steps: np.ndarray, step: float, interval: float) -> None:
         super().__init__(effect.name)
         self._effect, self._instants = effect, (steps, step, interval)
-        self._amplitude = SampledAmplitude(effect.amplitude, *self._instants)
 
     def loads(self, matrices: AffineMatrices) -> list[Load]:
         """Return the load terms of the effect."""
@@ -76,7 +76,12 @@ class SampledLoad(Effect):
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the amplitude at the nearest evaluation."""
-        return self._amplitude(time)
+        return self._of_loads(time)
+
+    @cached_property
+    def _of_loads(self) -> SampledAmplitude:
+        """The amplitude; effects that are actions alone are not asked for one."""
+        return SampledAmplitude(self._effect.amplitude, *self._instants)
 
     def _sampled(self, actions: Sequence[Action]) -> list[Action]:
         return [
@@ -109,7 +114,10 @@ def sampled_effects(effects: Sequence[Effect], steps: np.ndarray, step: float, i
 
 def _changes(effect: Effect, times: np.ndarray) -> bool:
     sources = [action.amplitude for action in (*effect.actions(), *effect.natural_actions())]
-    return any(source is not None for source in sources) or bool(np.ptp(effect.amplitude(times)))
+    if any(source is not None for source in sources):
+        return True
+    # others have the constant one of all effects
+    return type(effect).amplitude is not Effect.amplitude and bool(np.ptp(effect.amplitude(times)))
 
 
 def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:
