@@ -50,7 +50,7 @@ class Limits:
     n_coordinates, n_inertia
         Rigid coordinates, and the inertia forces of their motion.
     second_order
-        Whether a reduced model of the scene may have terms of second order.
+        Whether a reduced model of the scene may have terms of second order, or be without them.
     condensed
         Whether it is condensing that ends the modes, and not the meshes.
     slender
@@ -97,7 +97,8 @@ class Limits:
         n_static = patterns_of(effects_of(scene, mechanism), matrices).n
         n_terms = len({*mechanism.mass_weights, *mechanism.stiffness_weights})
         n = len(coordinates)
-        n_inertia, curved = n * (n + 1) // 2 + len(clamped), takes_second_order(scene)
+        # where effects add terms of second order, there is nothing to choose
+        n_inertia, curved = n * (n + 1) // 2 + len(clamped), not scene.second_order and takes_second_order(scene)
         larges = [body.component.large for body in mechanism.bodies if body.component is not None]
         slender = all(large is None or large.slender for large in larges)
         return cls(n_modes, n_static, n_terms, bool(uncertain_names(scene)), n, n_inertia, curved, condensed, slender)
