@@ -81,12 +81,13 @@ def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
-    check_slender(scene, meshed, NOT_SLENDER)
+    if scene.static_stiffening:
+        check_slender(scene, meshed, NOT_SLENDER)
     solid, d, nominal = meshed.solid, meshed.solid.mesh.dimension, scene.nominal
     n_modes = scene.reduction.modes + scene.n_overconstrained
     stressed, points = solid.name in stressed_bodies(scene), serving_points(scene, meshed)
     component, recovery, section = condense(
-        solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed, large=scene.static_stretching
+        solid, meshed.frames, points, n_modes, MPI.COMM_SELF, stressed=stressed, large=scene.static_stiffening
     )
     mass, total = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
     modes = _free_modes(mass, total, d, recovery)
@@ -96,7 +97,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes = modes[: component.n_frame_dofs].reshape(len(component.frames), -1, modes.shape[1])
     bent, curved = np.zeros((len(shapes), d, modes.shape[1], modes.shape[1])), {}
-    if scene.static_stretching:
+    if scene.static_stiffening:
         third = weighted_sum_dense(component.large.third, nominal)
         third = np.einsum("abc,ai,bj,ck->ijk", third, modes, modes, modes, optimize=True)
         stretching = modes.T @ weighted_sum_dense(component.large.stretching, nominal) @ modes
@@ -158,7 +159,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
     stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
-    if stressed or scene.static_stretching:  # inertia forces of rigid motion
+    if stressed or scene.static_stiffening:  # inertia forces of rigid motion
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
@@ -171,7 +172,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
     moments, n = _moments_of_beams(body, modes), modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
-    if scene.static_stretching:
+    if scene.static_stiffening:
         curvature = foreshortening(*_energy_of_beams(body, modes, scene.nominal))
         bent, curved = _moved(curvature, shapes, moments)
         for weight, part in _turned_sections(body, modes).items():
