@@ -80,7 +80,8 @@ def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     """Condense a body on its mesh, and put it into a floating frame."""
-    check_slender(scene, meshed, NOT_SLENDER)
+    if scene.static_stiffening:
+        check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
     component, *_ = condense(
         meshed.solid,
@@ -89,7 +90,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         n_modes,
         MPI.COMM_SELF,
         stressed=stressed,
-        large=scene.static_stretching,
+        large=scene.static_stiffening,
     )
     return in_floating_frame(component, scene.nominal)
 
@@ -105,7 +106,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     loads[(per_node * held[:, None] + np.arange(per_node)).ravel(), np.arange(per_node * held.size)] = 1.0
     total_mass, total = (weighted_sum_dense(terms, scene.nominal) for terms in (mass, stiffness))
     stressed, d = body.name in stressed_bodies(scene), body.mesh.nodes.shape[1]
-    if stressed or scene.static_stretching:  # inertia forces of rigid motion
+    if stressed or scene.static_stiffening:  # inertia forces of rigid motion
         fields = linear_fields(body.mesh.nodes).reshape(body.n_nodes, d, -1)
         loads = np.hstack([loads, total_mass @ _of_nodes(fields, per_node)])
     values, vectors = eigh(total, total_mass)
@@ -119,7 +120,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     reduced = {weight: modes.T @ matrix @ modes for weight, matrix in stiffness.items()}
     moments, n = _moments_of_beams(body, modes), modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
-    if scene.static_stretching:
+    if scene.static_stiffening:
         curvature = foreshortening(*_energy_of_beams(body, modes, scene.nominal))
         bent, curved = foreshortened(curvature, shapes, moments)
         for weight, part in _turned_sections(body, modes).items():

@@ -82,7 +82,7 @@ def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
 def _left_out(scene: Scene) -> str:
     """Return what of second order in the deformation component modes leave out, and the cure."""
     what = "left out: what is of second order in the deformation of a body in its floating frame"
-    if scene.static_stretching:
+    if scene.static_stiffening:
         return f"{what}, but for the foreshortening of bodies that bend and what follows from it (geometric_stiffening)"
     return (
         f"{what} (stiffening by loads, foreshortening); the effects geometric_stiffening and mode_inertia add these, a "

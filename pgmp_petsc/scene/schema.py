@@ -108,12 +108,15 @@ class Scene(Table):
         return self.reduction.second_order or any(e.type == "geometric_stiffening" for e in self.effects.values())
 
     @property
+    def static_stiffening(self) -> bool:
+        """Whether an effect asks bodies to follow their shortening by bending at once: in component runs too."""
+        return any(e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values())
+
+    @property
     def static_stretching(self) -> bool:
-        """Whether bodies follow their shortening by bending at once, instead of by coordinates that stretch them."""
-        chosen = self.reduction.second_order and self.reduction.stretching == "static"
-        return chosen or any(
-            e.type == "geometric_stiffening" and e.stretching == "static" for e in self.effects.values()
-        )
+        """Whether the reduced model follows the shortening of bodies at once, instead of by coordinates that stretch
+        them."""
+        return self.static_stiffening or self.reduction.second_order and self.reduction.stretching == "static"
 
     @property
     def gyroscopic(self) -> bool:

@@ -101,6 +101,7 @@ def test_defaults(tmp_path: Path) -> None:
         "max_angles": 2000,
         "static_modes": False,
         "spring_modes": True,
+        "stretching": "dynamic",
         "preload": False,
         "inertia_modes": False,
         "parameter_modes": 0,
