@@ -21,7 +21,8 @@ from pgmp_petsc.ensemble.sampling import draw
 from pgmp_petsc.results import Ensemble
 
 N, SEED = 22, 5
-BATCHES = ("--override", "ensemble.batch=4")
+CHECKED = overridden("ensemble.checked_share=0.02")  # of runs as short as these it would be less
+BATCHES = (*CHECKED, "--override", "ensemble.batch=4")
 # 50 batches: several are left where a run is killed
 LONG = ("-n", 100, "--seed", SEED, *overridden("simulation.duration=0.4", "ensemble.batch=2"))
 # A run that ends, or waits, right after its thirteenth piece was stored; ten of them are estimates of errors.
@@ -58,7 +59,7 @@ def rom(folder: Path) -> Path:
 def expected(folder: Path, rom: Path) -> Ensemble:
     """Return the ensemble of one rank and one batch."""
     path = folder / "expected.h5"
-    pgmp("montecarlo", rom, "-n", N, "--seed", SEED, "-o", path)
+    pgmp("montecarlo", rom, "-n", N, "--seed", SEED, *CHECKED, "-o", path)
     return Ensemble.read(path)
 
 
