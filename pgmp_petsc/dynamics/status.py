@@ -56,7 +56,8 @@ _CURES = {
     Status.LEFT_RANGE: "widen the coordinate's range and build again",
     Status.NOT_FINITE: "look at the loads and the start of these samples",
     Status.SOLVER_FAILED: "see -pgmp_full_ksp_converged_reason",
-    Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; take the full-order model "
-    "(pgmp simulate SCENE --full, pgmp montecarlo SCENE --full), or loads and parameters that bend less",
+    Status.BROKE_DOWN: "no step helps, and leaving geometric_stiffening out only hides it; build with stretching = "
+    '"static" where it is "dynamic", or take the full-order model (pgmp simulate SCENE --full, pgmp montecarlo SCENE '
+    "--full), or loads and parameters that bend less",
     Status.NO_EQUILIBRIUM: 'hold the coordinates (initial.coordinates = "held"), or look at the loads at time zero',
 }
