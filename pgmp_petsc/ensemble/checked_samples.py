@@ -9,6 +9,7 @@ with all others of its body; a run has its steps with the reduced coordinates.
 from __future__ import annotations
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.indicator.coverage import is_estimated
 from pgmp_petsc.models import Model, ReducedModel
 
 PERIOD = 10_000
@@ -22,7 +23,7 @@ FEWEST = 1_000  # samples of which a share is taken, where there are less: alrea
 
 def share_of(model: Model) -> float:
     """Return the share of a model's samples that are checked; of a reduced model alone there are any."""
-    if not (isinstance(model, ReducedModel) and model.scene.simulation.error_indicator):
+    if not (isinstance(model, ReducedModel) and is_estimated(model.scene)):
         return 0.0
     given = model.scene.ensemble.checked_share
     return min(SHARE, PRICE / price_of(model)) if given is None else given

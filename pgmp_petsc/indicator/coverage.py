@@ -10,8 +10,15 @@ from pgmp_petsc.scene import Scene
 CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
 
 
+def is_estimated(scene: Scene) -> bool:
+    """Return whether the errors of a scene's reduced runs are estimated."""
+    return scene.simulation.error_indicator and bool(scene.outputs)
+
+
 def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, ...]:
     """Return why the errors of a scene's reduced run or ensemble are not estimated; nothing where they are."""
+    if not scene.outputs:
+        return (note("errors were not estimated: the scene has no [outputs], whose errors these would be"),)
     if not scene.simulation.error_indicator:
         return (_absent("simulation.error_indicator = false switches the estimate off"),)
     if ensemble and scene.ensemble.checked_share == 0.0:
@@ -29,7 +36,7 @@ def left_out_of_estimates(model: ReducedModel) -> tuple[Remark, ...]:
         if scene.bodies[name].section_scale is not None:
             why = "its cross-section is scaled"
         found.append(f"bodies.{name} ({why})")
-    if not found or not scene.simulation.error_indicator:
+    if not found or not is_estimated(scene):
         return ()
     return (
         note(

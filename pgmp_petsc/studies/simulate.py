@@ -18,6 +18,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
     CURE,
     absence_of_estimates,
+    is_estimated,
     left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
@@ -213,7 +214,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
 def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     timings = Timings()
     values = {name: np.array([value]) for name, value in model.scene.values.items()}
-    indicator = ErrorIndicator(model) if model.scene.simulation.error_indicator else None
+    indicator = ErrorIndicator(model) if is_estimated(model.scene) else None
 
     def once(attempt: Attempt) -> _Part:
         simulation = attempt.simulation

@@ -57,7 +57,7 @@ def full(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def ensemble(folder: Path, rom: Path) -> Path:
     path = folder / "ensemble.h5"
-    done = pgmp("montecarlo", rom, "-n", 12, "--seed", 7, "-o", path)
+    done = pgmp("montecarlo", rom, "-n", 12, "--seed", 7, "--override", "ensemble.checked_share=1.0", "-o", path)
     assert "reduced model, 12 samples" in done.stdout
     return path
 

@@ -101,7 +101,9 @@ def test_the_model_of_second_order_stops_and_keeps_its_part(
     assert part.steps_divided in (1, 2) and "down to 1/2" in part.record.remarks[1].text
     np.testing.assert_allclose(part.time, np.arange(part.time.size) * 1e-3 / part.steps_divided, rtol=1e-12)
     why = part.record.remarks[0].text
-    for words in (Status.BROKE_DOWN.meaning, "is indefinite from 0.2", "no step helps", "only hides it", 'stretching = "static"', "--full"):
+    limits = (Status.BROKE_DOWN.meaning, "is indefinite from 0.2")
+    cures = ("no step helps", "only hides it", 'stretching = "static"', "--full")
+    for words in (*limits, *cures):
         assert words in why
     pictures, scenery = ("plot", stopped, "-o", tmp_path), ("export", stopped, "-o", tmp_path / "x.xdmf")
     for command in (("info", stopped), pictures, scenery):
