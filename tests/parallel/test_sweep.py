@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from sweep import SCENES, sweep, table
 
-# on two ranks, one scene of each kind of mechanism: all effects, two coordinates, solids in the plane and in space; the
-# script takes all
-ON_TWO_RANKS = ("slider_crank_effects", "double_pendulum", "slider_crank_solid2d", "spatial_slider_crank")
+# on two ranks, what no test of its own has on several: all effects, and solids in the plane; the script takes all
+ON_TWO_RANKS = ("slider_crank_effects", "slider_crank_solid2d")
 CASES = [(scene, 1) for scene in SCENES] + [(scene, 2) for scene in SCENES if scene.stem in ON_TWO_RANKS]
 
 
