@@ -42,12 +42,13 @@ def of_deviation(values: np.ndarray, confidence: float) -> np.ndarray:
     if not variance > (1e-12 * np.max(np.abs(values))) ** 2:  # round-off of equal values
         return np.full(2, np.sqrt(variance))
     from scipy.special import ndtri
-    from scipy.stats import trim_mean
 
     scaled = (values - np.mean(values)) / np.sqrt(variance)
     z = ndtri(0.5 + 0.5 * confidence)
     correction = n / (n - z) if n > z else np.inf
-    about = trim_mean(scaled, min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
+    # as scipy.stats.trim_mean, whose import takes a quarter of a second of every ensemble
+    cut = int(n * min(0.5 / np.sqrt(n - 4), 0.5 - 0.5 / n))
+    about = np.mean(np.sort(scaled)[cut : n - cut])
     kurtosis = n * np.sum((scaled - about) ** 4) / np.sum(scaled**2) ** 2
     spread = z * correction * np.sqrt(max(kurtosis - (n - 3) / n, 0.0) / (n - 1))
     return np.sqrt(correction * variance * np.exp([-spread, spread]))
