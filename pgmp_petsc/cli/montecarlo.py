@@ -112,13 +112,10 @@ def montecarlo(
     result = run_ensemble(model, plan, group)
     save(context, result, output)
     failed = 0
-    if isinstance(result, ShardSamples):
-        failed = int(np.sum(result.columns["status"] != 0))
-        say(context, _report_shard(result, plan, failed))
-        remove_checkpoint(plan)
-    elif result is not None:
+    if result is not None:
         failed = int(np.sum(result.status != 0))
-        say(context, report(result, output, loaded.remarks))
+        is_part = isinstance(result, ShardSamples)
+        say(context, _report_shard(result, plan, failed) if is_part else report(result, output, loaded.remarks))
         remove_checkpoint(plan)
     if comm.bcast(failed):
         context.exit(1)

@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
+from pgmp_petsc.components.component_modes import weighted_sum_dense
 from pgmp_petsc.components.foreshortening import foreshortening
 
 
@@ -26,18 +27,22 @@ def in_floating_frame(
     It follows its foreshortening where what is of second order is known of it, and where it is slender; that of its
     `n_followed` slowest modes alone, where a number is given.
     """
-    d, mass = component.centres.shape[1], _weighted(component.mass, nominal)
+    d, mass = component.centres.shape[1], weighted_sum_dense(component.mass, nominal)
     rigid = rigid_motions(component)
     # of a mean square displacement of 1 m2
-    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(mass, _weighted(component.stiffness, nominal), d)
+    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(
+        mass, weighted_sum_dense(component.stiffness, nominal), d
+    )
     n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
     bent, curved = np.zeros((n_frames, d, n, n)), {}
     if component.large is not None and component.large.slender:
-        third, stretching = (_weighted(terms, nominal) for terms in (component.large.third, component.large.stretching))
+        third, stretching = (
+            weighted_sum_dense(terms, nominal) for terms in (component.large.third, component.large.stretching)
+        )
         third = np.einsum("abc,ai,bj,ck->ijk", third, modes, modes, modes, optimize=True)
-        curvature = foreshortening(third, _weighted(stiffness, nominal), modes.T @ stretching @ modes)
+        curvature = foreshortening(third, weighted_sum_dense(stiffness, nominal), modes.T @ stretching @ modes)
         if n_followed is not None:
             curvature[:, n_followed:] = curvature[:, :, n_followed:] = 0.0
         bent, curved = foreshortened(curvature, shapes, moments)
@@ -90,7 +95,3 @@ def _moments_of(component: Component, modes: np.ndarray) -> dict[Monomial, np.nd
 def free_modes(mass: np.ndarray, stiffness: np.ndarray, d: int) -> np.ndarray:
     """Return the elastic free modes in given coordinates, M-orthonormal, shape (n, n - n_rigid)."""
     return eigh(stiffness, mass)[1][:, d * (d + 1) // 2 :]
-
-
-def _weighted(terms: Mapping[Monomial, np.ndarray], values: Mapping[str, float]) -> np.ndarray:
-    return sum(float(weight.evaluate(values)) * matrix for weight, matrix in terms.items())

@@ -75,7 +75,7 @@ class Shards:
         self._n_samples = shards[0].place.n_samples
         ends = [shard.place.first for shard in self._shards[1:]] + [self._n_samples]
         for (path, shard), end in zip(ordered, ends):
-            n = len(shard.columns["status"])
+            n = len(shard.status)
             if n != end - shard.place.first:
                 raise InputError(
                     f"file '{path}' is damaged: {n} samples, not {end - shard.place.first}; write it again"

@@ -91,6 +91,11 @@ class ShardSamples:
     columns: Mapping[str, np.ndarray]
     bands: Mapping[str, np.ndarray]
 
+    @property
+    def status(self) -> np.ndarray:
+        """How each sample ended, 0 = fine, shape (n,)."""
+        return self.columns["status"]
+
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
         with write_file(path, KIND, {"model": self.model}) as file:
