@@ -98,9 +98,16 @@ def test_what_is_said_of_some_samples() -> None:
     assert "-0.9" in remark.text and "geometric_stiffening" in remark.text and "[effects]" in remark.text
 
 
-def test_why_there_is_no_estimate() -> None:
-    (remark,) = absence_of_estimates(slider_crank("simulation.error_indicator=false"))
-    assert remark.kind == "note" and "simulation.error_indicator = false" in remark.text and "--full" in remark.text
+OUTPUT = 'outputs={crank_angle={type="angle", joint="crank_hinge"}}'
+
+
+@pytest.mark.parametrize(
+    ("entry", "why"),
+    [("simulation.error_indicator=false", "simulation.error_indicator = false"), ("outputs={}", "no [outputs]")],
+)
+def test_why_there_is_no_estimate(entry: str, why: str) -> None:
+    (remark,) = absence_of_estimates(slider_crank(OUTPUT, entry))
+    assert remark.kind == "note" and why in remark.text
 
 
 @pytest.mark.parametrize(
@@ -112,8 +119,8 @@ def test_why_there_is_no_estimate() -> None:
     ],
 )
 def test_where_there_is_an_estimate(entry: str) -> None:
-    assert absence_of_estimates(slider_crank(entry), ensemble=True) == ()
-    (remark,) = absence_of_estimates(slider_crank("ensemble.checked_share=0.0"), ensemble=True)
+    assert absence_of_estimates(slider_crank(OUTPUT, entry), ensemble=True) == ()
+    (remark,) = absence_of_estimates(slider_crank(OUTPUT, "ensemble.checked_share=0.0"), ensemble=True)
     assert "ensemble.checked_share = 0" in remark.text
 
 
