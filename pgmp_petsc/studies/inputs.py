@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
@@ -20,7 +21,7 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.plausibility import plausibility
 
 # what a ROM's tables depend on; all else may be changed when it is used
-BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
+BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 OVER_TIME = ("table", "harmonic")
 OF_EFFECTS = {
     "torque": OVER_TIME,
@@ -54,7 +55,7 @@ def read_scene(
         meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
         check_capabilities(scene, purpose, meshes)
         check_stresses(scene, meshes)
-        return scene.with_remarks(plausibility(scene, meshes)), meshes
+        return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
     return on_root(comm, read)
 
