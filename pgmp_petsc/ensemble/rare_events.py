@@ -45,15 +45,18 @@ class Level:
         Of the samples before that pass it.
     accepted
         Share of the steps of its chains that were accepted.
+    before
+        g of the samples before, shape (n,); infinite where the run failed.
     """
 
     threshold: float
     share: float
     accepted: float
+    before: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class RareEvent:
+class RareSamples:
     """Samples and what follows from them.
 
     Attributes
@@ -82,6 +85,17 @@ class RareEvent:
     def by_levels(self) -> float:
         """The probability that the levels alone give: their product, which has no interval."""
         return float(np.prod([level.share for level in self.levels]))
+
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return g from large to small and the probabilities of no more, as the levels know them, each (n_points,)."""
+        found, probability = [np.zeros((2, 0))], 1.0
+        for level in self.levels:
+            values = np.sort(level.before)[::-1]
+            shares = probability * np.arange(values.size, 0, -1) / values.size
+            found.append(np.array([values, shares])[:, np.isfinite(values) & (values >= level.threshold)])
+            probability *= level.share
+        values, shares = np.concatenate(found, axis=1)
+        return values, shares
 
     @property
     def contributions(self) -> np.ndarray:
@@ -130,7 +144,7 @@ def level_size(n_samples: int) -> int:
     return SHARE * max(LEAST_OF_LEVEL, n_samples // PART_OF_LEVEL) // SHARE // SHARE * SHARE
 
 
-def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareEvent:
+def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamples:
     """Find and weigh the event ``g <= 0``.
 
     Parameters
@@ -150,21 +164,21 @@ def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareEven
     points, g = chains.begin(size)
     levels: list[Level] = []
     while len(levels) < MOST_LEVELS:
-        sorted_g = np.sort(np.where(np.isnan(g), np.inf, g))
-        threshold = max(0.0, float(sorted_g[size // SHARE - 1]))
+        g = np.where(np.isnan(g), np.inf, g)
+        threshold = max(0.0, float(np.sort(g)[size // SHARE - 1]))
         passed = np.flatnonzero(g <= threshold)
         stuck = not np.isfinite(threshold) or (levels and threshold >= levels[-1].threshold) or passed.size == size
         if (stuck and threshold > 0.0) or chains.n + size > n_samples - size:
             break  # no nearer to the event, or what would be left is too little to be weighed
-        share = passed.size / size
+        before = g
         points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
-        levels.append(Level(threshold, share, accepted))
+        levels.append(Level(threshold, passed.size / size, accepted, before))
         if threshold == 0.0:
             break
     weights = np.zeros(0)
     if levels and levels[-1].threshold == 0.0:
         weights = chains.weigh(points, n_samples - chains.n)
-    return RareEvent(tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values), weights)
+    return RareSamples(tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values), weights)
 
 
 class _Chains:
