@@ -11,7 +11,7 @@ import numpy as np
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
-from pgmp_petsc.cli.rare import alone, run_rare
+from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
@@ -98,9 +98,13 @@ def montecarlo(
     part = None if shard is None else _part(shard)
     kind = RARE_EVENT if rare is not None else "ensemble" if part is None else KIND
     context.with_resource(claimed(comm, output, kind, (source,)))
-    model = read_model(
-        context, source, overrides, settings, full, components, lambda scene: _refuse_drawn(scene, settings)
-    )
+
+    def refuse(scene: Scene) -> None:
+        _refuse_drawn(scene, settings)
+        if rare is not None:
+            event_of(rare, scene)
+
+    model = read_model(context, source, overrides, settings, full, components, refuse)
     loaded = model.scene
     if loaded.simulation.tolerance is not None:
         if part is not None:

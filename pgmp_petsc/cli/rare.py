@@ -56,7 +56,8 @@ def event_of(text: str, scene: Scene) -> Event:
         known = f"; labels are {', '.join(labels)}" if labels else ""
         raise InputError(
             f'--rare "{shortened(text)}": allowed are an output, < or >, and a number, such as "slider_deformation < '
-            f'-2e-4", with "ever" before it for any time in the run, or the label of one of ensemble.probabilities{known}'
+            '-2e-4", with "ever" before it for any time in the run, or the label of one of ensemble.probabilities'
+            f"{known}"
         )
     ever, output, side, level = found.groups()
     if output not in scene.outputs:

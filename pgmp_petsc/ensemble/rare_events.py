@@ -3,8 +3,9 @@
 Samples are of independent standard normal variables u, of which distributions make parameters. The event is ``g(u) <=
 0``. Subset simulation (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263-277) lowers a threshold on g so
 that a tenth of each level's samples pass it, and from these goes on by conditional sampling (Papaioannou, Betz,
-Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with w standard
-normal, kept where it passes the threshold. Chains of the last level are in the event, all parts of it that were found.
+Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with
+w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
+that were found.
 
 Normal kernels about these points make the density q that further, independent samples are drawn from (`importance`).
 Their mean of ``1[g <= 0] phi(u) / q(u)`` is the probability: unbiased wherever the points are, and with an interval
