@@ -47,7 +47,7 @@ class SolidLaw:
     """
 
     materials: tuple[tuple[Quantity, Lame], ...]
-    profile: Profile
+    profile: Profile = Profile()
 
     def values(self, quantity: str, points: SolidStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
