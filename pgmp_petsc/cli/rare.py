@@ -30,9 +30,9 @@ NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 
 
 def alone(**options: object) -> None:
-    """Refuse options of ensembles that --rare has no part for; None and 1 are not given."""
+    """Refuse options of ensembles that --rare has no part for; None, and one rank a sample, are not given."""
     for name, value in options.items():
-        if value is not None and value != 1:
+        if value is not None and (name, value) != ("ranks_per_sample", 1):
             flag = f"--{name.replace('_', '-')}"
             shown = flag if value is True else f"{flag} {value}"
             raise InputError(f"{shown} with --rare: {WHY_ALONE[name]}; leave it out")

@@ -142,7 +142,7 @@ class RareSamples:
 
 def level_size(n_samples: int) -> int:
     """Return how many samples a level of subset simulation has."""
-    return SHARE * max(LEAST_OF_LEVEL, n_samples // PART_OF_LEVEL) // SHARE // SHARE * SHARE
+    return max(LEAST_OF_LEVEL, n_samples // PART_OF_LEVEL) // SHARE * SHARE
 
 
 def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamples:
