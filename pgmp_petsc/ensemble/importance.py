@@ -25,6 +25,7 @@ CLUSTERS = (1, 2, 4, 8)
 LEAST_VARIANCE = 0.6
 DEFENSIVE = 0.25  # share of samples from kernels about all points
 FEWEST = 10  # points a cluster
+FURTHEST = 8.0  # of a variable: beyond it a probability is 1 to round-off
 AT_ONCE = 4_000_000  # numbers of differences between points
 
 

@@ -186,7 +186,7 @@ def _remarks(scene: Scene, found: RareSamples, status: np.ndarray, whole: bool) 
                 )
             )
     if n_failed:
-        most = f"; with all of them in the event the probability were {found.at_most:.4g}" if found.reached else ""
+        most = f"; with all of them in the event the probability would be {found.at_most:.4g}" if found.reached else ""
         remarks.append(warning(f"{n_failed} of {status.size} samples failed and count as not in the event{most}"))
     if not whole:
         remarks.append(
