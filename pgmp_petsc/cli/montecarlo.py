@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -17,6 +18,8 @@ from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import KIND, ShardSamples
 from pgmp_petsc.runtime.agreement import on_root
@@ -118,7 +121,7 @@ def montecarlo(
         say(context, remark)
     if rare is not None:
         context.exit(run_rare(context, model, rare, n_samples, seed, output))
-    file = None if table is None else on_root(comm, _table, table, model.scene, n_samples, settings)
+    file = None if table is None else on_root(comm, _table, table, model, n_samples, settings)
     if file is not None:
         n_samples = len(next(iter(file.values.values())))
     if part is not None and part.count > n_samples:
@@ -166,15 +169,19 @@ def _one_source(n_samples: int | None, sampler: str | None, table: Path | None) 
         raise InputError(f"--sampler {sampler}: the samples are those of --samples {table}; give one of them")
 
 
-def _table(table: Path, scene: Scene, n_samples: int | None, settings: tuple[str, ...]) -> SampleFile:
+def _table(table: Path, model: Model, n_samples: int | None, settings: tuple[str, ...]) -> SampleFile:
     """Read a file of samples, and refuse values for parameters that it gives."""
-    file = read_samples(table, scene, n_samples)
+    file = read_samples(table, model.scene, n_samples)
     for setting in settings:
         name = setting.partition("=")[0].strip()
         if name in file.values:
             raise InputError(
                 f"--set {setting}: every sample takes '{name}' from --samples {table}; leave one of them out"
             )
+    if isinstance(model, ReducedModel):
+        refuse_beyond(model.served, file.values, f"--samples {table}")
+        said = outside_of(model.served, file.values, f"--samples {table}")
+        file = replace(file, remarks=(*file.remarks, *said))
     return file
 
 

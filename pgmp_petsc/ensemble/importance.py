@@ -115,9 +115,7 @@ def _density(points: np.ndarray, weights: np.ndarray, means: np.ndarray, factor:
     return KernelDensity(drawn, shares / shares.sum(), np.full(len(drawn), deviation))
 
 
-def _cluster_means(
-    points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator
-) -> np.ndarray:
+def _cluster_means(points: np.ndarray, weights: np.ndarray, n_clusters: int, random: np.random.Generator) -> np.ndarray:
     """Return the mean of every point's cluster, shape (m, d)."""
     from scipy.cluster.vq import kmeans2
 

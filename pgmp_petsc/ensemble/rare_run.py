@@ -19,7 +19,8 @@ from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
-from pgmp_petsc.models import FullModel, Model
+from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -28,7 +29,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.runtime.vectors import LANES
-from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
@@ -130,7 +131,10 @@ def _result(
     weight[value.size - found.weights.size :] = found.weights
     values, probabilities = found.curve()
     confidence, words = scene.ensemble.confidence, words_of(event, unit)
-    said = (*scene.remarks, *_remarks(scene, found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
+    said = (*scene.remarks, *_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    if isinstance(model, ReducedModel):
+        said += outside_of(model.served, parameters, "--rare")
     return RareEvent(
         model=model.name,
         record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
@@ -151,12 +155,12 @@ def _result(
         normal=found.points,
         value=value,
         weight=weight,
-        parameters={name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters},
+        parameters=parameters,
         status=status,
     )
 
 
-def _remarks(scene: Scene, found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
+def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
     """Return what the reader of a probability has to know."""
     remarks, n_failed = [], int(np.count_nonzero(status))
     if not found.reached:

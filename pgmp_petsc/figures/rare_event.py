@@ -32,5 +32,6 @@ def rare_event(found: RareEvent, label: str = "") -> Figure:
     axes.set_yscale("log")
     axes.set_xlabel(axis_label(found.output, unit))
     axes.set_ylabel("probability of beyond")
-    top_legend(figure, keys, heading(found.event.replace("_", " "), found.record, label), cautions.of_records([found.record]))
+    what = heading(found.event.replace("_", " "), found.record, label)
+    top_legend(figure, keys, what, cautions.of_records([found.record]))
     return figure

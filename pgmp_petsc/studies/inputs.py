@@ -14,6 +14,7 @@ from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.served_range import check_served, served_ranges
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
@@ -90,7 +91,8 @@ def read_rom(
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
         check_capabilities(scene, Purpose.REDUCED)
-        return _step_left_open(built, scene).with_remarks(plausibility(scene)), rom
+        said = check_served(served_ranges(built, rom), scene)
+        return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said)), rom
 
     return on_root(comm, read)
 

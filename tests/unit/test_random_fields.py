@@ -65,7 +65,7 @@ def test_the_resolved_scene_reads_back_unchanged_and_takes_values() -> None:
 @pytest.mark.parametrize(
     ("override", "line"),
     [
-        ('fields.soft.body="rud"', 'fields.soft.body = "rud": there is no such body; did you mean \'rod\'?'),
+        ('fields.soft.body="rud"', "fields.soft.body = \"rud\": there is no such body; did you mean 'rod'?"),
         ("bodies.rod.flexible=false", 'fields.soft.body = "rod": is rigid; a field needs a flexible body'),
         (
             'fields.soft.quantity="radius"',
