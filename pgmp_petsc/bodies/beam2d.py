@@ -174,7 +174,7 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     a, b
         Strains of both vectors of every pair, shape (n_elements, 3, n_pairs).
     section
-        ``(EA, k_s GA, EI)``, shape (3,).
+        ``(EA, k_s GA, EI)``, shape (3,), or of every element (3, n_elements).
 
     Returns
     -------
@@ -186,7 +186,8 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     eps, gamma = psi_a * gamma_b + w_a * psi_b, -(psi_a * u_b + u_a * psi_b)
     mixed, sheared = u_a * gamma_b + u_b * gamma_a, gamma_a * psi_b + gamma_b * psi_a
     stretched = np.stack([eps, -gamma, mixed], axis=1)
-    return section[0] * stretched + section[1] * np.stack([-sheared, gamma, -gamma - mixed], axis=1)
+    axial, shear, _ = section.reshape(3, -1, 1, 1)
+    return axial * stretched + shear * np.stack([-sheared, gamma, -gamma - mixed], axis=1)
 
 
 def consistent_mass(lengths: np.ndarray, line_density: float, rotary_density: float) -> np.ndarray:

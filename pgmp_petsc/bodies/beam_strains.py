@@ -25,7 +25,6 @@ import scipy.sparse as sp
 
 from pgmp_petsc.bodies.beam2d import strains
 from pgmp_petsc.bodies.body import Body
-from pgmp_petsc.bodies.section import BeamSection
 from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
@@ -113,9 +112,9 @@ class BeamStrains:
         values
             Parameter values, numbers or of shape (n,).
         """
-        resists = stiffnesses(self.body, values, found.shape[2])
-        n = len(resists)
-        resultants, middle = found[:, :n] * resists, found[:, n:] * resists[1 : 1 + found.shape[1] - n]
+        resists = self.stiffnesses(values)
+        n = resists.shape[1]
+        resultants, middle = found[:, :n] * resists, found[:, n:] * resists[:, 1 : 1 + found.shape[1] - n]
         arms = ((self.along - 0.5) * self.body.mesh.lengths[self.elements])[:, None]
         if self.in_space:
             resultants[:, 4] += arms * middle[:, 1]  # M_2' = Q_3
@@ -123,6 +122,15 @@ class BeamStrains:
         else:
             resultants[:, 2] -= arms * middle[:, 0]  # M' = -Q
         return resultants
+
+    def of_cells(self, values: np.ndarray) -> np.ndarray:
+        """Return the values at the points, shape (n_points,), of what is constant in every element."""
+        return values[self.elements]
+
+    def stiffnesses(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
+        """Return what makes forces and moments of strains at the points, shape (n_points, n_strains, 1 or n)."""
+        terms = self.body.sections("stiffness").items()
+        return sum(np.multiply.outer(c[self.elements], np.atleast_1d(weight.evaluate(values))) for weight, c in terms)
 
     @classmethod
     def of(cls, body: Body, elements: np.ndarray, along: np.ndarray, held: Collection[int] = ()) -> BeamStrains:
@@ -178,16 +186,6 @@ def _neighbours(mesh: LineMesh, held: Collection[int]) -> tuple[np.ndarray, np.n
             if directions[element] @ directions[other] > 1.0 - STRAIGHT:
                 before[element], after[other] = other, element
     return before, after
-
-
-def stiffnesses(body: Body, values: Mapping[str, np.ndarray | float], n: int) -> np.ndarray:
-    """Return what makes forces and moments of strains, shape (n_strains, n)."""
-    section = body.section
-    if isinstance(section, BeamSection):
-        parts = ((section.axial,), (section.shear,), (section.bending,))
-    else:
-        parts = ((section.axial,), *((q,) for q in section.shear), section.torsion, *((q,) for q in section.bending))
-    return np.array([np.broadcast_to(sum(term.at(values) for term in terms), n) for terms in parts])
 
 
 def _in_space(first: np.ndarray, second: np.ndarray, lengths: np.ndarray, axes: np.ndarray) -> np.ndarray:

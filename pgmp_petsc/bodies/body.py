@@ -18,6 +18,7 @@ import numpy as np
 
 from pgmp_petsc.bodies import beam2d, beam3d
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.mesh.line_mesh import LineMesh
 
@@ -73,6 +74,8 @@ class Body:
         A continuum body that is not condensed.
     floating
         A flexible body in a floating frame: its last node, behind those of the frames that hold it.
+    profiles
+        What the constants of a body of beams are multiplied by, element by element.
     first_internal
         Number of the body's first internal coordinate among all unknowns of the mechanism.
     """
@@ -88,16 +91,19 @@ class Body:
     first_internal: int = 0
     axes: np.ndarray | None = None
     floating: FloatingBody | None = None
+    profiles: Profiles = UNIFORM
 
     @classmethod
-    def beam(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
+    def beam(cls, name: str, mesh: LineMesh, section: BeamSection, profiles: Profiles = UNIFORM) -> Body:
         """Return a flexible body in the plane."""
-        return cls(name, mesh, section, mesh)
+        return cls(name, mesh, section, mesh, profiles=profiles)
 
     @classmethod
-    def beam_in_space(cls, name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Body:
+    def beam_in_space(
+        cls, name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray, profiles: Profiles = UNIFORM
+    ) -> Body:
         """Return a flexible body of beams in space, their axes of shape (n_elements, 3, 3)."""
-        return cls(name, mesh, section, mesh, axes=axes)
+        return cls(name, mesh, section, mesh, axes=axes, profiles=profiles)
 
     @classmethod
     def rigid(cls, name: str, mesh: LineMesh, section: BeamSection) -> Body:
@@ -233,7 +239,8 @@ class Body:
         lumped = {weight for lumps in self.lumps.values() for weight, lump in lumps.items() if lump.mass}
         if not (self.flexible or self.is_continuum):
             return lumped
-        return lumped | ({self.section.line_density.monomial} if self.is_beam else self._own_weights("mass"))
+        own = self.profiles.mass.weights({self.section.line_density.monomial}) if self.is_beam else None
+        return lumped | (self._own_weights("mass") if own is None else own)
 
     @property
     def stiffness_weights(self) -> set[Monomial]:
@@ -259,7 +266,14 @@ class Body:
             return self.meshed.solid.weights(kind)
         if self.floating is not None:
             return set(self.floating.moments if kind == "mass" else self.floating.stiffness)
-        return set(getattr(self.section, f"{kind}_terms")())
+        return self.profiles.of(kind).weights(set(getattr(self.section, f"{kind}_terms")()))
+
+    def sections(self, kind: str) -> dict[Monomial, np.ndarray]:
+        """Return the coefficients of ``"mass"`` or ``"stiffness"`` of all elements of beams by weight, shape
+        (n_elements, n_coefficients), in the order of `BeamSection` and `SpatialSection`."""
+        terms = getattr(self.section, f"{kind}_terms")().items()
+        n = len(self.mesh.cells)
+        return self.profiles.of(kind).over({weight: np.tile(values, (n, 1)) for weight, values in terms}, np.arange(n))
 
     @property
     def n_nodes(self) -> int:
@@ -313,10 +327,11 @@ class Body:
         weight."""
         if not self.is_beam:
             return {}
-        return {
+        entries = {
             monomial: self._undeformed_stiffness(chosen, coefficients)
             for monomial, coefficients in self.section.stiffness_terms().items()
         }
+        return self.profiles.stiffness.over(entries, chosen)
 
     def axial_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return the part of `stiffness_entries` that resists extension."""
@@ -324,7 +339,7 @@ class Body:
             return {}
         axial, n_strains = self.section.axial, 3 if self.is_planar_beam else 6
         entries = self._undeformed_stiffness(chosen, (axial.coefficient, *[0.0] * (n_strains - 1)))
-        return {axial.monomial: entries}
+        return self.profiles.stiffness.over({axial.monomial: entries}, chosen)
 
     def mass_entries(self, chosen: np.ndarray) -> dict[Monomial, np.ndarray]:
         """Return consistent element masses, (n_chosen, 6, 6), in space (n_chosen, 12, 12), by weight."""
@@ -332,14 +347,16 @@ class Body:
             return {}
         lengths, terms = self.mesh.lengths[chosen], self.section.mass_terms()
         if self.is_planar_beam:
-            return {
+            entries = {
                 monomial: beam2d.consistent_mass(lengths, *coefficients) for monomial, coefficients in terms.items()
             }
-        axes = self.axes[chosen]
-        return {
-            monomial: beam3d.consistent_mass(lengths, axes, np.array(coefficients))
-            for monomial, coefficients in terms.items()
-        }
+        else:
+            axes = self.axes[chosen]
+            entries = {
+                monomial: beam3d.consistent_mass(lengths, axes, np.array(coefficients))
+                for monomial, coefficients in terms.items()
+            }
+        return self.profiles.mass.over(entries, chosen)
 
     def section_turns(self) -> np.ndarray:
         """Return how sections of a beam in space turn at its nodes with a linear field ``u = A X``, (n_nodes, 3, 9).

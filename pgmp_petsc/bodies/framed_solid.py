@@ -9,13 +9,17 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
+from pgmp_petsc.bodies.profile import UNIFORM, Profiles
+from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material
+from pgmp_petsc.scene.points import points_used
 
 ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the axis that its section is scaled about
 
@@ -46,6 +50,7 @@ class FramedSolid:
         materials: Mapping[str, Material],
         mesh: SolidMesh,
         points: Mapping[str, str],
+        profiles: Profiles = UNIFORM,
     ) -> FramedSolid:
         """Make a scene's body.
 
@@ -59,6 +64,8 @@ class FramedSolid:
             Of the body.
         points
             Groups of faces that the scene names, with the entry that names each.
+        profiles
+            What its constants are multiplied by, cell by cell.
 
         Raises
         ------
@@ -72,7 +79,7 @@ class FramedSolid:
             scale = SectionScale(Quantity.of(entry.section_scale))
             for point, frame in frames.items():
                 _check_section(f"bodies.{name}.section_scale", mesh, point, frame)
-        return cls(Solid(name, mesh, _regions(name, entry, materials, mesh), scale), frames)
+        return cls(Solid(name, mesh, _regions(name, entry, materials, mesh), scale, profiles), frames)
 
     def at(self, values: Mapping[str, float]) -> FramedSolid:
         """Return the body whose mesh has the cross-section that parameter values give, and no scale any more."""
@@ -90,7 +97,7 @@ class FramedSolid:
             point: replace(frame, arms=frame.arms * stretch, inertia=frame.inertia * stretch[1] ** 2)
             for point, frame in self.frames.items()
         }
-        return FramedSolid(Solid(solid.name, mesh, regions), frames, solid.section_scale)
+        return FramedSolid(Solid(solid.name, mesh, regions, None, solid.profiles), frames, solid.section_scale)
 
     def condensed_weights(self, kind: str) -> set[Monomial]:
         """Return the weights of the terms of ``"mass"`` or ``"stiffness"`` that the body has condensed, where scales
@@ -100,6 +107,12 @@ class FramedSolid:
             return weights
         bare = replace(self.solid, section_scale=None).weights(kind)
         return {weight * (scale.factor**power).monomial for weight in bare for power in scale.powers[kind]}
+
+
+def framed_solid(scene: Scene, name: str, mesh: SolidMesh) -> FramedSolid:
+    """Return a scene's body on its mesh; raises as `FramedSolid.of` and `profiles_of`."""
+    points, profiles = points_used(scene, name), profiles_of(scene, name, mesh)
+    return FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points, profiles)
 
 
 def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:

@@ -54,9 +54,8 @@ def director_inertia(body: Body) -> dict[Monomial, np.ndarray]:
         np.add.at(found.setdefault(weight, np.zeros((body.n_nodes, 3, 3))), nodes, values)
 
     if body.is_beam:
-        for weight, coefficients in body.section.mass_terms().items():
-            across = np.array(coefficients)[[2, 1]]
-            density = np.einsum("eis,s,ejs->eij", body.axes[:, :, 1:], across, body.axes[:, :, 1:])
+        for weight, coefficients in body.sections("mass").items():
+            density = np.einsum("eis,es,ejs->eij", body.axes[:, :, 1:], coefficients[:, [2, 1]], body.axes[:, :, 1:])
             for nodes in body.mesh.cells.T:
                 add(weight, nodes, 0.5 * body.mesh.lengths[:, None, None] * density)
     if body.component is not None and body.component.rigid:
@@ -76,6 +75,7 @@ def turned(moments: Moments, turn: np.ndarray) -> sp.csr_matrix:
 def _of_beams(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
     """Yield weights, unknowns (n_e, k) and moments (n_e, d, d, k, k) of elements."""
     dofs, lengths = element_dofs(body.mesh.cells, body.node_dofs), body.mesh.lengths
+    found = {}
     for weight, coefficients in body.section.mass_terms().items():
         if body.is_planar_beam:
             gradient = np.zeros((2, 2, 6))  # of the places of both nodes
@@ -85,7 +85,9 @@ def _of_beams(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:
         else:
             gradient = at_rest().reshape(2 * N_FRAME // 3, 3, 12).swapaxes(0, 1)
             mass = natural_mass(lengths, body.axes, np.array(coefficients))[:, ::3, ::3]
-        yield weight, dofs, np.einsum("iak,eab,jbl->eijkl", gradient, mass, gradient, optimize=True)
+        found[weight] = np.einsum("iak,eab,jbl->eijkl", gradient, mass, gradient, optimize=True)
+    for weight, moments in body.profiles.mass.over(found, np.arange(lengths.size)).items():
+        yield weight, dofs, moments
 
 
 def _of_lumps(body: Body) -> Iterator[tuple[Monomial, np.ndarray, np.ndarray]]:

@@ -120,13 +120,14 @@ class FieldsOnCells:
         d, n = self._fields.shape[1:]
         axes, n_pairs = np.tril_indices(d), n * (n + 1) // 2
         found: dict[Monomial, np.ndarray] = {}
-        for region, geometry, gradients, _ in self._shares(axes[0].size * n_pairs):
+        for region, cells, geometry, gradients, _ in self._shares(axes[0].size * n_pairs):
             strains = np.empty((geometry.volumes.size, axes[0].size, n_pairs))
             _fill_strains(gradients, strains)
             stresses = _on_pairs(_stresses(region, gradients), axes, geometry.volumes.ravel())
-            part = region.modulus.coefficient * (strains.reshape(-1, n_pairs).T @ stresses)
-            weight = region.modulus.monomial
-            found[weight] = found.get(weight, 0.0) + part
+            by_cell = {region.modulus.monomial: region.modulus.coefficient * stresses.reshape(cells.size, -1, n)}
+            for weight, own in self._solid.profiles.stiffness.over(by_cell, cells).items():
+                part = strains.reshape(-1, n_pairs).T @ own.reshape(-1, n)
+                found[weight] = found.get(weight, 0.0) + part
         return {weight: _cyclic(part, n) for weight, part in found.items()}
 
     def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
@@ -138,8 +139,10 @@ class FieldsOnCells:
         m = vectors.shape[1]
         axes, n_pairs = np.tril_indices(d), m * (m + 1) // 2
         packed, mixed = np.zeros((n_pairs, n)), np.zeros((n, m, m))
-        for region, geometry, gradients, _ in self._shares(d * d * (n + m * m)):
-            weight = float(region.modulus.at(values)) * geometry.volumes.ravel()
+        for region, cells, geometry, gradients, _ in self._shares(d * d * (n + m * m)):
+            by_cell = {region.modulus.monomial: region.modulus.coefficient * geometry.volumes}
+            parts = self._solid.profiles.stiffness.over(by_cell, cells)
+            weight = sum(float(monomial.evaluate(values)) * part for monomial, part in parts.items()).ravel()
             own = gradients @ vectors
             strains = np.empty((weight.size, axes[0].size, n_pairs))
             _fill_strains(own, strains)
@@ -159,16 +162,17 @@ class FieldsOnCells:
         first, and of Young's modulus by weight, shape (n_pieces,)."""
         n, t = self._fields.shape[2], axis.direction
         strains, moduli = np.zeros((axis.n_pieces, 1 + n)), {}
-        for region, geometry, gradients, points in self._shares(n):
+        for region, cells, geometry, gradients, points in self._shares(n):
             volumes, pieces = geometry.volumes.ravel(), axis.pieces(points)
             along = np.einsum("pkln,k,l->pn", gradients, t, t, optimize=True)
             np.add.at(strains, pieces, volumes[:, None] * np.column_stack([np.ones(volumes.size), along]))
-            own = moduli.setdefault(region.modulus.monomial, np.zeros(axis.n_pieces))
-            np.add.at(own, pieces, region.modulus.coefficient * volumes)
+            by_cell = {region.modulus.monomial: region.modulus.coefficient * geometry.volumes}
+            for weight, own in self._solid.profiles.stiffness.over(by_cell, cells).items():
+                np.add.at(moduli.setdefault(weight, np.zeros(axis.n_pieces)), pieces, own.ravel())
         return strains, moduli
 
-    def _shares(self, numbers: int) -> Iterator[tuple[Region, Geometry, np.ndarray, np.ndarray]]:
-        """Yield shares of cells of one region, so that `numbers` for each quadrature point stay in bounds: their
+    def _shares(self, numbers: int) -> Iterator[tuple[Region, np.ndarray, Geometry, np.ndarray, np.ndarray]]:
+        """Yield shares of cells of one region, so that `numbers` for each quadrature point stay in bounds: numbers,
         geometry, ``du_k/dX_l`` of every field at all quadrature points, shape (n_points, d, d, n), and the points."""
         mesh, rule = self._solid.mesh, reference_element(self._solid.mesh.kind).stiffness
         d, n = self._fields.shape[1:]
@@ -176,7 +180,7 @@ class FieldsOnCells:
             places = mesh.nodes[mesh.cells[chosen]]
             geometry, own = Geometry.of(places, rule), self._fields[self._places[self._row[chosen]]]
             gradients = np.einsum("eqla,eakn->eqkln", geometry.gradients, own, optimize=True).reshape(-1, d, d, n)
-            yield region, geometry, gradients, np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
+            yield region, chosen, geometry, gradients, np.einsum("qa,eai->eqi", rule.values, places).reshape(-1, d)
 
     def _chosen(self, numbers: int) -> Iterator[tuple[Region, np.ndarray]]:
         """Yield regions and shares of their cells, so that `numbers` a cell stay in bounds."""

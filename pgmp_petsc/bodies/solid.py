@@ -6,7 +6,7 @@ plane stress, the thickness are factors of the elements' matrices, so that
     K = sum_regions  E t K_region,    M = sum_regions  rho t M_region
 
 is affine in them, and the weights of terms are their products (`Quantity`); so it is in powers of a scale of the
-cross-section (`SectionScale`).
+cross-section (`SectionScale`), and in what multiplies them cell by cell (`Profile`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
+from pgmp_petsc.bodies.profile import UNIFORM, Profile, Profiles
 from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
@@ -64,12 +65,15 @@ class Solid:
         Materials; every cell is in one of them.
     section_scale
         What scales the cross-section.
+    profiles
+        What the constants are multiplied by, cell by cell.
     """
 
     name: str
     mesh: SolidMesh
     regions: tuple[Region, ...]
     section_scale: SectionScale | None = None
+    profiles: Profiles = UNIFORM
 
     @property
     def n_dofs(self) -> int:
@@ -84,11 +88,11 @@ class Solid:
             for power, pairs in self._powers():
                 yield region.modulus * power, partial(self._stiffness, lame=lame, pairs=pairs)
 
-        return self._assemble(nodes, parts)
+        return self._assemble(nodes, parts, self.profiles.stiffness)
 
     def mass(self, nodes: range) -> dict[Monomial, sp.csr_matrix]:
         """Return the rows of the consistent mass that belong to nodes, as `stiffness`."""
-        return self._assemble(nodes, lambda region: [(self._density(region), self._mass)])
+        return self._assemble(nodes, lambda region: [(self._density(region), self._mass)], self.profiles.mass)
 
     @property
     def volume(self) -> float:
@@ -99,8 +103,10 @@ class Solid:
     def weights(self, kind: str) -> set[Monomial]:
         """Return the weights of the affine terms of ``"mass"`` or ``"stiffness"``."""
         if kind == "mass":
-            return {self._density(region).monomial for region in self.regions}
-        return {(region.modulus * power).monomial for region in self.regions for power, _ in self._powers()}
+            own = {self._density(region).monomial for region in self.regions}
+        else:
+            own = {(region.modulus * power).monomial for region in self.regions for power, _ in self._powers()}
+        return self.profiles.of(kind).weights(own)
 
     @property
     def _element(self):
@@ -123,16 +129,21 @@ class Solid:
         scalar = elasticity.mass(elasticity.volumes_of(places, rule), rule)
         return np.einsum("eab,ij->eaibj", scalar, np.eye(self.mesh.dimension))
 
-    def _assemble(self, nodes: range, parts_of: Callable[[Region], Iterable[Part]]) -> dict[Monomial, sp.csr_matrix]:
+    def _assemble(
+        self, nodes: range, parts_of: Callable[[Region], Iterable[Part]], profile: Profile
+    ) -> dict[Monomial, sp.csr_matrix]:
         pattern = BlockPattern(self.mesh.cells, nodes, self.mesh.n_nodes)
         d = self.mesh.dimension
         terms: dict[Monomial, np.ndarray] = {}
         for region in self.regions:
             for factor, entries in parts_of(region):
-                data = terms.setdefault(factor.monomial, np.zeros((pattern.n_blocks, d, d)))
+                for weight in sorted(profile.weights({factor.monomial})):
+                    terms.setdefault(weight, np.zeros((pattern.n_blocks, d, d)))
                 for chosen in _shares(region.cells[pattern.touches(region.cells)], d * self.mesh.cells.shape[1]):
                     places = self.mesh.nodes[self.mesh.cells[chosen]]
-                    pattern.add(data, self.mesh.cells[chosen], factor.coefficient * entries(places))
+                    own = {factor.monomial: factor.coefficient * entries(places)}
+                    for weight, values in profile.over(own, chosen).items():
+                        pattern.add(terms[weight], self.mesh.cells[chosen], values)
         return {weight: pattern.matrix(data) for weight, data in terms.items()}
 
 

@@ -94,6 +94,10 @@ class SolidStrains:
         n_c, n_g, *shape = sampled.shape
         return (self.weights @ sampled.reshape(n_c * n_g, -1)).reshape(self.n_points, *shape)
 
+    def of_cells(self, values: np.ndarray) -> np.ndarray:
+        """Return the means at the points, shape (n_points,), of what is constant in every cell."""
+        return self.weights @ np.repeat(values[self.cells], self.gradients.shape[1])
+
     def within(self, materials: Sequence[np.ndarray], cells: np.ndarray) -> SolidStrains:
         """Return the points whose material is that of some cells, shape (n,)."""
         chosen = np.flatnonzero(np.isin(self.material, _owners(self.mesh, materials)[cells]))

@@ -72,7 +72,7 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
     a, b
         Strains `rest_strains` of both vectors of every pair, shape (n_elements, 9, n_pairs).
     section
-        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,).
+        ``(EA, GA_2, GA_3, GJ, EI_2, EI_3)``, shape (6,), or of every element (6, n_elements).
 
     Returns
     -------
@@ -80,7 +80,7 @@ def third_derivative(a: np.ndarray, b: np.ndarray, section: np.ndarray) -> np.nd
         Coefficients of the strains of c.
     """
     a, b = a.swapaxes(0, 1), b.swapaxes(0, 1)
-    stiffness = section[:, None, None]
+    stiffness = section.reshape(6, -1, 1)
     bent = stiffness * second_order(a, b)
     force, moment = bent[:3], bent[3:]
     # e'[c] = (w - m x e, k)

@@ -103,8 +103,8 @@ class _OfBeam:
         shape = (starts.size - 1, n_dofs)
         self._strains = sp.csr_matrix((strains.ravel(), columns.ravel(), starts), shape=shape)
         self._on_rows = self._strains.T.tocsr()[rows.start : rows.stop]
-        terms = body.section.stiffness_terms()
-        self.weights, self.terms = list(terms), [np.array(coefficients) for coefficients in terms.values()]
+        terms = body.sections("stiffness")
+        self.weights, self.terms = list(terms), [coefficients[chosen].T for coefficients in terms.values()]
 
     def forces(self, terms: Iterable[np.ndarray], vectors: np.ndarray, pairs: Pairs) -> Iterable[np.ndarray]:
         """Yield the forces on the strains for sections, each of shape (n_elements n_strains, n_pairs)."""

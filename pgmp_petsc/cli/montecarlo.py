@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -11,11 +12,15 @@ import numpy as np
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
+from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import KIND, ShardSamples
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
@@ -53,6 +58,11 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
 @click.option(
     "--shard", metavar="I/K", help="Integrate part I of K parts alone; pgmp merge joins their files to the whole."
 )
+@click.option(
+    "--rare", "rare", metavar="EVENT",
+    help='Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
+    "for any time in the run, or the label of one of ensemble.probabilities.",
+)  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
 @click.pass_context
@@ -68,6 +78,7 @@ def montecarlo(
     components: bool,
     ranks_per_sample: int,
     shard: str | None,
+    rare: str | None,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -79,6 +90,8 @@ def montecarlo(
     comm = context.obj.comm
     one_model(full, components)
     _one_source(n_samples, sampler, table)
+    if rare is not None:
+        alone(sampler=sampler, samples=table, shard=shard, resume=resume or None, ranks_per_sample=ranks_per_sample)
     if sampler is not None:
         overrides = (*overrides, f'ensemble.sampler="{sampler}"')
     if ranks_per_sample > 1 and not full:
@@ -86,10 +99,15 @@ def montecarlo(
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     part = None if shard is None else _part(shard)
-    context.with_resource(claimed(comm, output, "ensemble" if part is None else KIND, (source,)))
-    model = read_model(
-        context, source, overrides, settings, full, components, lambda scene: _refuse_drawn(scene, settings)
-    )
+    kind = RARE_EVENT if rare is not None else "ensemble" if part is None else KIND
+    context.with_resource(claimed(comm, output, kind, (source,)))
+
+    def refuse(scene: Scene) -> None:
+        _refuse_drawn(scene, settings)
+        if rare is not None:
+            event_of(rare, scene)
+
+    model = read_model(context, source, overrides, settings, full, components, refuse)
     loaded = model.scene
     if loaded.simulation.tolerance is not None:
         if part is not None:
@@ -101,7 +119,9 @@ def montecarlo(
 
         model, remark = settle_step(model, comm, ensemble=True)
         say(context, remark)
-    file = None if table is None else on_root(comm, _table, table, model.scene, n_samples, settings)
+    if rare is not None:
+        context.exit(run_rare(context, model, rare, n_samples, seed, output))
+    file = None if table is None else on_root(comm, _table, table, model, n_samples, settings)
     if file is not None:
         n_samples = len(next(iter(file.values.values())))
     if part is not None and part.count > n_samples:
@@ -149,15 +169,19 @@ def _one_source(n_samples: int | None, sampler: str | None, table: Path | None) 
         raise InputError(f"--sampler {sampler}: the samples are those of --samples {table}; give one of them")
 
 
-def _table(table: Path, scene: Scene, n_samples: int | None, settings: tuple[str, ...]) -> SampleFile:
+def _table(table: Path, model: Model, n_samples: int | None, settings: tuple[str, ...]) -> SampleFile:
     """Read a file of samples, and refuse values for parameters that it gives."""
-    file = read_samples(table, scene, n_samples)
+    file = read_samples(table, model.scene, n_samples)
     for setting in settings:
         name = setting.partition("=")[0].strip()
         if name in file.values:
             raise InputError(
                 f"--set {setting}: every sample takes '{name}' from --samples {table}; leave one of them out"
             )
+    if isinstance(model, ReducedModel):
+        refuse_beyond(model.served, file.values, f"--samples {table}")
+        said = outside_of(model.served, file.values, f"--samples {table}")
+        file = replace(file, remarks=(*file.remarks, *said))
     return file
 
 

@@ -40,7 +40,7 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
     trajectories.png (full-order and reduced ones are compared where they are of one case); the first that has
     them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
     densities.png and, each ensemble by itself, bands.png (outputs over time) and sobol.png (which parameters
-    matter), trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
+    matter), rare events rare_event.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from pgmp_petsc.bodies.component import Component
-from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
@@ -23,7 +23,6 @@ from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.spanning_values import spanning_values
 from pgmp_petsc.scene.stress_checks import stressed_bodies
 
@@ -84,7 +83,7 @@ def condensed(
     memory = None if free is None else FACTOR_SHARE * free
     with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
         for name in own:
-            meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shapes[name], points_used(scene, name))
+            meshed = framed_solid(scene, name, shapes[name])
             if scene.bodies[name].flexible:
                 check_slender(scene, meshed)
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained

@@ -19,7 +19,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.matrices import assemble, axial_stiffness
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.shape import BodyShape
@@ -76,7 +76,7 @@ def _floating(scene: Scene, body: Body, shape: BodyShape) -> FloatingBody:
     if body.meshed is None:
         return _of_beams(scene, body, points)
     # not the mechanism's own, whose mesh has the cross-section of one sample already
-    return _of_solid(scene, FramedSolid.of(body.name, scene.bodies[body.name], scene.materials, shape, points))
+    return _of_solid(scene, framed_solid(scene, body.name, shape))
 
 
 def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
@@ -187,14 +187,15 @@ def _moments_of_beams(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarra
     shared = np.hstack([np.ones((mesh.n_nodes, 1)), mesh.nodes, *by_node[:, :d].swapaxes(0, 1)])
     consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
     found: dict[Monomial, np.ndarray] = {}
-    for nodes, length, across in zip(mesh.cells, mesh.lengths, _across(body)):
+    terms = body.sections("mass")
+    for number, (nodes, length, across) in enumerate(zip(mesh.cells, mesh.lengths, _across(body))):
         fields = [shared[nodes]]
         for t in across:
             turned = np.cross(spins[nodes], t, axisa=1, axisb=0)
             at_rest = np.hstack([np.zeros((2, 1)), np.tile(t[:d], (2, 1))])
             fields.append(np.hstack([at_rest, *(turned[..., k] for k in range(d))]))
-        for weight, coefficients in body.section.mass_terms().items():
-            for coefficient, field in zip(coefficients, fields):
+        for weight, coefficients in terms.items():
+            for coefficient, field in zip(coefficients[number], fields):
                 if coefficient:
                     part = coefficient * length * (field.T @ consistent @ field)
                     found[weight] = found.get(weight, 0.0) + part
@@ -210,9 +211,10 @@ def _turned_sections(body: Body, modes: np.ndarray) -> dict[Monomial, np.ndarray
     spins = _spins(body, modes).swapaxes(1, 2)
     products = np.einsum("aic,ajc->aij", spins, spins)
     found: dict[Monomial, np.ndarray] = {}
-    for nodes, length, across in zip(body.mesh.cells, body.mesh.lengths, _across(body)):
-        for weight, coefficients in body.section.mass_terms().items():
-            for coefficient, t in zip(coefficients[1:], across):
+    terms = body.sections("mass")
+    for number, (nodes, length, across) in enumerate(zip(body.mesh.cells, body.mesh.lengths, _across(body))):
+        for weight, coefficients in terms.items():
+            for coefficient, t in zip(coefficients[number, 1:], across):
                 if not coefficient:
                     continue
                 along = spins[nodes] @ t

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.framed_solid import framed_solid
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.condensing import FACTOR_SHARE
@@ -24,7 +24,6 @@ from pgmp_petsc.components.petsc_terms import petsc_terms
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.points import points_used
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -75,7 +74,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
         return None
     name = max(solids, key=lambda key: solids[key].n_nodes * solids[key].dimension)
     mesh = solids[name]
-    meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points_used(scene, name))
+    meshed = framed_solid(scene, name, mesh)
     nodes = range(mesh.n_nodes * comm.rank // comm.size, mesh.n_nodes * (comm.rank + 1) // comm.size)
     start = time.perf_counter()
     mass, stiffness = (petsc_terms(assemble(nodes), comm) for assemble in (meshed.solid.mass, meshed.solid.stiffness))

@@ -15,6 +15,7 @@ from pgmp_petsc.dynamics.full_floating import add_energies_of_floating
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import of_element
 from pgmp_petsc.dynamics.full_modal import add_modal_damping
+from pgmp_petsc.dynamics.full_parts import section_owners
 from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_solids import add_energies
 from pgmp_petsc.runtime.lane_items import items, sine_cosine
@@ -40,8 +41,8 @@ class EnergyNames:
     @classmethod
     def of(cls, equations: FullEquations, motions: Sequence[Motion | Held]) -> EnergyNames:
         """Name the rows of a model."""
-        names, n_bodies = equations.damping.effects, len(equations.unknowns.bodies)
-        braked = [(False, names[k]) if k in names else None for k in range(n_bodies)]
+        names = equations.damping.effects
+        braked = [(False, names[k]) if k in names else None for k in section_owners(equations.unknowns.bodies)]
         of_modes = [(False, one.effect) for one in equations.modal]
         weights = [(effect.conservative, effect.name) for effect in equations.loads]
         acting = [(stored, action.effect) for stored in (False, True) for action in equations.actions]

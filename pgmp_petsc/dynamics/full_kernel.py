@@ -108,10 +108,11 @@ class FullProblem(NamedTuple):
     pattern
         Of the iteration matrix.
     section
-        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, shape (n_blocks, n_bodies, 7, n_lanes); the last
-        two are those of structural damping, and all the others of beams in the plane.
+        ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, and behind the bodies of elements with sections
+        of their own, shape (n_blocks, n_sections, 7, n_lanes); the last two are those of structural damping, and all
+        the others of beams in the plane. What an element calls its body is its row.
     rayleigh
-        beta (s) and alpha (1/s) of every body, shape (n_bodies, 2).
+        beta (s) and alpha (1/s) of all rows, shape (n_sections, 2).
     units
         1/size for translations, 1 for rotations and directors, shape (n_dofs,).
     """

@@ -17,6 +17,7 @@ from pgmp_petsc.bodies.beam2d import PACKED_COLUMNS, PACKED_ROWS
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Geometry, Lame
 from pgmp_petsc.bodies.matrices import element_dofs, lumped_entries
+from pgmp_petsc.bodies.solid import Region, Solid
 from pgmp_petsc.dynamics.body_damping import BodyDampings
 from pgmp_petsc.dynamics.floating_layout import FloatingBodies, body_tables, n_pose_of, places_of
 from pgmp_petsc.dynamics.full_beams import N_SECTION, N_VECTORS, Beams, Masses
@@ -88,14 +89,40 @@ def contiguous(part):
     return part
 
 
+def section_owners(bodies: Sequence[Body]) -> np.ndarray:
+    """Return the body of every row of sections, shape (n_sections,): one of each body, and behind these one of each
+    element of bodies whose elements have sections of their own."""
+    numbers = np.arange(len(bodies))
+    return np.concatenate([numbers, np.repeat(numbers, [_n_own_sections(body) for body in bodies])])
+
+
+def _n_own_sections(body: Body) -> int:
+    return len(body.mesh.cells) if body.is_beam and body.profiles else 0
+
+
+def _sections_of(bodies: Sequence[Body], number: int) -> np.ndarray:
+    """Return the rows of sections of a body's elements, shape (n_elements,)."""
+    n, own = len(bodies[number].mesh.cells), _n_own_sections(bodies[number])
+    first = len(bodies) + sum(_n_own_sections(body) for body in bodies[:number])
+    return np.arange(first, first + n) if own else np.full(n, number)
+
+
+def _coefficients(share: Share, body: Body, kind: str) -> np.ndarray:
+    """Return the coefficients of the sections of a body's rows, shape (n_rows, n_coefficients, n_samples)."""
+    rows = slice(None if body.profiles else 1)  # all elements of a uniform body have those of the first
+    return share.evaluate({weight: values[rows] for weight, values in body.sections(kind).items()})
+
+
 def sections(share: Share) -> np.ndarray:
-    """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)`` of every body, (n_blocks, n_bodies, 7, n_lanes)."""
-    table = np.zeros((len(share.bodies), 7, share.blocks.n_samples))
-    for number, (body, row) in enumerate(zip(share.bodies, table)):
+    """Evaluate ``(EA, k_s GA, EI, rho A, rho I, beta, alpha)``, (n_blocks, n_sections, 7, n_lanes): of every body,
+    and of elements with sections of their own (`section_owners`)."""
+    owners = section_owners(share.bodies)
+    table = np.zeros((owners.size, 7, share.blocks.n_samples))
+    for number, body in enumerate(share.bodies):
         if body.is_planar_beam:
-            s = body.section
-            row[:5] = [share.quantity(q) for q in (s.axial, s.shear, s.bending, s.line_density, s.rotary_density)]
-        row[5:] = np.array(share.damping.rayleigh_of(number))[:, None]
+            rows = np.unique(_sections_of(share.bodies, number))
+            table[rows, :3], table[rows, 3:5] = (_coefficients(share, body, kind) for kind in ("stiffness", "mass"))
+        table[owners == number, 5:] = np.array(share.damping.rayleigh_of(number))[:, None]
     return share.blocks.pack(table)
 
 
@@ -106,7 +133,8 @@ def planar_beams(share: Share) -> tuple[Elements, Pattern]:
         if body.is_planar_beam:
             dofs = element_dofs(body.elements)
             here = share.touches(dofs)
-            parts.append((dofs[here], body.mesh.lengths[here], body.directions[here], np.full(here.sum(), number)))
+            own = _sections_of(share.bodies, number)
+            parts.append((dofs[here], body.mesh.lengths[here], body.directions[here], own[here]))
     dofs, lengths, directions, owners = map(np.concatenate, zip(*parts))
     pattern = dofs[:, PACKED_ROWS], dofs[:, PACKED_COLUMNS]
     damped, nowhere = share.damping.any_rayleigh, np.zeros(0, dtype=int)
@@ -129,14 +157,15 @@ def spatial_beams(share: Share) -> tuple[Beams, Pattern]:
     """Return the beam elements in space."""
     n = 2 * N_POSE
     parts = [(np.zeros((0, n), dtype=int), np.zeros(0), np.zeros((0, 3, 3)), np.zeros(0, dtype=int))]
-    table = np.zeros((len(share.bodies), N_SECTION + 3, share.blocks.n_samples))
+    table = np.zeros((section_owners(share.bodies).size, N_SECTION + 3, share.blocks.n_samples))
     for number, body in enumerate(share.bodies):
         if body.is_beam and not body.is_planar_beam:
             dofs = element_dofs(body.elements, N_POSE)
             here = share.touches(dofs)
-            parts.append((dofs[here], body.mesh.lengths[here], body.axes[here], np.full(here.sum(), number)))
-            table[number, :N_SECTION] = share.evaluate(body.section.stiffness_terms())
-            table[number, N_SECTION:] = share.evaluate(body.section.mass_terms())
+            own = _sections_of(share.bodies, number)
+            parts.append((dofs[here], body.mesh.lengths[here], body.axes[here], own[here]))
+            table[np.unique(own), :N_SECTION] = _coefficients(share, body, "stiffness")
+            table[np.unique(own), N_SECTION:] = _coefficients(share, body, "mass")
     dofs, lengths, axes, owners = map(np.concatenate, zip(*parts))
     low = np.tril_indices(n)
     section = share.blocks.pack(table)
@@ -195,12 +224,14 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
             places = mesh.nodes[cells[here]]
             geometry = Geometry.of(places, rule.stiffness)
             mass = elasticity.mass(elasticity.volumes_of(places, rule.mass), rule.mass)
-            owner = np.full((2, here.sum()), [[len(moduli)], [number]])
+            own = _of_cells(share, body.meshed.solid, region)
+            rows = len(moduli) + (np.arange(len(cells)) if len(own) > 1 else np.zeros(len(cells), dtype=int))
+            owner = rows[here], np.full(here.sum(), number)
             found.append((dofs[here], geometry.gradients.swapaxes(2, 3), geometry.volumes, mass, *owner))
             lame = Lame.of(region.nu, dimension == 2)
-            constants.append((lame.first, lame.shear))
-            rayleigh.append(share.damping.rayleigh_of(number))
-            moduli.append([share.quantity(region.modulus), share.quantity(region.density)])
+            constants += [(lame.first, lame.shear)] * len(own)
+            rayleigh += [share.damping.rayleigh_of(number)] * len(own)
+            moduli += own
     n_nodes = max((part[0].shape[1] for part in found), default=1)
     n_points = max((part[2].shape[1] for part in found), default=1)
     empty, d = np.zeros(0, dtype=int), dimension
@@ -222,6 +253,17 @@ def solids(share: Share, dimension: int) -> tuple[Solids, Pattern]:
     rows, columns = here[:, low[0]], here[:, low[1]]
     absent = flat[:, low[0]] < 0
     return part, (np.where(absent, flat[:, :1], rows), np.where(absent, flat[:, :1], columns))
+
+
+def _of_cells(share: Share, solid: Solid, region: Region) -> list[np.ndarray]:
+    """Return modulus and density of a region, shape (2, n_samples): once, or cell by cell where they differ."""
+    cells = region.cells if solid.profiles else region.cells[:1]
+    constants = zip((region.modulus, region.density), (solid.profiles.stiffness, solid.profiles.mass))
+    found = [
+        share.evaluate(profile.over({constant.monomial: np.full(cells.size, constant.coefficient)}, cells))
+        for constant, profile in constants
+    ]
+    return list(np.stack(found, axis=1))
 
 
 def floating_bodies(

@@ -22,6 +22,7 @@ from pgmp_petsc.dynamics.full_parts import (
     contiguous,
     floating_bodies,
     placed,
+    section_owners,
     planar_beams,
     planar_masses,
     sections,
@@ -166,7 +167,7 @@ class FullEquations:
             width_of(blocks.n_lanes), d, *placed_parts, self._entries_of(loads, len(falling), values, blocks), actions,
             ModalFactors.of(modal, d, self.layout.unknowns, rows), bound.placed(self.layout, self.owned_constraints),
             counting, self._pattern(), sections(share),
-            np.array([self.damping.rayleigh_of(k) for k in range(len(unknowns.bodies))]), units[here],
+            np.array([self.damping.rayleigh_of(k) for k in section_owners(unknowns.bodies)]), units[here],
         ))  # fmt: skip
         self._coordinates = angles
         self.n_turns = angles.n + len(acting) if d == 3 else 0

@@ -88,7 +88,9 @@ def _n_together(solids, first, n_lanes):
     """Return how many elements from `first` on are evaluated together: with several samples one."""
     last = first + 1
     while n_lanes == 1 and last < min(first + LANES, solids.region.size):
-        if solids.region[last] != solids.region[first]:
+        one, other = solids.region[first], solids.region[last]
+        same = solids.lame[one, 0] == solids.lame[other, 0] and solids.lame[one, 1] == solids.lame[other, 1]
+        if not same or solids.body[first] != solids.body[last]:  # moduli may differ, damping is that of bodies
             break
         last += 1
     return last - first

@@ -25,7 +25,7 @@ from pgmp_petsc.runtime.errors import InputError
 
 BITS = 30  # of the numbers of a Sobol sequence
 MOST_OF_LATIN_HYPERCUBE = 100_000_000  # samples: every rank holds 4 bytes a parameter of each
-OF_ORDER, OF_SCRAMBLE, OF_BLOCKS = 0, 1, 2  # first keys of streams that are no sample's
+OF_ORDER, OF_SCRAMBLE, OF_BLOCKS, OF_RARE = 0, 1, 2, 3  # first keys of streams that are no sample's
 
 
 class Design(Protocol):

@@ -17,7 +17,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.watchers import Begun, Found
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.results.ensemble import EXTREMES
-from pgmp_petsc.scene.ensemble import Event
+from pgmp_petsc.scene.ensemble import Ensemble, Event
 from pgmp_petsc.scene.numerics import Simulation
 
 LARGEST = 1 << 16  # states of reduced samples that are evaluated together
@@ -43,10 +43,12 @@ class OverTimeWatcher:
         The model.
     with_bands
         Whether values at the instants of the bands are kept.
+    asked
+        What is asked for; by default what the scene asks for.
     """
 
-    def __init__(self, model: Model, with_bands: bool) -> None:
-        asked = model.scene.ensemble
+    def __init__(self, model: Model, with_bands: bool, asked: Ensemble | None = None) -> None:
+        asked = model.scene.ensemble if asked is None else asked
         self._model, self._extremes = model, asked.extremes
         self._outputs = list(model.outputs.functions)
         self._events = {label: event for label, event in asked.probabilities.items() if event.when == "ever"}

@@ -8,7 +8,7 @@ matrix, and uniform again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.correlation import correlation_matrix
+from pgmp_petsc.scene.random_fields import variables_of
 from pgmp_petsc.scene.spanning_values import uncertain_names
 
 MUCH_CUT_OFF = 0.1  # of a distribution by its bounds
@@ -50,29 +51,20 @@ class Sampler:
     def __init__(self, scene: Scene, plan: Plan) -> None:
         self._scene, self._plan = scene, plan
         self.kind = "file" if plan.file is not None else scene.ensemble.sampler
-        self.names = uncertain_names(scene) if plan.file is None else sorted(plan.file.values)
-        if not self.names:
-            raise InputError(
-                "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
-                '[parameters.r1] distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }'
-            )
+        self.names = drawn_names(scene) if plan.file is None else sorted(plan.file.values)
         self._design = None if plan.file is not None else self._designed()
         self.extends = self._design is None or self._design.extends
-        matrix = correlation_matrix(scene, self.names) if plan.file is None else None
-        self._mixing = None if matrix is None else np.linalg.cholesky(matrix)
+        self._mixing = mixing_of(scene, self.names) if plan.file is None else None
 
     def draw(self, first: int, last: int) -> dict[str, np.ndarray]:
         """Return samples first to last - 1: values of all parameters, each (last - first,).
 
         Parameters that are not drawn keep the value of the run.
         """
-        values = {name: np.full(last - first, value) for name, value in self._scene.values.items()}
         if self._plan.file is not None:
-            return values | {name: column[first:last] for name, column in self._plan.file.values.items()}
-        uniform = self._correlated(self._design.uniform(first, last))
-        for column, name in zip(uniform.T, self.names):
-            values[name] = self._scene.parameters[name].quantiles(column)
-        return values
+            given = {name: column[first:last] for name, column in self._plan.file.values.items()}
+            return {name: np.full(last - first, value) for name, value in self._scene.values.items()} | given
+        return values_of(self._scene, self.names, self._design.uniform(first, last), self._mixing)
 
     def replicates(self, n: int) -> np.ndarray | None:
         """Return which independent replicate each of n samples belongs to, (n,); None where samples are independent."""
@@ -97,18 +89,53 @@ class Sampler:
             return Replicates(seed, d, asked.replicates)
         return LatinHypercube(seed, d, n) if self.kind == "latin_hypercube" else Independent(seed, d)
 
-    def _correlated(self, uniform: np.ndarray) -> np.ndarray:
-        """Return the uniform numbers (n, d) of correlated parameters; other columns stay as they are."""
-        if self._mixing is None:
-            return uniform
-        from scipy.special import ndtr, ndtri
 
-        mixed = np.flatnonzero(np.count_nonzero(self._mixing, axis=1) > 1)
-        # one product after the other: a sample must not depend on how many there are
-        normal, found = ndtri(uniform), uniform.copy()
-        for row in mixed:
-            found[:, row] = ndtr(sum(self._mixing[row, k] * normal[:, k] for k in range(row + 1)))
-        return found
+def drawn_names(scene: Scene) -> list[str]:
+    """Return the parameters that are drawn, sorted.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    names = uncertain_names(scene)
+    if not names:
+        raise InputError(
+            "parameters: none has a distribution, so there is nothing to draw from; give one, such as "
+            '[parameters.r1] distribution = { name = "norm", loc = 5.6e-3, scale = 0.56e-3 }'
+        )
+    return names
+
+
+def mixing_of(scene: Scene, names: Sequence[str]) -> np.ndarray | None:
+    """Return L of the correlation matrix ``L L^T`` of parameters; None where they are independent."""
+    matrix = correlation_matrix(scene, names)
+    return None if matrix is None else np.linalg.cholesky(matrix)
+
+
+def values_of(
+    scene: Scene, names: Sequence[str], uniform: np.ndarray, mixing: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Return the values of all parameters, each (n,), that uniform numbers (n, d) of some, not correlated yet, mean;
+    others have the value of the run."""
+    values = {name: np.full(len(uniform), value) for name, value in scene.values.items()}
+    for column, name in zip(_correlated(uniform, mixing).T, names):
+        values[name] = scene.parameters[name].quantiles(column)
+    return values
+
+
+def _correlated(uniform: np.ndarray, mixing: np.ndarray | None) -> np.ndarray:
+    """Return the uniform numbers (n, d) of correlated parameters; other columns stay as they are."""
+    if mixing is None:
+        return uniform
+    from scipy.special import ndtr, ndtri
+
+    mixed = np.flatnonzero(np.count_nonzero(mixing, axis=1) > 1)
+    # one product after the other: a sample must not depend on how many there are
+    normal, found = ndtri(uniform), uniform.copy()
+    for row in mixed:
+        found[:, row] = ndtr(sum(mixing[row, k] * normal[:, k] for k in range(row + 1)))
+    return found
 
 
 def draw(scene: Scene, seed: int, first: int, last: int) -> dict[str, np.ndarray]:
@@ -167,7 +194,7 @@ def _of_replicates(n: int, n_replicates: int) -> list[Remark]:
 
 def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
     """Return what is to be said of the distributions that samples come from."""
-    remarks = []
+    remarks, variables = [], variables_of(scene)  # of which fields say where they are cut off
     for name, parameter in scene.parameters.items():
         if parameter.distribution is None:
             continue
@@ -179,7 +206,7 @@ def draw_remarks(scene: Scene) -> tuple[Remark, ...]:
                 )
             )
         below, above = parameter.cut_off
-        if below + above > 0.0:
+        if below + above > 0.0 and name not in variables:
             low, high = parameter.bounds
             text = (
                 f"parameters.{name}: its distribution is truncated to the bounds [{low:g}, {high:g}] and renormalised; "

@@ -21,18 +21,26 @@ from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
+from pgmp_petsc.figures.rare_event import rare_event
 from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
-READERS = {"modes": ModesTable, "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff}
+READERS = {
+    "modes": ModesTable,
+    "trajectory": Trajectory,
+    "ensemble": Ensemble,
+    "tradeoff": Tradeoff,
+    "rare_event": RareEvent,
+}
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix
-Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff)
+Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, RareEvent)
 Sourced = list[tuple[Path, Result]]  # results and the files that they come from
 
 
@@ -81,7 +89,7 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> l
 
 def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
     """Return the pictures of one scene's results, and lines on what is left out."""
-    tables, runs, ensembles, studies = (
+    tables, runs, ensembles, studies, rare = (
         [(path, result) for path, result in results if isinstance(result, kind)] for kind in READERS.values()
     )
     of_runs, notes = _of_runs(runs, exaggeration)
@@ -91,6 +99,8 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
             pictures[f"{name}{suffix}"] = partial(picture, study)
+    for event, name in _numbered([event for _, event in rare], "rare_event"):
+        pictures[name] = partial(rare_event, event)
     return pictures, notes
 
 

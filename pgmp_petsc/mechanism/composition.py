@@ -12,7 +12,8 @@ from pgmp_petsc.bodies.beam3d import section_axes
 from pgmp_petsc.bodies.body import Body, LumpedMass, joined
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody
-from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.framed_solid import framed_solid
+from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.rigid_component import rigid_component, rigid_line
 from pgmp_petsc.bodies.section import BeamSection, SpatialSection
 from pgmp_petsc.bodies.shape import BodyShape
@@ -25,7 +26,6 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.bodies import Placement
 from pgmp_petsc.scene.effects import PointMass
-from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.schema import Scene
 
 GROUND = "ground"
@@ -55,8 +55,10 @@ def bodies_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> tuple[Body, ...]
             continue
         material = None if entry.material is None else scene.materials[entry.material]
         section = BeamSection.of(entry.section, material)
-        make = Body.beam if entry.flexible else Body.rigid
-        bodies[name] = make(name, meshes[name], section)
+        if entry.flexible:
+            bodies[name] = Body.beam(name, meshes[name], section, profiles_of(scene, name, meshes[name]))
+        else:
+            bodies[name] = Body.rigid(name, meshes[name], section)
     for name, effect in scene.effects.items():
         if isinstance(effect, PointMass):
             owner, _, point = effect.point.partition(":")
@@ -98,7 +100,7 @@ def _beam_in_space(scene: Scene, name: str, mesh: LineMesh) -> Body:
     material = None if entry.material is None else scene.materials[entry.material]
     section = SpatialSection.of(entry.section, material, scene.nominal)
     if entry.flexible:
-        return Body.beam_in_space(name, mesh, section, axes)
+        return Body.beam_in_space(name, mesh, section, axes, profiles_of(scene, name, mesh))
     return replace(Body.condensed(name, rigid_line(name, mesh, section, axes)), shape=mesh)
 
 
@@ -106,7 +108,7 @@ def _continuum(scene: Scene, name: str, shape: SolidMesh | Component) -> Body:
     """Return a continuum body from its mesh, or condensed."""
     if isinstance(shape, Component):
         return Body.condensed(name, shape)
-    meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, shape, points_used(scene, name)).at(scene.values)
+    meshed = framed_solid(scene, name, shape).at(scene.values)
     if not scene.bodies[name].flexible:
         return Body.condensed(name, rigid_component(meshed))
     return Body.continuum(name, meshed)

@@ -26,8 +26,9 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.sample_grid import SampleGrid
+from pgmp_petsc.reduction.served_range import Served, served_ranges
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_from_toml
 
 
 class ReducedModel:
@@ -93,6 +94,11 @@ class ReducedModel:
                     f"simulation.initial.{coordinate.name}.position = {position:g}: outside the sampled range "
                     f"[{axis.lower:g}, {axis.upper:g}] rad"
                 )
+
+    @property
+    def served(self) -> dict[str, Served]:
+        """The ranges of parameters that the reduced model was built for."""
+        return served_ranges(scene_from_toml(self.rom.record.scene_toml, self.scene.directory), self.rom)
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in torques and forces over time, and in the

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.bodies.beam_strains import BeamStrains, stiffnesses
+from pgmp_petsc.bodies.beam_strains import BeamStrains
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.elasticity import Lame
 from pgmp_petsc.bodies.framed_solid import cells_of_materials
+from pgmp_petsc.bodies.profile import Profile
+from pgmp_petsc.bodies.random_fields import profiles_of
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.mechanism.composition import bodies_of
@@ -40,9 +42,12 @@ class SolidLaw:
     ----------
     materials
         Young's modulus (Pa) and Lame's constants over it of every material.
+    profile
+        What the modulus is multiplied by, cell by cell.
     """
 
     materials: tuple[tuple[Quantity, Lame], ...]
+    profile: Profile = Profile()
 
     def values(self, quantity: str, points: SolidStrains, strains: np.ndarray, parameters: Values) -> np.ndarray:
         """Return a quantity at all points, shape (n_points, n), for strains (n_points, n_strains, n)."""
@@ -50,6 +55,8 @@ class SolidLaw:
         for number, (modulus, lame) in enumerate(self.materials):
             own = points.material == number
             stresses[own] = hooke(strains[own], lame) * modulus.at(parameters)
+        if self.profile:
+            stresses *= np.expand_dims(self.profile.at(parameters, points.of_cells), 1)
         if quantity == "von_mises":
             return von_mises(stresses)
         return principal(stresses, quantity == "principal_max")
@@ -82,8 +89,8 @@ class BeamLaw:
         forces = points.forces(strains, parameters)
         if quantity not in OF_FIBRES:
             return forces[:, _number_of(quantity, points.body)]
-        young = self.modulus.at(parameters)
-        bent = forces / stiffnesses(points.body, parameters, strains.shape[2])  # strains again, moments at the points
+        young = self.modulus.at(parameters) * points.body.profiles.modulus.at(parameters, points.of_cells)
+        bent = forces / points.stiffnesses(parameters)  # strains again, moments at the points
         along_2, along_3 = (reach.at(parameters) for reach in self.reach)
         if not points.in_space:
             bending = np.abs(bent[:, 2]) * along_2
@@ -97,8 +104,9 @@ class BeamLaw:
         """Return the quantity for a strain of 1, or a curvature of 1 over the body's length, at nominal parameters."""
         if quantity in OF_FIBRES:
             return float(self.modulus.at(nominal))
-        resists = stiffnesses(body, nominal, 1)[_number_of(quantity, body), 0]
-        return float(resists / (body.extent if "moment" in quantity else 1.0))
+        terms = body.sections("stiffness").items()
+        resists = sum(float(weight.evaluate(nominal)) * c[:, _number_of(quantity, body)] for weight, c in terms)
+        return float(resists.max() / (body.extent if "moment" in quantity else 1.0))
 
 
 def _number_of(quantity: str, body: Body) -> int:
@@ -192,7 +200,8 @@ def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | Bea
     if isinstance(carrier, SolidMesh):
         used = (scene.materials[material] for material, _ in cells_of_materials(name, entry, carrier))
         plane = carrier.dimension == 2
-        return SolidLaw(tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used))
+        materials = tuple((Quantity.of(one.E), Lame.of(one.nu, plane)) for one in used)
+        return SolidLaw(materials, profiles_of(scene, name, carrier).modulus)
     if entry.material is None:
         return BeamLaw(None, None, False)
     modulus, section = Quantity.of(scene.materials[entry.material].E), entry.section

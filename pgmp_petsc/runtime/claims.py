@@ -28,6 +28,7 @@ KINDS = {
     "trajectory": "trajectory",
     "ensemble": "ensemble",
     "shard": "shard of an ensemble",
+    "rare_event": "rare event",
     "modes": "table of modes",
     "tradeoff": "trade-off study",
 }

@@ -19,6 +19,7 @@ from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import Initial, InitialState, Reduction, Reference, Simulation
 from pgmp_petsc.scene.outputs import Output
 from pgmp_petsc.scene.parameters import Parameter
+from pgmp_petsc.scene.random_fields import RandomField, field_problems
 from pgmp_petsc.scene.references import reference_problems
 from pgmp_petsc.scene.units import unit_problems
 from pgmp_petsc.scene.uses import uses_of
@@ -53,6 +54,7 @@ class Scene(Table):
     correlation: dict[Name, dict[Name, Number]] = Field(
         {}, description="of the normal variables behind two uncertain parameters: [correlation] r1 = { E = 0.5 }"
     )
+    fields: dict[Name, RandomField] = Field({}, description="a table for each random field over a body, [fields.NAME]")
     ensemble: Ensemble = Field(Ensemble(), description="many runs with drawn parameters")
     outputs: dict[Name, Output] = Field({}, description="what a run reports over time")
 
@@ -177,6 +179,7 @@ class Scene(Table):
         problems = [
             *reference_problems(self),
             *correlation_problems(self),
+            *field_problems(self),
             *ensemble_problems(self),
             *unit_problems(self, given),
         ]

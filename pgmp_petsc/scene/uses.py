@@ -87,6 +87,9 @@ def uses_of(scene: Scene) -> Iterator[Use]:
     for name, material in scene.materials.items():
         for key, unit in MATERIAL.items():
             yield Use(f"materials.{name}.{key}", getattr(material, key), "positive", (unit,))
+    for name, field in scene.fields.items():
+        for parameter in field.names(name):
+            yield Use(f"fields.{name}", parameter, "any", ("1",))
     for name, body in scene.bodies.items():
         for key, unit in BODY.items():
             if getattr(body, key) is not None:

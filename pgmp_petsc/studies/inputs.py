@@ -7,12 +7,14 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.outputs.stress import check_stresses
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.reduction.served_range import check_served, served_ranges
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
@@ -20,7 +22,7 @@ from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.plausibility import plausibility
 
 # what a ROM's tables depend on; all else may be changed when it is used
-BUILT = ("ground", "materials", "bodies", "joints", "coordinates", "reduction")
+BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")
 OVER_TIME = ("table", "harmonic")
 OF_EFFECTS = {
     "torque": OVER_TIME,
@@ -54,7 +56,7 @@ def read_scene(
         meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
         check_capabilities(scene, purpose, meshes)
         check_stresses(scene, meshes)
-        return scene.with_remarks(plausibility(scene, meshes)), meshes
+        return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
     return on_root(comm, read)
 
@@ -89,7 +91,8 @@ def read_rom(
         scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
         _check_tables_hold(built, scene, path)
         check_capabilities(scene, Purpose.REDUCED)
-        return _step_left_open(built, scene).with_remarks(plausibility(scene)), rom
+        said = check_served(served_ranges(built, rom), scene)
+        return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said)), rom
 
     return on_root(comm, read)
 

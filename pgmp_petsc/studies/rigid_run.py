@@ -128,7 +128,7 @@ def _needed(run: RigidRun, n_steps: int) -> int:
 
 def _with_rigid_bodies(scene: Scene) -> Scene:
     """Return the scene with rigid bodies, whose sections and materials have the values of the parameters: not every
-    rigid body's inertia is affine in them."""
+    rigid body's inertia is affine in them. Densities that are fields have their mean."""
 
     def valued(table: Table, names: Iterable[str]) -> Table:
         used = [name for name in names if isinstance(getattr(table, name, None), str)]
@@ -141,7 +141,7 @@ def _with_rigid_bodies(scene: Scene) -> Scene:
     materials = {name: valued(material, MATERIAL) for name, material in scene.materials.items()}
     effects = {k: effect for k, effect in scene.effects.items() if not isinstance(effect, StructuralDamping)}
     # stresses are those of flexible bodies alone
-    changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}}
+    changed = {"bodies": bodies, "materials": materials, "effects": effects, "outputs": {}, "fields": {}}
     return scene.model_copy(update=changed)
 
 

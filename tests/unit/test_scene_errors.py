@@ -80,7 +80,7 @@ ENTRIES = [
         "foo=1",
         (
             "foo = 1: unknown key (allowed: scene, ground, parameters, materials, bodies, joints,"
-            " coordinates, effects, reduction, initial, simulation, reference, correlation, ensemble, outputs)"
+            " coordinates, effects, reduction, initial, simulation, reference, correlation, fields, ensemble, outputs)"
         ),
     ),
     (

@@ -1,0 +1,118 @@
+"""What varies over a body: factors of its cells' matrices, affine in parameters.
+
+A constant of a uniform body, such as E A, has in cell e the factor
+
+    1 + sum_k w_k(p) f_k(e)
+
+with weights w_k of the parameters and numbers f_k(e). Matrices are linear in the constants, so every further weight is
+one more affine term (Naets et al. 2015, eq. (2)): that of the uniform body with cell e times f_k(e).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pgmp_petsc.bodies.affine import Monomial
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A factor over the cells of a body.
+
+    Attributes
+    ----------
+    terms
+        f_k by weight, each of shape (n_cells,), beside the 1; none of a uniform body.
+    """
+
+    terms: Mapping[Monomial, np.ndarray] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return bool(self.terms)
+
+    def __mul__(self, other: Profile) -> Profile:
+        product = dict(self.terms)
+        for weight, values in other.terms.items():
+            product[weight] = product.get(weight, 0.0) + values
+            for own, factors in self.terms.items():
+                product[own * weight] = product.get(own * weight, 0.0) + factors * values
+        return Profile(product)
+
+    def over(self, terms: Mapping[Monomial, np.ndarray], cells: np.ndarray | slice) -> dict[Monomial, np.ndarray]:
+        """Return affine terms with the factor, by weight.
+
+        Parameters
+        ----------
+        terms
+            Of a uniform body, each with one row a cell, shape (n, ...).
+        cells
+            Numbers of these cells.
+        """
+        found = dict(terms)
+        for factor, along in self.terms.items():
+            chosen = along[cells]
+            for weight, values in terms.items():
+                part = chosen.reshape(-1, *[1] * (values.ndim - 1)) * values
+                found[weight * factor] = found.get(weight * factor, 0.0) + part
+        return found
+
+    def weights(self, own: set[Monomial]) -> set[Monomial]:
+        """Return the weights that `over` makes of some."""
+        return own | {weight * factor for weight in own for factor in self.terms}
+
+    def at(
+        self, values: Mapping[str, np.ndarray | float], of_cells: Callable[[np.ndarray], np.ndarray]
+    ) -> np.ndarray | float:
+        """Return the factor at points, shape (n_points, 1 or n); of a uniform body 1.0.
+
+        Parameters
+        ----------
+        values
+            Parameter values, numbers or of shape (n,).
+        of_cells
+            What makes values at the points (n_points,) of those in all cells (n_cells,), and keeps ones.
+        """
+        total: np.ndarray | float = 1.0
+        for weight, along in self.terms.items():
+            total = total + np.multiply.outer(of_cells(along), np.atleast_1d(weight.evaluate(values)))
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """The factors of a body.
+
+    Attributes
+    ----------
+    modulus, density
+        Of Young's modulus and of the density.
+    size
+        Of a size of its cross-section that stiffness and mass are proportional to.
+    """
+
+    modulus: Profile = Profile()
+    density: Profile = Profile()
+    size: Profile = Profile()
+
+    def __bool__(self) -> bool:
+        return bool(self.modulus or self.density or self.size)
+
+    @property
+    def stiffness(self) -> Profile:
+        """Factor of the stiffness."""
+        return self.modulus * self.size
+
+    @property
+    def mass(self) -> Profile:
+        """Factor of the mass."""
+        return self.density * self.size
+
+    def of(self, kind: str) -> Profile:
+        """Return the factor of ``"mass"`` or ``"stiffness"``."""
+        return self.mass if kind == "mass" else self.stiffness
+
+
+UNIFORM = Profiles()

@@ -1,0 +1,251 @@
+"""Probabilities of rare events: subset simulation finds where an event is, importance sampling says how likely.
+
+Samples are of independent standard normal variables u, of which distributions make parameters. The event is ``g(u) <=
+0``. Subset simulation (Au and Beck, Probabilistic Engineering Mechanics 16 (2001) 263-277) lowers a threshold on g so
+that a tenth of each level's samples pass it, and from these goes on by conditional sampling (Papaioannou, Betz,
+Zwirglmaier and Straub, Probabilistic Engineering Mechanics 41 (2015) 89-103): ``v = rho u + sqrt(1 - rho^2) w`` with
+w standard normal, kept where it passes the threshold. Chains of the last level are in the event, in all parts of it
+that were found.
+
+Normal kernels about these points make the density q that further, independent samples are drawn from (`importance`).
+Their mean of ``1[g <= 0] phi(u) / q(u)`` is the probability: unbiased wherever the points are, and with an interval
+from the central limit theorem. What it rests on is that no part of the event is far from all points: a part that no
+chain has found has no part in the interval either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.ensemble.designs import OF_RARE, stream
+from pgmp_petsc.ensemble.importance import chosen_density, log_normal
+
+SHARE = 10  # one of so many samples of a level passes its threshold, and begins a chain of as many samples
+LEAST_OF_LEVEL = 100
+PART_OF_LEVEL = 10  # of all samples a level has one of so many
+MOST_LEVELS = 30  # 1e-30 would be no statement about any real thing
+FIRST = 3  # one of so many weighted samples makes the density of the others
+ENOUGH = 20  # samples in the event, to make a density
+ACCEPTED = 0.44  # share of the steps of chains that are best accepted (Papaioannou et al. 2015)
+
+LimitState = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What a level of subset simulation found.
+
+    Attributes
+    ----------
+    threshold
+        On g, 0 of the last one.
+    share
+        Of the samples before that pass it.
+    accepted
+        Share of the steps of its chains that were accepted.
+    before
+        g of the samples before, shape (n,); infinite where the run failed.
+    """
+
+    threshold: float
+    share: float
+    accepted: float
+    before: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RareSamples:
+    """Samples and what follows from them.
+
+    Attributes
+    ----------
+    levels
+        Of subset simulation; the last one's threshold is 0 where the event was reached.
+    points
+        u of all samples in the order in which they were evaluated, shape (n, d).
+    limit_state
+        g of them, shape (n,); NaN where the run failed.
+    weights
+        ``phi / q`` of those of importance sampling, which are the last ones, shape (n_weighted,).
+    """
+
+    levels: tuple[Level, ...]
+    points: np.ndarray
+    limit_state: np.ndarray
+    weights: np.ndarray
+
+    @property
+    def reached(self) -> bool:
+        """Whether the event was reached and weighed."""
+        return self.weights.size > 0
+
+    @property
+    def by_levels(self) -> float:
+        """The probability that the levels alone give: their product, which has no interval."""
+        return float(np.prod([level.share for level in self.levels]))
+
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return g from large to small and the probabilities of no more, as the levels know them, each (n_points,)."""
+        found, probability = [np.zeros((2, 0))], 1.0
+        for level in self.levels:
+            values = np.sort(level.before)[::-1]
+            shares = probability * np.arange(values.size, 0, -1) / values.size
+            found.append(np.array([values, shares])[:, np.isfinite(values) & (values >= level.threshold)])
+            probability *= level.share
+        values, shares = np.concatenate(found, axis=1)
+        return values, shares
+
+    @property
+    def contributions(self) -> np.ndarray:
+        """Of every weighted sample, shape (n_weighted,): their mean is the probability; failed ones count as not in the
+        event."""
+        own = self.limit_state[self.limit_state.size - self.weights.size :]
+        return np.where(own <= 0.0, self.weights, 0.0)
+
+    @property
+    def probability(self) -> float:
+        """The probability; NaN where the event was not reached."""
+        return float(self.contributions.mean()) if self.reached else np.nan
+
+    @property
+    def at_most(self) -> float:
+        """The probability if all weighted samples whose runs failed had been in the event."""
+        own = self.limit_state[self.limit_state.size - self.weights.size :]
+        return float(np.where(own > 0.0, 0.0, self.weights).mean()) if self.reached else np.nan
+
+    @property
+    def variation(self) -> float:
+        """Coefficient of variation of the probability, estimated."""
+        found = self.contributions
+        if found.size < 2 or not found.any():
+            return np.nan
+        return float(found.std(ddof=1) / (found.mean() * np.sqrt(found.size)))
+
+    @property
+    def n_effective(self) -> float:
+        """Number of equally weighted samples in the event that would be as good."""
+        found = self.contributions
+        return float(found.sum() ** 2 / np.sum(found**2)) if found.any() else 0.0
+
+    def interval(self, confidence: float) -> np.ndarray:
+        """Return a confidence interval of the probability, shape (2,): of its logarithm, which is nearer to normal."""
+        from scipy.special import ndtri
+
+        if not np.isfinite(self.variation):
+            return np.full(2, np.nan)
+        spread = np.sqrt(np.log1p(self.variation**2)) * float(ndtri(0.5 + 0.5 * confidence))
+        return np.minimum(self.probability * np.exp([-spread, spread]), 1.0)
+
+
+def level_size(n_samples: int) -> int:
+    """Return how many samples a level of subset simulation has."""
+    return max(LEAST_OF_LEVEL, n_samples // PART_OF_LEVEL) // SHARE * SHARE
+
+
+def find(limit_state: LimitState, d: int, n_samples: int, seed: int) -> RareSamples:
+    """Find and weigh the event ``g <= 0``.
+
+    Parameters
+    ----------
+    limit_state
+        g of points (n, d), shape (n,); NaN where it is not known.
+    d
+        Number of variables.
+    n_samples
+        Evaluations of g at most; those that subset simulation leaves are weighted. At least as many as `level_size`
+        three times.
+    seed
+        Of all random numbers.
+    """
+    size = level_size(n_samples)
+    chains = _Chains(limit_state, seed, d)
+    points, g = chains.begin(size)
+    levels: list[Level] = []
+    while len(levels) < MOST_LEVELS:
+        g = np.where(np.isnan(g), np.inf, g)
+        threshold = max(0.0, float(np.sort(g)[size // SHARE - 1]))
+        passed = np.flatnonzero(g <= threshold)
+        stuck = not np.isfinite(threshold) or (levels and threshold >= levels[-1].threshold) or passed.size == size
+        if (stuck and threshold > 0.0) or chains.n + size > n_samples - size:
+            break  # no nearer to the event, or what would be left is too little to be weighed
+        before = g
+        points, g, accepted = chains.go_on(points[passed], g[passed], threshold, size)
+        levels.append(Level(threshold, passed.size / size, accepted, before))
+        if threshold == 0.0:
+            break
+    weights = np.zeros(0)
+    if levels and levels[-1].threshold == 0.0:
+        weights = chains.weigh(points, n_samples - chains.n)
+    return RareSamples(tuple(levels), np.concatenate(chains.points), np.concatenate(chains.values), weights)
+
+
+class _Chains:
+    """Evaluates g, and keeps all points."""
+
+    def __init__(self, limit_state: LimitState, seed: int, d: int) -> None:
+        self._limit_state, self._seed, self._d = limit_state, seed, d
+        self.points: list[np.ndarray] = []
+        self.values: list[np.ndarray] = []
+        self._spread = 0.6  # of a step over the deviation of the points
+        self._number = 0
+
+    @property
+    def n(self) -> int:
+        """Number of evaluations."""
+        return sum(part.size for part in self.values)
+
+    def begin(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return independent points and g."""
+        points = self._random().standard_normal((size, self._d))
+        return points, self._evaluate(points)
+
+    def go_on(
+        self, seeds: np.ndarray, g: np.ndarray, threshold: float, size: int
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return points (size, d) that pass a threshold, their g, and the share of accepted steps."""
+        random, deviation = self._random(), np.minimum(seeds.std(axis=0), 1.0)
+        current, value = seeds, g
+        points, values, accepted = [seeds], [g], []
+        while sum(map(len, points)) < size:
+            left = size - sum(map(len, points))
+            current, value = current[:left], value[:left]
+            sigma = np.minimum(self._spread * deviation, 1.0)
+            candidate = np.sqrt(1.0 - sigma**2) * current + sigma * random.standard_normal(current.shape)
+            found = self._evaluate(candidate)
+            better = found <= threshold
+            current, value = np.where(better[:, None], candidate, current), np.where(better, found, value)
+            accepted.append(better.mean())
+            self._spread *= np.exp((accepted[-1] - ACCEPTED) / np.sqrt(len(accepted)))
+            points.append(current)
+            values.append(value)
+        return np.concatenate(points)[:size], np.concatenate(values)[:size], float(np.mean(accepted or [1.0]))
+
+    def weigh(self, points: np.ndarray, n: int) -> np.ndarray:
+        """Evaluate n points from a density that points of the event make, and return their weights.
+
+        The first of them, which are independent as those of chains are not, make a better density for the others.
+        """
+        centres, counts = np.unique(points, axis=0, return_counts=True)
+        found, known = [], counts.astype(float)
+        for number in (n // FIRST, n - n // FIRST):
+            random = self._random()
+            density = chosen_density(centres, known, random)
+            drawn = density.draw(number, random)
+            inside = self._evaluate(drawn) <= 0.0
+            found.append(np.exp(log_normal(drawn) - density.log(drawn)))
+            if inside.sum() >= ENOUGH:
+                centres, known = drawn[inside], found[-1][inside]
+        return np.concatenate(found)
+
+    def _random(self) -> np.random.Generator:
+        self._number += 1
+        return stream(self._seed, OF_RARE, self._number)
+
+    def _evaluate(self, points: np.ndarray) -> np.ndarray:
+        found = self._limit_state(points)
+        self.points.append(points)
+        self.values.append(found)
+        return found

@@ -1,0 +1,202 @@
+"""The probability of a rare event of a model: `rare_events` with a model's runs, over ranks.
+
+Samples are dealt to ranks in pieces whose size depends on their number alone, and every rank has all values before it
+decides what comes next: so all decide the same, and any number of ranks finds the same.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import numpy as np
+from mpi4py import MPI
+from scipy.special import ndtr
+
+from pgmp_petsc.dynamics.ts_options import check_ts_options
+from pgmp_petsc.ensemble import rare_events
+from pgmp_petsc.ensemble.importance import FURTHEST
+from pgmp_petsc.ensemble.over_time import OverTimeWatcher
+from pgmp_petsc.ensemble.rare_events import RareSamples
+from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
+from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.reduction.served_range import outside_of
+from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.runtime.vectors import LANES
+from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene.ensemble import Ensemble, Event
+
+FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
+LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into
+FEW = 30.0  # effective samples below which an interval is not to be trusted
+APART = 3.0  # factor between what levels and weights say, beyond which one of them has missed something
+
+
+def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: MPI.Comm) -> RareEvent | None:
+    """Find the probability of an event with at most n samples. Collective on `comm`.
+
+    Returns
+    -------
+    RareEvent or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError
+        If no parameter has a distribution, or there are too few samples.
+    RunError
+        If samples cannot be integrated at all.
+    """
+    if n_samples < FEWEST:
+        raise InputError(f"-n {n_samples}: with --rare at least {FEWEST} samples are needed, of which levels are made")
+    timings = Timings()
+    with agreed(comm, "checking what the run is asked for"):
+        names = drawn_names(model.scene)
+        check_ts_options()
+    with timings.phase("integration"), ExitStack() as stack:
+        bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
+        runs = _Runs(model, event, names, comm, bar)
+        found = rare_events.find(runs.limit_state, len(names), n_samples, seed)
+    timings = timings.maximum(comm)
+    return _result(model, event, found, runs, seed, comm.size, timings) if comm.rank == 0 else None
+
+
+def words_of(event: Event, unit: str) -> str:
+    """Return an event in words."""
+    side = "above" if event.above is not None else "below"
+    when = "at the end" if event.when == "end" else "at any time"
+    return f"{event.output} {side} {event.level:g} {'' if unit == '1' else f'{unit} '}{when}"
+
+
+class _Runs:
+    """Runs of points in the space of normal variables.
+
+    Attributes
+    ----------
+    names
+        Parameters that are drawn.
+    values, status, parameters
+        Of all samples so far.
+    """
+
+    def __init__(self, model: Model, event: Event, names: list[str], comm: MPI.Comm, bar) -> None:
+        self._model, self._event, self._comm, self._bar = model, event, comm, bar
+        self.names, self._mixing = names, mixing_of(model.scene, names)
+        self._watcher = OverTimeWatcher(model, False, Ensemble(extremes=True))
+        self.values: list[np.ndarray] = []
+        self.status: list[np.ndarray] = []
+        self.parameters: list[dict[str, np.ndarray]] = []
+
+    def limit_state(self, points: np.ndarray) -> np.ndarray:
+        """Return g of points (n, d), shape (n,): how far the output is from the level; not above 0 in the event."""
+        uniform = ndtr(np.clip(points, -FURTHEST, FURTHEST))
+        values = values_of(self._model.scene, self.names, uniform, self._mixing)
+        n = len(points)
+        size = min(max(LEAST, -(-n // (PIECES * LANES)) * LANES), MOST, self._model.largest_batch)
+        ranges = [(first, min(first + size, n)) for first in range(0, n, size)]
+        own = []
+        with agreed(self._comm, "integration of the samples"):
+            for first, last in ranges[self._comm.rank :: self._comm.size]:
+                own.append((first, *self._run({name: column[first:last] for name, column in values.items()})))
+        parts = sorted((part for rank in self._comm.allgather(own) for part in rank), key=lambda part: part[0])
+        value, status = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        self.values.append(value)
+        self.status.append(status)
+        self.parameters.append(values)
+        self._bar.update(n)
+        return self._event.level - value if self._event.above is not None else value - self._event.level
+
+    def _run(self, values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the output that the event is of, NaN where the run failed, and the status, each (n,)."""
+        name, ever = self._event.output, self._event.when == "ever"
+        batch = run_batch(self._model, values, watchers=[self._watcher] if ever else [])
+        if not ever:
+            return batch.outputs[name], batch.status
+        return batch.extremes[f"{name}/{'max' if self._event.above is not None else 'min'}"], batch.status
+
+
+def _result(
+    model: Model, event: Event, found: RareSamples, runs: _Runs, seed: int, ranks: int, timings: Timings
+) -> RareEvent:
+    scene, unit = model.scene, model.outputs.units[event.output]
+    sign = -1.0 if event.above is not None else 1.0  # of g in values of the output
+    value, status = np.concatenate(runs.values), np.concatenate(runs.status)
+    weight = np.zeros(value.size)
+    weight[value.size - found.weights.size :] = found.weights
+    values, probabilities = found.curve()
+    confidence, words = scene.ensemble.confidence, words_of(event, unit)
+    parameters = {name: np.concatenate([part[name] for part in runs.parameters]) for name in scene.parameters}
+    said = (*scene.remarks, *_remarks(found, status, isinstance(model, FullModel)), *draw_remarks(scene))
+    if isinstance(model, ReducedModel):
+        said += outside_of(model.served, parameters, "--rare")
+    return RareEvent(
+        model=model.name,
+        record=RunRecord(scene_to_toml(scene), scene.values, seed, ranks, timings.as_dict(), said),
+        event=words,
+        output=event.output,
+        unit=unit,
+        confidence=confidence,
+        estimate=found.probability,
+        interval=found.interval(confidence),
+        variation=found.variation,
+        at_most=found.at_most,
+        n_effective=found.n_effective,
+        threshold=np.array([event.level + sign * level.threshold for level in found.levels]),
+        share=np.array([level.share for level in found.levels]),
+        accepted=np.array([level.accepted for level in found.levels]),
+        curve=(event.level + sign * values, probabilities),
+        names=tuple(runs.names),
+        normal=found.points,
+        value=value,
+        weight=weight,
+        parameters=parameters,
+        status=status,
+    )
+
+
+def _remarks(found: RareSamples, status: np.ndarray, whole: bool) -> list[Remark]:
+    """Return what the reader of a probability has to know."""
+    remarks, n_failed = [], int(np.count_nonzero(status))
+    if not found.reached:
+        last = f", from where 1 of {1.0 / found.by_levels:.3g} samples is left" if found.levels else ""
+        remarks.append(
+            warning(
+                f"the event was not reached by {len(found.levels)} levels of subset simulation{last}: it is rarer, or "
+                "cannot happen; take a larger -n, or a level that is nearer"
+            )
+        )
+    else:
+        remarks.append(
+            note(
+                f"the interval is of {found.weights.size} independent weighted samples (central limit theorem of the "
+                "logarithm); a part of the event apart from all that subset simulation found is not in it: another "
+                "--seed looks again"
+            )
+        )
+        if not found.n_effective >= FEW:
+            few = f"{found.n_effective:.3g} equally weighted ones"
+            remarks.append(warning(f"the weighted samples are worth {few} only; take a larger -n"))
+        if not 1.0 / APART < found.by_levels / found.probability < APART:
+            remarks.append(
+                warning(
+                    f"the levels alone say {found.by_levels:.3g}, far from the weighted {found.probability:.3g}: parts "
+                    "of the event may be missing; take a larger -n or another --seed"
+                )
+            )
+    if n_failed:
+        most = f"; with all of them in the event the probability would be {found.at_most:.4g}" if found.reached else ""
+        remarks.append(warning(f"{n_failed} of {status.size} samples failed and count as not in the event{most}"))
+    if not whole:
+        remarks.append(
+            note(
+                "errors of the model and of the time step were not estimated at these samples, and the interval does "
+                "not know of them; pgmp montecarlo without --rare estimates a reduced model's"
+            )
+        )
+    return remarks

@@ -1,0 +1,147 @@
+"""The probability of a rare event, and the samples that it follows from.
+
+============================ ============ ============================================================================
+dataset                      shape        meaning
+============================ ============ ============================================================================
+``/probability/estimate``    scalar       NaN where the event was not reached
+``/probability/interval``    (2)          confidence interval
+``/probability/variation``   scalar       coefficient of variation of the estimate
+``/probability/at_most``     scalar       the estimate if all failed samples had been in the event
+``/probability/n_effective`` scalar       number of equally weighted samples in the event that would be as good
+``/levels/threshold``        (n_levels)   of the output, of every level of subset simulation
+``/levels/share``            (n_levels)   of the samples before that pass it
+``/levels/accepted``         (n_levels)   share of the steps of its chains that were accepted
+``/curve/value``             (n_curve)    values of the output, the probability of beyond these falling
+``/curve/probability``       (n_curve)    as the levels know it
+``/samples/value``           (N)          of the output at the end, or the furthest in the run; NaN of failed ones
+``/samples/weight``          (N)          of importance sampling; 0 of subset simulation, which comes first
+``/samples/normal``          (N, d)       standard normal variables, in the order of attribute ``parameters``
+``/parameters/<name>``       (N)          values of the parameters
+``/status``                  (N)          0 = fine
+============================ ============ ============================================================================
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+
+if TYPE_CHECKING:
+    import h5py
+
+KIND = "rare_event"
+
+
+@dataclass(frozen=True, eq=False)
+class RareEvent:
+    """A rare event; arrays are those of the file (see the module).
+
+    Attributes
+    ----------
+    model
+        ``full``, ``components`` or ``reduced``.
+    event, output, unit
+        What comes true, in words; the output that it is of, and the output's unit.
+    names
+        Parameters, in the order of `normal`.
+    """
+
+    model: str
+    record: RunRecord
+    event: str
+    output: str
+    unit: str
+    confidence: float
+    estimate: float
+    interval: np.ndarray
+    variation: float
+    at_most: float
+    n_effective: float
+    threshold: np.ndarray
+    share: np.ndarray
+    accepted: np.ndarray
+    curve: tuple[np.ndarray, np.ndarray]
+    names: tuple[str, ...]
+    normal: np.ndarray
+    value: np.ndarray
+    weight: np.ndarray
+    parameters: dict[str, np.ndarray]
+    status: np.ndarray
+
+    def __post_init__(self) -> None:
+        check_model(self.model)
+        n = len(self.value)
+        check_shape("normal", self.normal, (n, len(self.names)))
+        for name in ("weight", "status"):
+            check_shape(name, getattr(self, name), (n,))
+        check_shape("interval", self.interval, (2,))
+        for name in ("share", "accepted"):
+            check_shape(name, getattr(self, name), (len(self.threshold),))
+
+    @property
+    def reached(self) -> bool:
+        """Whether the event was reached."""
+        return bool(np.isfinite(self.estimate))
+
+    @property
+    def n_failed(self) -> int:
+        """Number of samples that failed."""
+        return int(np.count_nonzero(self.status))
+
+    def write(self, path: str | os.PathLike[str], *parts: Callable[[h5py.File], None]) -> None:
+        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
+        attributes = {name: getattr(self, name) for name in ("model", "event", "output", "confidence")}
+        with write_file(path, KIND, attributes | {"parameters_drawn": list(self.names)}) as file:
+            self.record.write(file)
+            of_event = f"probability of '{self.event}'"
+            group = file.create_group("probability")
+            put(group, "estimate", self.estimate, "1", f"{of_event}; NaN where it was not reached")
+            put(group, "interval", self.interval, "1", f"{100 * self.confidence:g} % confidence interval")
+            put(group, "variation", self.variation, "1", "coefficient of variation of the estimate")
+            put(group, "at_most", self.at_most, "1", "the estimate if all failed samples had been in the event")
+            about = "number of equally weighted samples in the event that would be as good"
+            put(group, "n_effective", self.n_effective, "1", about)
+            group = file.create_group("levels")
+            put(group, "threshold", self.threshold, self.unit, f"of '{self.output}', of every level")
+            put(group, "share", self.share, "1", "of the samples before that pass it")
+            put(group, "accepted", self.accepted, "1", "share of the steps of its chains that were accepted")
+            group = file.create_group("curve")
+            put(group, "value", self.curve[0], self.unit, f"of '{self.output}'")
+            put(group, "probability", self.curve[1], "1", "of beyond these values, as the levels know it")
+            group = file.create_group("samples")
+            put(group, "value", self.value, self.unit, f"of '{self.output}', NaN of failed samples")
+            put(group, "weight", self.weight, "1", "of importance sampling; 0 of subset simulation")
+            put(group, "normal", self.normal, "1", "standard normal variables, in the order of parameters_drawn")
+            put_named(file, "parameters", self.parameters, {}, "values of '{name}', SI units")
+            put(file, "status", self.status.astype(np.int32), "1", "how each sample ended, 0 = fine")
+            for part in parts:
+                part(file)
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a file; raises as :func:`~pgmp_petsc.runtime.files.open_file`."""
+        with open_file(path, KIND) as file, shapes_of(file):
+            chance, levels, samples = (file[name] for name in ("probability", "levels", "samples"))
+            scalars = ("estimate", "variation", "at_most", "n_effective")
+            return cls(
+                record=RunRecord.read(file),
+                confidence=float(file.attrs["confidence"]),
+                unit=str(samples["value"].attrs["unit"]),
+                interval=take(chance, "interval", 1),
+                curve=(take(file["curve"], "value", 1), take(file["curve"], "probability", 1)),
+                names=tuple(str(name) for name in file.attrs["parameters_drawn"]),
+                normal=take(samples, "normal", 2),
+                parameters=take_named(file, "parameters", 1),
+                status=take(file, "status", 1),
+                **{name: str(file.attrs[name]) for name in ("model", "event", "output")},
+                **{name: float(take(chance, name, 0)) for name in scalars},
+                **{name: take(levels, name, 1) for name in ("threshold", "share", "accepted")},
+                **{name: take(samples, name, 1) for name in ("value", "weight")},
+            )

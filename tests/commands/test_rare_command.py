@@ -1,0 +1,108 @@
+"""Rare events and random fields through the command, on one rank and on several."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runs import IN_TURN, PGMP, SMALL, paper_scene, pgmp, rom_of
+
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.rare_run import run_rare_event
+from pgmp_petsc.ensemble.runner import run_batch
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.scene.ensemble import Event
+
+UNCERTAIN = (
+    *SMALL,
+    'parameters.push={nominal=1.0, distribution={name="norm", loc=1.0, scale=0.1}}',
+    'effects.motor.scale="push"',
+    'fields.soft={body="rod", quantity="E", variation=0.1, length=0.3, terms=2, distribution="uniform"}',
+)
+EVENT = "crank_angle > 2.4e-3"
+
+
+@pytest.fixture(scope="module")
+def model() -> ReducedModel:
+    scene = paper_scene(*UNCERTAIN)
+    return ReducedModel(scene, rom_of(scene))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, model: ReducedModel) -> Path:
+    path = tmp_path_factory.mktemp("rare")
+    model.rom.write(path / "rom.h5")
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> tuple[RareEvent, str]:
+    done = pgmp("montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", folder / "rare.h5")
+    return RareEvent.read(folder / "rare.h5"), done.stdout
+
+
+def test_the_probability_is_that_of_the_samples_and_the_terminal_says_it(
+    found: tuple[RareEvent, str], model: ReducedModel
+) -> None:
+    event, said = found
+    assert "crank_angle above 0.0024 rad at the end" in said and f"{event.estimate:.4g} [" in said
+    assert "another --seed looks again" in said
+    weighted = event.weight > 0.0
+    inside = event.value > 2.4e-3
+    assert event.estimate == pytest.approx(np.mean((event.weight * inside)[weighted]), rel=1e-12)
+    # random samples know the probability by themselves, to the root of their number
+    n = 4000
+    angles = run_batch(model, Sampler(model.scene, Plan(n, 2)).draw(0, n)).outputs["crank_angle"]
+    chance = np.mean(angles > 2.4e-3)
+    assert abs(chance - event.estimate) < 3.0 * np.hypot(np.sqrt(chance / n), event.variation * event.estimate)
+    assert np.abs(event.parameters["soft_1"]).max() <= np.sqrt(3.0)
+
+
+def test_any_number_of_ranks_finds_the_same(mpirun: Callable, folder: Path, found: tuple[RareEvent, str]) -> None:
+    path = folder / "ranks.h5"
+    mpirun(2, *PGMP, "montecarlo", folder / "rom.h5", "-n", 1000, "--rare", EVENT, "-o", path)
+    other, (one, _) = RareEvent.read(path), found
+    for name in ("normal", "value", "weight", "threshold", "interval", "status"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(one, name), err_msg=name)
+
+
+def test_an_event_at_any_time_is_at_least_as_likely_as_at_the_end(model: ReducedModel) -> None:
+    from mpi4py import MPI
+
+    ever = Event(output="crank_angle", above=2.4e-3, when="ever")
+    result = run_rare_event(model, ever, 500, 1, MPI.COMM_SELF)
+    assert result.event == "crank_angle above 0.0024 rad at any time" and result.reached
+    # the motor drives the angle up all the time: it is largest at the end
+    at_end = run_rare_event(model, Event(output="crank_angle", above=2.4e-3), 500, 1, MPI.COMM_SELF)
+    assert result.estimate == pytest.approx(at_end.estimate, rel=1e-9)
+
+
+def test_what_a_file_holds_is_told_and_drawn_and_what_cannot_be_is_refused(
+    mpirun: Callable, folder: Path, found: tuple[RareEvent, str]
+) -> None:
+    rom, other = str(folder / "rom.h5"), str(folder / "other.h5")
+    commands = [
+        ["info", str(folder / "rare.h5")],
+        ["plot", str(folder / "rare.h5"), "-o", str(folder / "pictures")],
+        ["montecarlo", rom, "-n", "400", "--rare", EVENT, "-o", other],
+        ["montecarlo", rom, "-n", "1000", "--rare", "crank_angel > 1", "-o", other],
+        ["montecarlo", rom, "-n", "1000", "--rare", EVENT, "--resume", "-o", other],
+        ["montecarlo", rom, "-n", "1000", "--rare", "crank_angle > 9", "-o", other],
+        ["montecarlo", rom, "-n", "10", "--override", "fields.soft.terms=1", "-o", str(folder / "third.h5")],
+    ]
+    done = mpirun(1, "-c", IN_TURN, json.dumps(commands))
+    statuses = [json.loads(line)[0] for line in done.stdout.splitlines() if line.startswith("[")]
+    assert [status or 0 for status in statuses] == [0, 0, 2, 2, 2, 1, 2], (done.stdout, done.stderr)
+    assert f"probability             {found[0].estimate:.4g}" in done.stdout
+    assert (folder / "pictures" / "rare_event.png").exists()
+    assert "-n 400: with --rare at least 500 samples are needed" in done.stderr
+    assert "there is no output crank_angel; did you mean 'crank_angle'?" in done.stderr
+    assert "--resume with --rare: its samples are not kept on the way" in done.stderr
+    assert "the event was not reached by" in done.stdout and "probability             unknown" in done.stdout
+    assert "--override fields: the tables of" in done.stderr
+    assert not RareEvent.read(other).reached

@@ -1,0 +1,238 @@
+"""Random fields: their parameters, what is refused, and the matrices of bodies that they are over."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runs import PAPER_SCENE
+from solid_scenes import solid_meshes, solid_slider_crank
+from spatial_beams import lines_of, slider_crank_of_beams
+
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.framed_solid import framed_solid
+from pgmp_petsc.bodies.inertia_moments import inertia_moments
+from pgmp_petsc.bodies.large_deformation import FieldsOnCells
+from pgmp_petsc.bodies.matrices import assemble, weighted_sum
+from pgmp_petsc.bodies.profile import UNIFORM
+from pgmp_petsc.bodies.random_fields import checked_expansion, field_remarks, profiles_of
+from pgmp_petsc.bodies.section import BeamSection
+from pgmp_petsc.bodies.third_derivative import ThirdDerivative
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.sampling import Sampler, draw_remarks
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml, scene_to_toml
+from scenes import mechanism_of, meshes_of, slider_crank
+
+FIELD = 'fields.soft={body="rod", quantity="E", variation=0.1, length=0.3, terms=3}'
+HEAVY = 'fields.heavy={body="rod", quantity="rho", variation=0.05, length=0.5, terms=2, distribution="uniform"}'
+VALUES = {"soft_1": 1.3, "soft_2": -0.7, "soft_3": 2.0, "heavy_1": -1.2, "heavy_2": 0.4}
+
+
+def of(*overrides: str) -> Scene:
+    return slider_crank(FIELD, HEAVY, *overrides)
+
+
+def refused(*overrides: str) -> str:
+    with pytest.raises(InputError) as error:
+        scene = of(*overrides)
+        profiles_of(scene, "rod", meshes_of(scene)["rod"])
+    return str(error.value)
+
+
+def test_variables_are_parameters_of_variance_one() -> None:
+    scene = of()
+    assert set(VALUES) <= set(scene.parameters)
+    drawn = Sampler(scene, Plan(4000, 1)).draw(0, 4000)
+    for name in VALUES:
+        low, high = scene.parameters[name].bounds
+        assert low <= drawn[name].min() and drawn[name].max() <= high
+        # the deviation of the variance of 4000 samples is 2.2 % for a normal variable, less for others
+        assert drawn[name].var() == pytest.approx(1.0, abs=0.1)
+    assert not any("soft" in remark.text for remark in draw_remarks(scene))
+
+
+def test_the_resolved_scene_reads_back_unchanged_and_takes_values() -> None:
+    scene = of()
+    again = scene_from_toml(scene_to_toml(scene), ".", (), ("soft_2=0.5",))
+    assert again.values["soft_2"] == 0.5
+    assert scene_from_toml(scene_to_toml(scene), ".") == scene
+    assert scene_from_toml(scene_to_toml(again), ".") == again
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        ('fields.soft.body="rud"', "fields.soft.body = \"rud\": there is no such body; did you mean 'rod'?"),
+        ("bodies.rod.flexible=false", 'fields.soft.body = "rod": is rigid; a field needs a flexible body'),
+        (
+            'fields.soft.quantity="radius"',
+            "stiffness and mass are not affine in a field of it; give fields of E and rho",
+        ),
+        (
+            'fields.soft.quantity="width"',
+            'fields.soft.quantity = "width": of a beam2d: stiffness and mass are not affine',
+        ),
+        ('fields.soft.quantity="thickness"', 'fields.soft.quantity = "thickness": of a beam2d'),
+        ('fields.soft.quantity="nu"', 'fields.soft.quantity = "nu": unknown (allowed: E, rho, width, thickness'),
+        ('fields.soft.kernel="matern"', "fields.soft.smoothness: missing; needed: smoothness of the kernel matern"),
+        ("fields.soft.smoothness=1.5", 'fields.soft.smoothness = 1.5: for the kernel "matern" only'),
+        ("fields.soft.length=0.0", "fields.soft.length = 0.0: must be greater than 0.0"),
+        ("fields.soft.terms=0", "fields.soft.terms = 0: must be at least 1"),
+        ("fields.soft.terms=101", "fields.soft.terms = 101: must be at most 100"),
+        (
+            "fields.soft.terms=6",
+            "fields.soft.terms = 6: rod has 5 cells, and no more terms; take fewer, or a finer mesh",
+        ),
+        ("fields.soft.least_share=0.95", "less than fields.soft.least_share = 0.95; take 4, or a longer correlation"),
+        ("fields.soft.variation=0.4", "E of rod may fall to"),
+        ('fields.heavy.quantity="E"', 'fields.heavy.quantity = "E": fields.soft is of the same body already'),
+        ("parameters.soft_1.nominal=0.0", "parameters.soft_1: is variable 1 of fields.soft; leave the table out"),
+        ("correlation.soft_1={heavy_1=0.5}", "soft_1 is a variable of fields.soft, all uncorrelated"),
+    ],
+)
+def test_a_field_that_cannot_be_is_refused_with_the_cure(override: str, line: str) -> None:
+    assert line in refused(override)
+
+
+def test_a_scaled_section_and_a_field_are_refused_together() -> None:
+    scale = "bodies.rod.section_scale=1.1"
+    with pytest.raises(InputError, match="its section_scale changes the mesh that the field is over"):
+        solid_slider_crank(FIELD, scale)
+
+
+def test_no_variables_within_their_bounds_make_a_quantity_negative_and_the_message_says_what_may_be() -> None:
+    text = refused("fields.soft.variation=0.4")
+    most = float(text.partition("take at most ")[2].partition(",")[0])
+    for variation, fine in ((0.999 * most, True), (1.002 * most, False)):
+        scene = of(f"fields.soft.variation={variation}")
+        mesh = meshes_of(scene)["rod"]
+        if not fine:
+            with pytest.raises(InputError, match="may fall to"):
+                checked_expansion("soft", scene.fields["soft"], mesh)
+            continue
+        functions = checked_expansion("soft", scene.fields["soft"], mesh).functions
+        reach = scene.parameters["soft_1"].bounds[1]
+        least = min(
+            1.0 + variation * float(reach * np.sign(functions[:, cell]) @ functions[:, cell]) * sign
+            for cell in range(functions.shape[1])
+            for sign in (-1.0, 1.0)
+        )
+        # three digits are shown of what may be
+        assert least == pytest.approx(0.01, abs=2e-2)
+
+
+def test_what_is_kept_and_left_out_is_said() -> None:
+    scene = of()
+    said = [str(remark) for remark in field_remarks(scene, meshes_of(scene))]
+    assert said[0].startswith("note: fields.soft: 3 terms keep 8") and "% of the variance of E over rod" in said[0]
+    coarse = of("fields.soft.length=0.1")
+    said = [str(remark) for remark in field_remarks(coarse, meshes_of(coarse))]
+    assert said[0].startswith("warning: fields.soft: 3 terms keep") and "take more fields.soft.terms" in said[0]
+    assert said[1].startswith("warning: fields.soft.length = 0.1: cells of rod are up to 0.14 m long")
+
+
+def uniform_elements(body: Body, values: dict[str, float]) -> list[Body]:
+    """Return a body's elements as uniform bodies whose constants are those of the field there."""
+    stiff, heavy = (
+        1.0 + sum(float(weight.evaluate(values)) * part for weight, part in profile.terms.items())
+        for profile in (body.profiles.modulus, body.profiles.density)
+    )
+    found = []
+    for number, cell in enumerate(body.mesh.cells):
+        section = body.section
+        scaled = {
+            name: value * float((heavy if name in ("line_density", "rotary_density") else stiff)[number])
+            for name, value in vars(section).items()
+        }
+        mesh = replace(body.mesh, cells=cell[None])
+        found.append(replace(body, mesh=mesh, section=BeamSection(**scaled), profiles=UNIFORM))
+    return found
+
+
+def test_matrices_of_planar_beams_are_those_of_elements_with_their_own_constants() -> None:
+    scene = of()
+    values = scene.values | VALUES
+    (body,) = (body.alone() for body in mechanism_of(scene).bodies if body.name == "rod")
+    rows = range(body.dofs.size)
+    whole, parts = assemble([body], rows), [assemble([part], rows) for part in uniform_elements(body, values)]
+    for kind in ("mass", "stiffness"):
+        expected = sum(weighted_sum(getattr(part, kind), values).toarray() for part in parts)
+        found = weighted_sum(getattr(whole, kind), values).toarray()
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    moments = inertia_moments(body)
+    for i in range(2):
+        found = sum(float(weight.evaluate(values)) * part[i, i] for weight, part in moments.items())
+        place = np.arange(i, body.dofs.size, 3)
+        expected = weighted_sum(whole.mass, values).toarray()[np.ix_(place, place)]
+        np.testing.assert_allclose(found.toarray()[np.ix_(place, place)], expected, rtol=1e-12, atol=1e-15)
+    vectors, pairs = np.random.default_rng(1).standard_normal((body.dofs.size, 2)), (np.array([0]), np.array([1]))
+    found = ThirdDerivative([body], rows).weighted(vectors, pairs, values)
+    expected = sum(
+        ThirdDerivative([part], rows).weighted(vectors, pairs, values) for part in uniform_elements(body, values)
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+    by_weight = ThirdDerivative([body], rows).times(vectors, pairs)
+    summed = sum(float(weight.evaluate(values)) * part for weight, part in by_weight.items())
+    np.testing.assert_allclose(summed, found, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+
+
+def test_matrices_of_beams_in_space_are_scaled_element_by_element() -> None:
+    scene = slider_crank_of_beams(FIELD.replace("0.1,", "0.15,"))
+    values = scene.values | {"soft_1": 1.3, "soft_2": -0.7, "soft_3": 2.0}
+    body = next(body for body in Mechanism.from_scene(scene, lines_of(scene)).bodies if body.name == "rod")
+    every = np.arange(len(body.mesh.cells))
+    uniform = replace(body, profiles=UNIFORM)
+    factor = 1.0 + sum(float(w.evaluate(values)) * part for w, part in body.profiles.modulus.terms.items())
+    assert np.ptp(factor) > 0.05
+    (found, expected) = (
+        sum(float(weight.evaluate(values)) * part for weight, part in one.stiffness_entries(every).items())
+        for one in (body, uniform)
+    )
+    np.testing.assert_allclose(found, factor[:, None, None] * expected, rtol=1e-12)
+    assert set(body.stiffness_weights) == set(body.stiffness_entries(every))
+    assert set(body.mass_weights) == set(uniform.mass_weights)
+
+
+def test_matrices_of_cells_are_those_of_a_mesh_with_a_region_for_every_cell() -> None:
+    scene = solid_slider_crank(
+        FIELD, 'fields.thin={body="rod", quantity="thickness", variation=0.1, length=1, terms=2}'
+    )
+    values = scene.values | {"soft_1": 1.3, "soft_2": -0.7, "soft_3": 2.0, "thin_1": 0.9, "thin_2": -1.1}
+    solid = framed_solid(scene, "rod", solid_meshes("quad8", 12)["rod"]).solid
+    stiff, mass = (
+        1.0 + sum(float(w.evaluate(values)) * part for w, part in solid.profiles.of(kind).terms.items())
+        for kind in ("stiffness", "mass")
+    )
+    (region,) = solid.regions
+    regions = tuple(
+        replace(
+            region, cells=np.array([cell]), modulus=stiff[cell] * region.modulus, density=mass[cell] * region.density
+        )
+        for cell in region.cells
+    )
+    nodes = range(solid.mesh.n_nodes)
+    for kind in ("stiffness", "mass"):
+        found, expected = (
+            sum(float(weight.evaluate(values)) * part for weight, part in getattr(one, kind)(nodes).items()).toarray()
+            for one in (solid, replace(solid, regions=regions, profiles=UNIFORM))
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+        assert solid.weights(kind) == set(getattr(solid, kind)(nodes))
+    fields = np.random.default_rng(2).standard_normal((solid.mesh.n_nodes, 2, 3))
+    third, apart = (
+        FieldsOnCells.everywhere(one, fields).third()
+        for one in (solid, replace(solid, regions=regions, profiles=UNIFORM))
+    )
+    found = sum(float(weight.evaluate(values)) * part for weight, part in third.items())
+    expected = sum(float(weight.evaluate(values)) * part for weight, part in apart.items())
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+
+
+def test_rigid_bodies_of_a_shipped_scene_have_no_field_and_a_width_has_one() -> None:
+    rectangle = 'bodies.rod.section={shape="rectangle", width=0.01, height=0.01}'
+    scene = load_scene(PAPER_SCENE, (rectangle, FIELD.replace('"E"', '"width"')))
+    profiles = profiles_of(scene, "rod", meshes_of(slider_crank())["rod"])
+    assert profiles.stiffness.terms.keys() == profiles.mass.terms.keys() and not profiles.modulus

@@ -1,0 +1,167 @@
+"""Rare events of limit states whose probability is known, and what is said where it is not found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import slider_crank
+from scipy.integrate import quad, trapezoid
+from scipy.stats import chi2, norm
+
+from pgmp_petsc.cli.rare import alone, event_of
+from pgmp_petsc.ensemble.importance import KernelDensity, chosen_density, log_normal
+from pgmp_petsc.ensemble.rare_events import LimitState, RareSamples, find
+from pgmp_petsc.runtime.errors import InputError
+
+ONE_IN_TEN_THOUSAND = float(norm.isf(1e-4))
+OUTPUT = 'outputs.push={type="deformation", point="rod:tip", axis="x"}'
+
+
+def plane(d: int, distance: float) -> LimitState:
+    return lambda u: distance - u.sum(axis=1) / np.sqrt(d)
+
+
+def bowl(d: int, bend: float) -> tuple[LimitState, float]:
+    """Return ``3 - u_1 + bend/2 sum_2^d u_i^2`` and its probability, by quadrature over the chi-squared law of the
+    sum."""
+    chance = quad(lambda s: norm.sf(3.0 + 0.5 * bend * s) * chi2.pdf(s, d - 1), 0.0, 80.0, points=[1, 5, 20], limit=200)
+    return lambda u: 3.0 - u[:, 0] + 0.5 * bend * np.sum(u[:, 1:] ** 2, axis=1), chance[0]
+
+
+def circle(u: np.ndarray) -> np.ndarray:
+    return np.sqrt(chi2.isf(1e-4, 2)) - np.hypot(u[:, 0], u[:, 1])
+
+
+CASES = {
+    "plane": (3, plane(3, ONE_IN_TEN_THOUSAND), 1e-4),
+    "plane, 12 parameters": (12, plane(12, ONE_IN_TEN_THOUSAND), 1e-4),
+    "bowl": (6, *bowl(6, 0.2)),
+    "all around": (2, circle, 1e-4),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_probability_of_1e_4_is_known_within_20_percent_from_5000_samples(case: str) -> None:
+    d, limit_state, exact = CASES[case]
+    found = [find(limit_state, d, 5000, seed) for seed in range(5)]
+    estimates = np.array([one.probability for one in found]) / exact
+    assert all(one.limit_state.size <= 5000 for one in found)
+    assert np.sqrt(np.mean((estimates - 1.0) ** 2)) < 0.2
+    # 2 of 5 intervals of 95 % miss with a probability of 0.02
+    assert sum(one.interval(0.95)[0] <= exact <= one.interval(0.95)[1] for one in found) >= 4
+
+
+def test_the_estimated_variation_is_that_of_repeated_runs() -> None:
+    found = [find(plane(2, 3.0), 2, 1000, seed) for seed in range(100)]
+    spread = np.std([one.probability for one in found], ddof=1) / norm.sf(3.0)
+    # the deviation of 100 values is known to 7 %, three times that
+    assert np.sqrt(np.mean([one.variation**2 for one in found])) == pytest.approx(spread, rel=0.21)
+    assert np.mean([one.probability for one in found]) == pytest.approx(norm.sf(3.0), rel=3 * spread / np.sqrt(100))
+    held = [one.interval(0.95)[0] <= norm.sf(3.0) <= one.interval(0.95)[1] for one in found]
+    assert sum(held) >= 88  # fewer of 100 have a probability of 0.001 at 95 %
+
+
+def test_an_event_that_is_not_rare_is_weighed_as_well() -> None:
+    found = find(plane(2, 0.5), 2, 1000, 3)
+    assert abs(found.probability - norm.sf(0.5)) < 4.0 * found.variation * found.probability
+    assert len(found.levels) == 1 and found.interval(0.95)[1] <= 1.0
+
+
+def test_a_longer_way_than_the_samples_reach_and_an_impossible_event_are_not_reached() -> None:
+    for limit_state in (plane(2, 12.0), lambda u: np.ones(len(u)), lambda u: 1.0 + np.abs(u[:, 0])):
+        found = find(limit_state, 2, 1000, 1)
+        assert not found.reached and np.isnan(found.probability) and np.isnan(found.interval(0.95)).all()
+        assert found.limit_state.size <= 1000
+
+
+def test_failed_samples_count_as_not_in_the_event_and_bound_it() -> None:
+    def limit_state(u: np.ndarray) -> np.ndarray:
+        return np.where(u[:, 1] > 0.5, np.nan, plane(2, 3.5)(u))
+
+    found = find(limit_state, 2, 3000, 2)
+    assert np.isnan(found.limit_state).any() and found.probability < norm.sf(3.5) < found.at_most
+
+
+def test_the_curve_of_the_levels_falls_along_the_true_one() -> None:
+    found = find(plane(1, ONE_IN_TEN_THOUSAND), 1, 5000, 1)
+    values, probabilities = found.curve()
+    assert np.all(np.diff(values) <= 0.0) and probabilities[0] == 1.0
+    # each level of 500 samples adds 13 % (0.3 / sqrt(500) / 0.1), chains somewhat more
+    exact = norm.sf(ONE_IN_TEN_THOUSAND - values[::50])
+    assert np.all(np.abs(np.log(probabilities[::50] / exact)) < 1.0)
+
+
+def test_densities_have_mass_one_and_draw_what_they_say() -> None:
+    density = KernelDensity(np.array([[-2.0], [3.0]]), np.array([0.3, 0.7]), np.array([0.8, 1.0]))
+    x = np.linspace(-12.0, 12.0, 4001)
+    values = np.exp(density.log(x[:, None]))
+    assert trapezoid(values, x) == pytest.approx(1.0, abs=1e-9)
+    drawn = density.draw(20_000, np.random.default_rng(1))[:, 0]
+    # four standard errors of the mean
+    assert drawn.mean() == pytest.approx(trapezoid(values * x, x), abs=4 * drawn.std() / np.sqrt(20_000))
+
+
+def test_the_chosen_density_wastes_little_on_a_plane_and_on_a_ring() -> None:
+    random = np.random.default_rng(4)
+    beyond = random.standard_normal((400, 6))
+    beyond[:, 0] = ONE_IN_TEN_THOUSAND + random.exponential(1.0 / ONE_IN_TEN_THOUSAND, 400)
+    angle, radius = random.uniform(0.0, 2.0 * np.pi, 400), np.sqrt(chi2.isf(1e-4, 2))
+    ring = (radius + random.exponential(0.25, 400))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    events = ((beyond, lambda u: u[:, 0] > ONE_IN_TEN_THOUSAND), (ring, lambda u: np.hypot(*u.T) > radius))
+    for points, inside in events:
+        density = chosen_density(points, np.ones(400), random)
+        drawn = density.draw(4000, random)
+        weights = np.where(inside(drawn), np.exp(log_normal(drawn) - density.log(drawn)), 0.0)
+        assert weights.mean() == pytest.approx(1e-4, rel=4.0 * weights.std() / weights.mean() / np.sqrt(4000))
+        # a normal density about the nearest point of a plane has 1.9 (square root of sqrt(2 pi) 3.7 / 2 - 1)
+        assert weights.std() / weights.mean() < 4.0
+
+
+def test_the_same_seed_gives_the_same_samples() -> None:
+    one, other, another = (find(plane(3, 3.0), 3, 800, seed) for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one.points, other.points)
+    assert one.probability == other.probability != another.probability
+
+
+def test_no_samples_are_worth_nothing() -> None:
+    nothing = RareSamples((), np.zeros((2, 1)), np.array([1.0, 2.0]), np.array([0.1, 0.1]))
+    assert nothing.probability == 0.0 and nothing.n_effective == 0.0 and np.isnan(nothing.variation)
+
+
+def test_events_are_read_from_text() -> None:
+    scene = slider_crank(OUTPUT, 'ensemble.probabilities.far={output="push", above=1e-3, when="ever"}')
+    event = event_of("push < -2e-4", scene)
+    assert (event.output, event.below, event.above, event.when) == ("push", -2e-4, None, "end")
+    assert event_of(" ever push>.5 ", scene).when == "ever"
+    assert event_of("far", scene) is scene.ensemble.probabilities["far"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("push", "allowed are an output, < or >, and a number"),
+        ("push <= 1", "allowed are an output, < or >, and a number"),
+        ("push < 1e", "labels are far"),
+        ("pash < 1.0", "there is no output pash; did you mean 'push'?"),
+        ("push < 1e999", "1e999 is no finite number"),
+    ],
+)
+def test_what_is_no_event_is_refused(text: str, line: str) -> None:
+    scene = slider_crank(OUTPUT, 'ensemble.probabilities.far={output="push", above=1e-3}')
+    with pytest.raises(InputError, match="--rare") as error:
+        event_of(text, scene)
+    assert line in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("option", "line"),
+    [
+        ({"sampler": "sobol"}, "--sampler sobol with --rare: samples follow from those before them; leave it out"),
+        ({"resume": True}, "--resume with --rare: its samples are not kept on the way"),
+        ({"ranks_per_sample": 2}, "--ranks-per-sample 2 with --rare: ranks take samples of their own"),
+    ],
+)
+def test_what_ensembles_alone_have_is_refused(option: dict, line: str) -> None:
+    with pytest.raises(InputError) as error:
+        alone(**option)
+    assert line in str(error.value)

@@ -1,0 +1,126 @@
+"""Motions of bodies with random fields: closed forms, energies, and the models against each other."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+from runs import history, rom_of, samples
+from scenes import PENDULUM, meshes_of, slider_crank
+from spatial_beams import SLIDER_CRANK as IN_SPACE
+from spatial_beams import lines_of
+
+from pgmp_petsc.bodies.karhunen_loeve import correlation
+from pgmp_petsc.bodies.random_fields import checked_expansion
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.models import FullModel, ReducedModel
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+N = 20  # elements
+BAR = (
+    PENDULUM.replace("radius = 2e-4", "radius = 5e-3").replace(":10", f":{N}")
+    + '\n[effects.weight]\ntype = "gravity"\n[initial]\nequilibrium = true\ncoordinates = "held"\n'
+)
+FIELD = "quantity = 'E'\nvariation = 0.1\nlength = 0.5\nterms = 4"
+MOVING = (
+    'fields.soft={body="rod", quantity="E", variation=0.12, length=0.4, terms=3}',
+    'fields.heavy={body="crank", quantity="rho", variation=0.1, length=0.5, terms=1}',
+    'effects.damped={type="structural_damping", stiffness=1e-5, mass=0.2}',
+    'outputs.push={type="deformation", point="rod:tip", axis="x"}',
+    'effects.weight={type="gravity"}',
+    "simulation.initial.theta={position=0.5, velocity=15.0}",
+    "simulation.duration=0.1",
+    "simulation.step=1e-3",
+)
+VALUES = {"soft_1": -2.0, "soft_2": 1.5, "soft_3": 1.0, "heavy_1": 1.8}
+
+
+def bar(field: str) -> Scene:
+    (name,) = scene_from_toml(BAR, ".").bodies
+    return scene_from_toml(f'{BAR}\n[fields.soft]\nbody = "{name}"\n{field}\n', ".")
+
+
+def tips(model: FullModel, values: dict[str, np.ndarray]) -> np.ndarray:
+    """Return how far the tip hangs down in samples."""
+    with closing(model.batch(values, len(next(iter(values.values()))))) as system:
+        return system.frames(system.start())[-1, 1]
+
+
+def test_a_held_bar_hangs_as_the_integral_of_its_curvature_says_and_scatters_as_the_kernel_says() -> None:
+    scene = bar(FIELD)
+    mesh = next(iter(meshes_of(scene).values()))
+    x = mesh.nodes[mesh.cells].mean(axis=1)[:, 0]
+    field = scene.fields["soft"]
+    found = checked_expansion("soft", field, mesh)
+    n = 200
+    values = Sampler(scene, Plan(n, 3)).draw(0, n)
+    xi = np.array([values[name] for name in field.names("soft")])
+    factor = 1.0 + field.variation * found.functions.T @ xi
+    # M kappa over the length: w = int q (L - x)^3 / (2 E I) dx, with E I of every element
+    shares = (1.0 - x) ** 3
+    hanging = tips(FullModel(scene, meshes_of(scene)), values)
+    even = tips(FullModel(scene, meshes_of(scene)), {name: np.zeros(1) for name in values})
+    expected = shares @ (1.0 / factor) / shares.sum()
+    # one-point elements and the distributed weight: 1 / n^2 of what differs, 0.1; large deflections the square of 0.7 %
+    np.testing.assert_allclose(hanging / even, expected, rtol=5e-4)
+    # to first order in the variation the variance is the double integral of the kernel, of which the terms keep a part
+    weights = shares / shares.sum()
+    whole = weights @ correlation("exponential", np.abs(x[:, None] - x) / field.length) @ weights
+    kept = np.sum((found.functions @ weights) ** 2)
+    assert 0.98 < kept / whole <= 1.0
+    # 5 % is the deviation of the deviation of 200 samples, and 1 % the second order
+    assert np.std(hanging / even) == pytest.approx(field.variation * np.sqrt(whole), rel=0.15)
+
+
+def moving(values: dict[str, float] = VALUES) -> tuple[Scene, dict[str, np.ndarray]]:
+    scene = slider_crank(*MOVING, "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.modes=6")
+    return scene, samples(scene, 2, **{name: np.array([0.0, value]) for name, value in values.items()})
+
+
+@pytest.fixture(scope="module")
+def full() -> dict[str, np.ndarray]:
+    scene, values = moving()
+    return history(FullModel(scene, meshes_of(scene)), values, 2)[1]
+
+
+def test_the_reduced_model_moves_as_the_full_order_one_does(full: dict[str, np.ndarray]) -> None:
+    scene, values = moving()
+    found = history(ReducedModel(scene, rom_of(scene)), values, 2)[1]
+    push, exact = found["push"], full["push"]
+    scale = np.abs(exact).max()
+    changed = np.abs(exact[:, 1] - exact[:, 0]).max()
+    assert changed > 0.1 * scale  # what the field does
+    # what the basis leaves out without the field, of the nominal parameters, it leaves out with it too
+    left_out = np.abs(push - exact).max(axis=0)
+    assert left_out[1] < 2.0 * left_out[0] < 0.3 * changed
+
+
+def test_beams_in_space_move_as_those_in_the_plane(full: dict[str, np.ndarray]) -> None:
+    _, values = moving()
+    down = 'effects.weight={type="gravity", direction=[0.0, -1.0, 0.0]}'
+    scene = scene_from_toml(IN_SPACE, ".", (*MOVING, down))
+    found = history(FullModel(scene, lines_of(scene)), {name: values[name] for name in scene.values}, 2)[1]
+    scale = np.abs(full["push"]).max()
+    np.testing.assert_allclose(found["push"], full["push"], atol=2e-3 * scale)
+
+
+def test_the_energy_of_a_damped_motion_is_balanced() -> None:
+    scene, values = moving()
+    model = FullModel(scene, meshes_of(scene))
+    times, energies = [], []
+    with closing(model.batch(values, 2)) as system:
+        run = integrate(
+            system,
+            scene.simulation,
+            observer=lambda _, time, state: (times.append(time), energies.append(system.energies(time, state))),
+        )
+    assert not run.status.any()
+    total = np.array([one.kinetic + one.strain + sum(one.potential.values()) for one in energies])
+    power = np.array([sum(one.powers.values()) for one in energies])
+    work = np.concatenate([np.zeros((1, 2)), np.cumsum(0.5 * (power[1:] + power[:-1]) * 1e-3, axis=0)])
+    # the trapezoidal rule over steps that resolve the motion, and the scheme's own damping of the highest modes
+    np.testing.assert_allclose(total - total[0], work, atol=2e-2 * np.abs(work).max())
+    assert all("damped" in one.powers for one in energies) and any(one.powers["damped"].min() < 0 for one in energies)
