@@ -101,16 +101,15 @@ def _corrected(ensemble: Ensemble) -> Iterator[str]:
         having = {name: one for name, one in joined.corrected.items() if key in one.figures}
         if not having:
             continue
-        beside = (
-            "" if key == "bias" else f"against {int(next(iter(having.values())).counts[0])} samples of {best} alone"
-        )
-        yield f"  {f'{best}: {title}':32s}{'':>6s} {interval:26s}{beside}".rstrip()
+        n = int(next(iter(having.values())).counts[0])
+        beside = "" if key == "bias" else f"against {n} samples of {best} alone"
+        yield f"  {f'{best}: {title}':32s}{'':>6s} {interval:32s}{beside}".rstrip()
         for name, one in having.items():
             figure = one.figures[key]
             shown = f"{_number(figure.estimate, figure.interval, 7):>14s} {_interval(figure.interval):26s}"
-            times = "" if np.isnan(figure.narrower) else f"{_times(figure.narrower)}"
+            times = "" if np.isnan(figure.narrower) else _times(figure.narrower)
             unit = "" if key == "estimate" else _unit(ensemble, name)
-            yield f"  {name:24s}{shown}{times} {unit}".rstrip()
+            yield f"  {name:24s}{shown}{unit:6s}{times}".rstrip()
 
 
 def _times(narrower: float) -> str:

@@ -25,19 +25,26 @@ if TYPE_CHECKING:
 
 PILOT = 16  # samples of every better model
 PILOT_OF_OWN = 256  # of the ensemble's own, which is as a rule faster in large batches
+OVERDRAWN = 1.5  # by the least numbers of samples, before a budget is refused
+ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before costs are taken anew
 
 
 def allot(
     own: Integration, better: Sequence[Integration], given: Sequence[int | None], limit: int | None, stop: Stop
 ) -> tuple[list[int], int]:
-    """Return the numbers of samples of the better models, and of the ensemble's own. Collective.
+    """Integrate as many samples of all models as the budget pays for. Collective.
 
     Parameters
     ----------
     given
-        Numbers that are not to be chosen, by model.
+        Numbers of the better models' samples that are not to be chosen, None for the others.
     limit
         Number of the ensemble's samples, None where it is to be chosen.
+
+    Returns
+    -------
+    list of int, int
+        Numbers of samples of the better models, and of the ensemble's own.
 
     Raises
     ------
@@ -46,33 +53,44 @@ def allot(
     RunError
         If the outputs of the pilot's samples are not known, or do not vary.
     """
-    comm = own.comm
+    comm, models = own.comm, (*better, own)
     kept = on_root(comm, lambda: own.checkpoint.counts)
-    if kept is not None and len(kept) == len(better) + 1:
+    if kept is not None and len(kept) == len(models):
         return [int(n) for n in kept[:-1]], int(kept[-1])
-    sizes = [PILOT if n is None else min(n, PILOT) for n in given]
-    sizes.append(min(PILOT_OF_OWN, own.plan.n_samples))
-    costs = []
-    for one, n in zip((*better, own), sizes):
-        start = time.monotonic()
-        computed = one.up_to(n)
-        costs.append((time.monotonic() - start) / computed if computed else np.nan)
+    wanted = [*given, limit]
+    # what a stopped run left tells nothing of times
+    pilot = np.array([model.n_finished + (PILOT_OF_OWN if model is own else PILOT) for model in models])
+    pilot = np.minimum(pilot, [model.plan.n_samples for model in models])
+    done, costs = np.zeros(len(models), dtype=int), np.full(len(models), np.nan)
 
-    def chosen() -> np.ndarray:
-        known = np.where(np.isfinite(costs), costs, np.nanmin(costs, initial=1e-3))
-        spent = float(np.sum(known * sizes))
-        correlations = _correlations([one.kept(n) for one, n in zip((*better, own), sizes)], min(sizes))
-        found = counts(known, correlations, [*given, limit], stop.left + spent, own.plan.n_samples)
-        if found is None:
+    def integrate(sizes: np.ndarray) -> None:
+        for k, (model, n) in enumerate(zip(models, sizes)):
+            start = time.monotonic()
+            computed = model.up_to(int(n))
+            if computed:
+                costs[k] = (time.monotonic() - start) / computed
+        done[:] = np.maximum(done, sizes)
+
+    def choose(share: float) -> np.ndarray:
+        known = np.where(np.isfinite(costs), costs, np.min(costs[np.isfinite(costs)], initial=1.0))
+        correlations = _correlations([model.kept(int(n)) for model, n in zip(models, done)], int(done.min()))
+        chosen = counts(known, correlations, wanted, stop.left + float(known @ done), own.plan.n_samples)
+        if chosen is None:
             raise InputError(
-                f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given; a "
-                f"sample takes {', '.join(f'{cost:.2g} s' for cost in known)} (the best model first)"
+                f"--budget {stop.budget:g}s does not pay for {PILOT} samples of each better model and what is given: "
+                f"samples take {', '.join(f'{cost:.2g} s' for cost in known)}, those of the best model first"
             )
-        own.checkpoint.keep_counts(found)
-        return found
+        chosen = np.maximum(done, np.where(share < 1.0, (share * chosen).astype(int), chosen))
+        if share == 1.0:
+            own.checkpoint.keep_counts(chosen)
+        return chosen
 
-    found = on_root(comm, chosen)
-    return [int(n) for n in found[:-1]], int(found[-1])
+    # the first samples of a process wait for compiled code: they tell nothing of the others
+    integrate(np.maximum(pilot - PILOT // 2, 1))
+    integrate(pilot)
+    for share in ROUNDS:
+        integrate(on_root(comm, choose, share))
+    return [int(n) for n in done[:-1]], int(done[-1])
 
 
 def counts(
@@ -101,8 +119,9 @@ def counts(
         return None
     found = np.where(free, np.floor(left * shares / float(np.sum((costs * shares)[free]))), fixed)
     found = np.maximum.accumulate(np.where(free, np.maximum(found, PILOT), found))
-    found = np.minimum(found, most).astype(int)
-    return found if costs @ found <= 1.5 * budget and np.all(np.diff(found) >= 0) else None
+    behind = np.minimum.accumulate(np.where(free, most, fixed)[::-1])[::-1]  # no more than any cheaper model has
+    found = np.minimum(found, behind).astype(int)
+    return found if costs @ found <= OVERDRAWN * budget else None
 
 
 def _correlations(kept: Sequence, n: int) -> np.ndarray:

@@ -37,10 +37,15 @@ class Better:
     model: Model
     count: int | None
 
+    @property
+    def key(self) -> str:
+        """The name without a slash, which makes groups in files and folders of paths."""
+        return self.name.replace("/", ":")
+
 
 def plan_of(plan: Plan, better: Better) -> Plan:
     """Return the plan of a better model's samples, which has a checkpoint of its own."""
-    output = plan.output.with_name(f"{plan.output.name}.{better.name.replace('/', '_')}")
+    output = plan.output.with_name(f"{plan.output.name}.{better.key}")
     return replace(plan, n_samples=plan.n_samples if better.count is None else better.count, output=output)
 
 
@@ -125,11 +130,10 @@ def corrected(values: Sequence[np.ndarray], confidence: float) -> Corrected:
     deviation, of_deviation = joined.deviation_of(values, mean, confidence)
     # the cheapest model less the best, with the same controls
     bias = joined.mean_of([own[: best.size] - best, *values[1:]])
-    unknown = (float("nan"), intervals.UNKNOWN)
     figures = {
         "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), intervals.of_mean(best, confidence)),
         "std": Figure(deviation, of_deviation, float(best.std(ddof=1)), intervals.of_deviation(best, confidence)),
-        "bias": Figure(bias.value, bias.interval(confidence), *unknown),
+        "bias": Figure(bias.value, bias.interval(confidence)),
     }
     return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)
 
@@ -148,8 +152,8 @@ def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
     remarks.append(
         note(
             f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
-            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. Quantiles, densities, bands "
-            f"and Sobol indices are of {found.models[-1]} alone"
+            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. Quantiles, densities, "
+            f"bands and Sobol indices are of {found.models[-1]} alone"
         )
     )
     if "/" not in best:

@@ -112,6 +112,11 @@ class Integration:
         )
         return n_todo
 
+    @property
+    def n_finished(self) -> int:
+        """How many samples are finished."""
+        return sum(last - first for first, last in self._finished.samples)
+
     def kept(self, n: int) -> Checkpoint:
         """Return the samples before sample n; by rank 0."""
         return self.checkpoint.up_to(n)
@@ -146,7 +151,7 @@ def run_ensemble(
     timings, comm = Timings(), group.world
     own = Integration(model, plan, group, timings, "integration")
     others = [
-        Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.name}", own.sampler)
+        Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
         for one in better
     ]
     history, given, n = [], [one.count for one in better], plan.samples[1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import h5py
@@ -22,13 +22,13 @@ class Figure:
     estimate, interval : float, ndarray of shape (2,)
         From the samples of all models; NaN where it is not known.
     alone, alone_interval : float, ndarray of shape (2,)
-        From those of the best model alone.
+        From those of the best model alone; NaN of a bias, which one model has not.
     """
 
     estimate: float
     interval: np.ndarray
-    alone: float
-    alone_interval: np.ndarray
+    alone: float = float("nan")
+    alone_interval: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
 
     def __post_init__(self) -> None:
         check_shape("interval", self.interval, (2,))
@@ -45,16 +45,17 @@ class Figure:
         level = f"{100 * confidence:g} % confidence interval: {of}, the error of the cheaper models included"
         put(group, name, self.estimate, unit, f"{of}, from samples of all models")
         put(group, f"{name}_interval", self.interval, unit, level).attrs["confidence"] = confidence
-        put(group, f"{name}_alone", self.alone, unit, f"{of}, from the samples of the best model alone")
-        put(group, f"{name}_alone_interval", self.alone_interval, unit, "its confidence interval")
+        if np.isfinite(self.alone):
+            put(group, f"{name}_alone", self.alone, unit, f"{of}, from the samples of the best model alone")
+            put(group, f"{name}_alone_interval", self.alone_interval, unit, "its confidence interval")
 
     @classmethod
     def read(cls, group: h5py.Group, name: str) -> Self:
         """Read what `write` wrote."""
-        return cls(
-            float(take(group, name, 0)), take(group, f"{name}_interval", 1),
-            float(take(group, f"{name}_alone", 0)), take(group, f"{name}_alone_interval", 1),
-        )  # fmt: skip
+        known = float(take(group, name, 0)), take(group, f"{name}_interval", 1)
+        if f"{name}_alone" not in group:
+            return cls(*known)
+        return cls(*known, float(take(group, f"{name}_alone", 0)), take(group, f"{name}_alone_interval", 1))
 
 
 @dataclass(frozen=True)
