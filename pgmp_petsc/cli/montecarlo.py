@@ -18,6 +18,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import plan_of
+from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
@@ -70,6 +71,10 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     help="Stop when a figure is known well enough, such as 'std(angle) < 1 %' or 'P(angle > 3) +- 0.002'; repeatable.",
 )  # fmt: skip
 @click.option("--budget", metavar="TIME", help="Stop in time: 60s, 10min or 2h from the start of the command.")
+@click.option(
+    "--retry-failed", "failed", metavar="FILE", type=click.Path(path_type=Path),
+    help="Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
+)  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
 @click.pass_context
@@ -88,6 +93,7 @@ def montecarlo(
     corrections: tuple[str, ...],
     rules: tuple[str, ...],
     budget: str | None,
+    failed: Path | None,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
@@ -100,7 +106,10 @@ def montecarlo(
     comm, start = context.obj.comm, time.monotonic()
     one_model(full, components)
     seconds = None if budget is None else read_duration(budget)
-    _one_source(n_samples, sampler, table, budget)
+    if failed is None:
+        _one_source(n_samples, sampler, table, budget)
+    else:
+        _refuse_beside_retry(context, failed)
     wanted = read_wanted(corrections, "full" if full else "components" if components else "reduced", n_samples)
     _fits_together(wanted, rules, seconds, shard)
     if sampler is not None:
@@ -110,7 +119,7 @@ def montecarlo(
         raise InputError(f"--ranks-per-sample = {ranks_per_sample}: samples of {what} are small; leave it out")
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     part = None if shard is None else _part(shard)
-    context.with_resource(claimed(comm, output, "ensemble" if part is None else KIND, (source,)))
+    context.with_resource(claimed(comm, output, "ensemble" if part is None else KIND, (source, failed)))
     model = read_model(
         context, source, overrides, settings, full, components, lambda scene: _refuse_drawn(scene, settings)
     )
@@ -129,6 +138,9 @@ def montecarlo(
     if file is not None:
         n_samples = len(next(iter(file.values.values())))
         wanted = read_wanted(corrections, model.name, n_samples)
+    earlier = None if failed is None else on_root(comm, read_earlier, failed, model)
+    if earlier is not None:
+        n_samples, seed, file = earlier.n_samples, earlier.seed, earlier.file
     if part is not None and part.count > n_samples:
         raise InputError(
             f"--shard {shard}: {part.count} shards of {n_samples} samples; take no more shards than samples"
@@ -141,7 +153,7 @@ def montecarlo(
         with agreed(comm, "reading the rules"):
             stop = Stop(tuple(read_rule(rule, model.scene) for rule in rules), seconds, start)
     better = better_models(wanted, model, source, (overrides, settings), comm)
-    result = run_ensemble(model, plan, group, stop, better)
+    result = run_ensemble(model, plan, group, stop, better, earlier)
     save(context, result, output)
     status = 0
     if result is not None:
@@ -199,6 +211,17 @@ def _fits_together(wanted: Sequence[Wanted], rules: Sequence[str], seconds: floa
             f"--budget: --correct {wanted[0].text} gives the number of samples, and nothing is left to choose; take "
             f"{wanted[0].name}=auto, or leave --budget out"
         )
+
+
+def _refuse_beside_retry(context: click.Context, failed: Path) -> None:
+    """Refuse options that say what the samples are, which the file does; the same on all ranks."""
+    options = {option.name: option.opts[0] for option in context.command.params}
+    for name in ("n_samples", "seed", "sampler", "table", "shard", "corrections", "rules", "budget"):
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError(
+                f"{options[name]}: --retry-failed {failed} takes samples and their number from the file; leave one of "
+                "them out"
+            )
 
 
 def _suits_design(scene: Scene, file: SampleFile | None, is_corrected: bool, is_open: bool) -> None:

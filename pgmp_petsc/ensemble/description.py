@@ -20,10 +20,10 @@ from pgmp_petsc.ensemble.over_time import band_steps
 from pgmp_petsc.ensemble.quantities import came_true, in_words, quantities
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
-from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.indicator.coverage import CURE
 from pgmp_petsc.indicator.validity import remarks_of
-from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
+from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.remarks import Remark, note
@@ -48,13 +48,18 @@ def describe_ensemble(
     status = columns["status"].astype(np.int32)
     fine, described = status == Status.FINE, sampler.described(status.size)
     replicates = sampler.replicates(status.size)
-    chosen = fine & described
     n_failed = int(np.sum(described & ~fine))
+    is_hiding = int(np.sum(~fine)) > scene.ensemble.failed_share * fine.size
+    chosen = fine & described & (not is_hiding)
 
     def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0) -> Statistics:
         asked, known = scene.ensemble, of & np.isfinite(values)
         numbers = None if replicates is None else replicates[known]
         found = describe(values[known], asked.bins, asked.quantiles, n_missing, level, numbers)
+        if is_hiding and n_missing:  # bounds hide nothing
+            known = fine & described & np.isfinite(values)
+            bounds = quantile_bounds(values[known], found.probabilities, n_missing)
+            found = replace(found, quantile_bounds=bounds)
         return replace(found, confidence=asked.confidence)
 
     level = level_of_each(scene.ensemble.confidence) if looked else scene.ensemble.confidence
@@ -70,13 +75,14 @@ def describe_ensemble(
     units |= dict.fromkeys(over_time["first_passages"], "s")
     bands = _bands(scene, kept, chosen)
     described_ones = quantities(outputs, over_time["extremes"])
-    sobol = sensitivities(described_ones, parameters, sampler.names, fine, sampler.kind, level)
+    usable = fine & (not is_hiding)
+    sobol = sensitivities(described_ones, parameters, sampler.names, usable, sampler.kind, level)
     sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units),
+        *failure_remarks(status, drawn, units, scene.ensemble.failed_share),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
@@ -101,9 +107,15 @@ def describe_ensemble(
         probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units, level),
         bands=bands,
         sobol=sobol,
+        kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
         **estimates,
         **over_time,
     )
+
+
+def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarray]:
+    """Return what a further try of failed samples needs of the others."""
+    return {UNSTABLE: unstable, **{f"bands.{name}": values for name, values in kept.bands(n_bands).items()}}
 
 
 def _chances(

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
+from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
 from pgmp_petsc.ensemble.allotment import allot
@@ -29,6 +29,7 @@ from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
+from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
@@ -74,6 +75,7 @@ class Integration:
         with agreed(self.comm, "checking what the run is asked for"):
             self.sampler = sampler or Sampler(model.scene, plan)
             check_ts_options()
+        self._divisors = DIVISORS
         toml = scene_to_toml(model.scene)
         self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.extends)
         self._finished = on_root(self.comm, self.checkpoint.open)
@@ -99,7 +101,7 @@ class Integration:
             def work(number: int, pulse: Pulse) -> Batch:
                 piece = dealt[number]
                 watchers, values = self._watching.of(piece), self.sampler.draw(piece.first, piece.last)
-                return run_batch(model, values, piece.first, watchers, group.comm, pulse)
+                return run_batch(model, values, piece.first, watchers, group.comm, pulse, self._divisors)
 
             def take(number: int, batch: Batch) -> None:
                 self.checkpoint.add(dealt[number], batch)
@@ -112,6 +114,22 @@ class Integration:
         )
         return n_todo
 
+    def take_over(self, earlier: Earlier) -> None:
+        """Take the samples of an ensemble's file that are fine for finished, and try the others further."""
+
+        def taking() -> Finished:
+            last = self._finished
+            known = [*last.samples], [*last.checked]
+            for piece, batch in fine_pieces(earlier, self._watching.share):
+                if missing([(piece.first, piece.last)], known[piece.is_checked]):
+                    self.checkpoint.add(piece, batch)
+                    known[piece.is_checked].append((piece.first, piece.last))
+                    known[piece.is_checked].sort()
+            return Finished(*map(tuple, known))
+
+        self._divisors = FURTHER
+        self._finished = on_root(self.comm, taking)
+
     @property
     def n_finished(self) -> int:
         """How many samples are finished."""
@@ -123,7 +141,12 @@ class Integration:
 
 
 def run_ensemble(
-    model: Model, plan: Plan, group: RankGroup, stop: Stop | None = None, better: Sequence[Better] = ()
+    model: Model,
+    plan: Plan,
+    group: RankGroup,
+    stop: Stop | None = None,
+    better: Sequence[Better] = (),
+    earlier: Earlier | None = None,
 ) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
@@ -135,6 +158,8 @@ def run_ensemble(
         What ends the ensemble before the plan's last sample, if anything.
     better
         Better models, the best first, that integrate the first samples of the ensemble too.
+    earlier
+        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
 
     Returns
     -------
@@ -154,6 +179,8 @@ def run_ensemble(
         Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
         for one in better
     ]
+    if earlier is not None:
+        own.take_over(earlier)
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)
@@ -175,6 +202,9 @@ def run_ensemble(
         )  # fmt: skip
         if history:
             found = stopped(found, model.scene, plan, stop, history)
+        if earlier is not None:
+            remarks = (*found.record.remarks, earlier.remark)
+            found = replace(found, record=replace(found.record, remarks=remarks))
         if better:
             parts = {one.name: part.kept(k).columns() for one, part, k in zip(better, others, given)}
             found = with_better(found, model.scene, {**parts, model.name: own.kept(n).columns()})
@@ -200,11 +230,13 @@ def run_batch(
     watchers: Sequence[Watcher] = (),
     comm: MPI.Comm = MPI.COMM_SELF,
     pulse: Pulse | None = None,
+    divisors: tuple[int, ...] = DIVISORS,
 ) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
-    nothing is known. `pulse` is called now and then. Collective on `comm`.
+    nothing is known. `pulse` is called now and then, `divisors` are those of the steps that are tried. Collective on
+    `comm`.
     """
     scene = model.scene
     alive = physical(scene, values)
@@ -237,7 +269,7 @@ def run_batch(
                     found[kind][name][samples[places]] = estimates
         return done
 
-    outcome = integrate_with_smaller_steps(run, scene.simulation, alive)
+    outcome = integrate_with_smaller_steps(run, scene.simulation, alive, divisors)
     numerics = {"steps_divided": outcome.divisors, "unstable_start": unstable}
     return Batch(first, dict(values), outputs, outcome.status, outcome.failure_time, numerics, **found)
 

@@ -42,7 +42,8 @@ def joined(ensemble: Ensemble, label: str = "") -> Figure:
         axes.set_yticks([0, -1, -2], rows)
         axes.set_ylim(-2.6, 0.6)
         axes.grid(axis="y", visible=False)
-        axes.locator_params(axis="x", nbins=4)
+        long = np.nanmax(ends) - np.nanmin(ends) < 1e-4 * np.nanmax(np.abs(ends))  # labels of many digits
+        axes.locator_params(axis="x", nbins=2 if long else 4)
         axes.set_xlabel(axis_label(f"mean {name}".replace(".", ", "), unit))
     what = heading(
         f"{best} model from few samples of it, {100 * found.confidence:g} % intervals", ensemble.record, label

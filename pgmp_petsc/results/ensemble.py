@@ -49,6 +49,8 @@ dataset                                  shape           content
 ``/sobol/<name>/S1``, ``ST``             (d)             Sobol indices of each output, in the order of the group's
                                                          attribute ``parameters``; ``ST`` of the sampler saltelli alone
 ``.../S1_interval``, ``ST_interval``     (d, 2)          their intervals; attribute ``confidence`` of the group
+``/kept/unstable_start``                 (N)             where samples failed: what else of the others a further try of
+``.../bands.<name>``                     (n_known, n_t)  these needs (``--retry-failed``)
 ``/corrected/<name>/mean``, ``std``,     ()              figures of a better model (``--correct``), each with
 ``bias``; of an event ``estimate``                       ``<figure>_interval`` (2), and ``<figure>_alone`` and
                                                          ``<figure>_alone_interval`` of the better model's samples
@@ -96,6 +98,7 @@ EXTREMES = {
     "time_of_max": "instant of the largest value of output '{name}'",
     "time_of_min": "instant of the smallest value of output '{name}'",
 }
+UNSTABLE = "unstable_start"  # 1 where a sample began on an unstable static equilibrium, by name in `Ensemble.kept`
 DESCRIBED = ("max", "min")  # of these, by statistics ``<output>.<which>``
 
 
@@ -137,6 +140,9 @@ class Ensemble:
         Why it ended, where the number of samples was not given.
     joined : Joined or None
         Figures of a better model, where there are samples of it.
+    kept : mapping of str to ndarray
+        Where samples failed, what else of the others a further try of these needs: `UNSTABLE`, shape (N,), and
+        ``bands.<name>``, outputs of the first samples at the instants of the bands, shape (n_known, n_t).
     """
 
     model: str
@@ -160,6 +166,7 @@ class Ensemble:
     sobol: dict[str, Sensitivity] = field(default_factory=dict)
     stopping: Stopping | None = None
     joined: Joined | None = None
+    kept: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
@@ -197,6 +204,10 @@ class Ensemble:
             sobol = file.create_group("sobol", track_order=True)
             for name, indices in self.sobol.items():
                 indices.write(sobol.create_group(name), name)
+            for name, values in self.kept.items():
+                put(
+                    file, f"kept/{name}", values, "SI", f"{name} of the samples, for a further try of those that failed"
+                )
             if self.stopping is not None:
                 self.stopping.write(file)
             if self.joined is not None:
@@ -259,6 +270,7 @@ class Ensemble:
                 sobol={name: Sensitivity.read(group) for name, group in file.get("sobol", {}).items()},
                 stopping=read_stopping(file),
                 joined=Joined.read(file),
+                kept={name: take(file["kept"], name, 1 if name == UNSTABLE else 2) for name in file.get("kept", {})},
             )
 
 
