@@ -90,8 +90,6 @@ def read_wanted(texts: Sequence[str], own: str, n_samples: int | None) -> list[W
                 f"--correct {one.text}: {one.name} is no better than the ensemble's own model, {own}; give a better "
                 f"one, or {own}/2 for steps half as long"
             )
-        if one.model == "reduced" and own != "reduced":
-            raise InputError(f"--correct {one.text}: a SCENE has no reduced model; give its ROM.h5 in place of it")
         if one.count is not None and one.count < FEWEST:
             raise InputError(f"--correct {one.text}: at least {FEWEST} samples, or the interval would rest on nothing")
     known = [(one.name, one.count) for one in found if one.count is not None]
