@@ -17,7 +17,6 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
-from pgmp_petsc.ensemble.correction import plan_of
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -161,8 +160,7 @@ def montecarlo(
         is_part = isinstance(result, ShardSamples)
         status = int(failed > 0) if is_part else exit_status(result)
         say(context, _report_shard(result, plan, failed) if is_part else report(result, output, loaded.remarks))
-        for one in (plan, *(plan_of(plan, model) for model in better)):
-            remove_checkpoint(one)
+        remove_checkpoint(plan)
     if comm.bcast(status):
         context.exit(1)
 

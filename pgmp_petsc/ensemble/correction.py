@@ -15,6 +15,7 @@ from pgmp_petsc.ensemble.quantities import came_true, quantities, quantity
 from pgmp_petsc.models import Model
 from pgmp_petsc.results.corrected import Corrected, Figure, Joined
 from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 
@@ -44,8 +45,8 @@ class Better:
 
 
 def plan_of(plan: Plan, better: Better) -> Plan:
-    """Return the plan of a better model's samples, which has a checkpoint of its own."""
-    output = plan.output.with_name(f"{plan.output.name}.{better.key}")
+    """Return the plan of a better model's samples, whose checkpoint lies within that of the ensemble."""
+    output = within_checkpoint(plan.output, better.key)
     return replace(plan, n_samples=plan.n_samples if better.count is None else better.count, output=output)
 
 

@@ -19,6 +19,7 @@ from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_s
 from pgmp_petsc.ensemble import joined, runner
 from pgmp_petsc.ensemble.allotment import PILOT
 from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.rules import read_rule
@@ -155,6 +156,7 @@ def test_a_stopped_run_is_taken_up_bit_for_bit(model: ReducedModel, folder: Path
     for one in (plan, plan_of(plan, models[0])):
         pieces = sorted(Path(f"{one.output}.partial").glob("samples_*.npz"))
         pieces[0].unlink()
+    assert Path(f"{plan.output}.partial/full.partial").is_dir()
     found = ran(model, replace(plan, resume=True), better=models)
     for name, one in whole.joined.corrected.items():
         for key, figure in one.figures.items():
@@ -162,6 +164,8 @@ def test_a_stopped_run_is_taken_up_bit_for_bit(model: ReducedModel, folder: Path
     fewer = replace(plan, resume=True)
     with pytest.raises(InputError, match="only a larger number may be given"):
         ran(model, fewer, better=better(model, "full=20"))
+    remove_checkpoint(plan)
+    assert not Path(f"{plan.output}.partial").exists()
 
 
 def test_a_sample_that_fails_in_one_model_is_left_out(model: ReducedModel, folder: Path) -> None:
