@@ -214,7 +214,7 @@ def _fits_together(wanted: Sequence[Wanted], rules: Sequence[str], seconds: floa
 def _refuse_beside_retry(context: click.Context, failed: Path) -> None:
     """Refuse options that say what the samples are, which the file does; the same on all ranks."""
     options = {option.name: option.opts[0] for option in context.command.params}
-    for name in ("n_samples", "seed", "sampler", "table", "shard", "corrections", "rules", "budget"):
+    for name in ("n_samples", "seed", "table", "shard", "corrections", "rules", "budget"):
         if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise InputError(
                 f"{options[name]}: --retry-failed {failed} takes samples and their number from the file; leave one of "

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import IN_TURN, PGMP, SMALL, full_model, paper_scene, pgmp, rom_of
+from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, full_model, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.cli import montecarlo
 from pgmp_petsc.cli.better import better_models, read_wanted
@@ -18,7 +19,7 @@ from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.dynamics.smaller_steps import DIVISORS, integrate_with_smaller_steps
 from pgmp_petsc.ensemble import joined, runner
 from pgmp_petsc.ensemble.allotment import PILOT
-from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.batch import Plan, SampleFile
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.correction import Better, plan_of
 from pgmp_petsc.ensemble.retry import read_earlier
@@ -30,7 +31,7 @@ from pgmp_petsc.figures.joined import joined as picture_of_means
 from pgmp_petsc.figures.stopping import stopping as picture_of_looks
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results import Ensemble
-from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 
@@ -318,3 +319,103 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
                          rom_of(long))  # fmt: skip
     with pytest.raises(InputError, match=r"simulation\.step is not that of the file"):
         read_earlier(path, other)
+
+
+def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tuple, folder: Path) -> None:
+    def refused(ensemble: Ensemble, said: str, here: ReducedModel = model) -> None:
+        path = folder / "refused.h5"
+        status = np.where(np.arange(len(ensemble.status)) == 2, 2, ensemble.status)
+        replace(ensemble, status=status).write(path)
+        with pytest.raises(InputError) as error:
+            read_earlier(path, here)
+        assert str(error.value).startswith(f"--retry-failed {path}: ") and said in str(error.value)
+
+    plain = ran(model, Plan(10, SEED, folder / "plain.h5"))
+    kept = {"unstable_start": np.zeros(10)}
+    refused(together[0], "an ensemble with --correct")
+    stop = Stop((read_rule(RULE, model.scene),))
+    refused(ran(model, Plan(10, SEED, folder / "ten.h5"), stop=stop), "an ensemble with --until or --budget")
+    refused(plain, "written by another version, which kept less of its samples")
+    refused(replace(plain, kept=kept, model="full"), "samples of the full model; here it is the reduced one")
+    other = copy(model)
+    distribution = model.scene.parameters["r1"].model_copy(update={"bounds": (1e-3, 11e-3)})
+    other.scene = model.scene.model_copy(update={"parameters": {"r1": distribution}})
+    refused(replace(plain, kept=kept), "parameters.r1 is not that of the file", other)
+    record = replace(plain.record, seed=None)
+    path = folder / "of_table.h5"
+    status = np.where(np.arange(10) == 2, 2, 0)
+    replace(plain, kept=kept, record=record, status=status).write(path)
+    earlier = read_earlier(path, model)
+    np.testing.assert_array_equal(earlier.file.values["r1"], plain.parameters["r1"])
+
+
+def test_too_many_failures_leave_bounds_of_quantiles_alone(scene: Scene, folder: Path) -> None:
+    """Half of the radii and a few are outside of the bounds of a model whose samples are from a table."""
+    narrow = scene.parameters["r1"].model_copy(update={"bounds": (5.6e-3, 12e-3)})
+    bounds: list[np.ndarray] = []
+    for share in (0.5, 1.0):
+        asked = scene.ensemble.model_copy(update={"failed_share": share})
+        changed = scene.model_copy(update={"parameters": {"r1": narrow}, "ensemble": asked})
+        model = ReducedModel(changed, rom_of(scene))
+        values = np.linspace(4e-3, 6.9e-3, 30)
+        table = SampleFile(Path("table"), {"r1": values}, "")
+        found = ran(model, Plan(30, 0, folder / "hidden.h5", file=table))
+        n_failed = int(np.sum(found.status != 0))
+        one, text = found.statistics["crank_angle"], report(found, folder / "hidden.h5")
+        assert n_failed == int(np.sum(values < 5.6e-3)) > 15
+        bounds.append(one.quantile_bounds)
+        np.testing.assert_array_equal(one.quantile_bounds, bounds[0])
+        assert np.isfinite(one.quantile_bounds).any()
+        if share == 1.0:
+            assert one.count == 30 - n_failed and "failed_share" not in text
+            continue
+        assert one.count == 0 and np.isnan([one.mean, one.std]).all() and not found.sobol
+        assert found.bands["crank_angle"].count == 0 and np.isnan(found.probabilities["late"].estimate)
+        assert f"{n_failed} of 30 samples failed, more than ensemble.failed_share = 0.5" in text
+        assert "--retry-failed" in text and "unknown" in text
+        found.write(folder / "hidden.h5")
+        assert np.isnan(Ensemble.read(folder / "hidden.h5").statistics["crank_angle"].mean)
+
+
+def test_few_fine_samples_correct_nothing(model: ReducedModel, folder: Path) -> None:
+    one = better(model, "full=10")[0]
+    bounds = one.model.scene.parameters["r1"].model_copy(update={"bounds": (5.6e-3, 12e-3)})
+    one.model.scene = one.model.scene.model_copy(update={"parameters": {"r1": bounds}})
+    found = ran(model, Plan(40, SEED, folder / "few.h5"), better=[one])
+    assert not found.joined.corrected and "too few for /corrected, which takes 8" in report(found, Path("few.h5"))
+    found.write(folder / "few.h5")
+    assert Ensemble.read(folder / "few.h5").joined.n_failed == found.joined.n_failed > 2
+
+
+def test_models_that_do_not_vary_cannot_be_weighed(model: ReducedModel, folder: Path) -> None:
+    one = better(model, "full=auto")
+    table = SampleFile(Path("table"), {"r1": np.full(40, 5.6e-3)}, "")
+    with pytest.raises(RunError, match="no output varies in all of them"):
+        ran(model, Plan(40, 0, folder / "still.h5", file=table), better=one, stop=Stop((), 5.0))
+
+
+def test_meshes_come_from_the_scene_that_is_named(model: ReducedModel, tmp_path: Path) -> None:
+    own, named = better(model, "full=20")[0].model, better(model, f"{PAPER_SCENE}:full=20")[0].model
+    values = draw(model.scene, SEED, 0, 2)
+    for name, expected in run_batch(own, values).outputs.items():
+        np.testing.assert_allclose(run_batch(named, values).outputs[name], expected, rtol=1e-9, atol=1e-14)
+    # a ROM.h5 of cells has condensed bodies in place of their meshes
+    condensed = copy(model)
+    condensed.rom = replace(model.rom, meshes={**model.rom.meshes, "rod": None})
+    with pytest.raises(InputError, match=r"'rom\.h5' has no mesh of rod, .* --correct SCENE\.toml:full=20"):
+        better(condensed, "full=20")
+    other = tmp_path / "other.toml"
+    text = PAPER_SCENE.read_text().replace("../meshes", str(PAPER_SCENE.parent.parent / "meshes"))
+    other.write_text(text.replace("rho = 7800.0", "rho = 7900.0"))
+    with pytest.raises(InputError, match=r"\[materials\] of '.*other\.toml' differs from that of 'rom\.h5'"):
+        better(model, f"{other}:full=20")
+
+
+def test_a_row_of_models_from_steps_and_components(model: ReducedModel, folder: Path) -> None:
+    models = better(model, "reduced/2=40", "components=20")
+    assert [one.name for one in models] == ["components", "reduced/2"]
+    found = ran(model, Plan(100, SEED, folder / "row.h5"), better=models).joined
+    assert found.models == ("components", "reduced/2", "reduced") and len(found.status["reduced/2"]) == 40
+    values = draw(model.scene, SEED, 0, 20)
+    expected = run_batch(models[0].model, values).outputs["crank_angle"]
+    np.testing.assert_allclose(found.outputs["components"]["crank_angle"], expected, rtol=1e-8)
