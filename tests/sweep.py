@@ -100,21 +100,27 @@ class Ending:
         return lines[0] if lines else ""
 
 
-def commands(scene: Path, folder: Path, whole: bool) -> Iterator[tuple[str, list[str]]]:
-    """Yield name and arguments of every command; later ones read what earlier ones wrote, where they did."""
+def commands(scene: Path, folder: Path, whole: bool, alone: bool) -> Iterator[tuple[str, list[str]]]:
+    """Yield name and arguments of every command; later ones read what earlier ones wrote, where they did.
+
+    In short on several ranks, those alone on which there is work for these.
+    """
     name, short = scene.stem, [] if whole else overrides(scene)
     files = {kind: str(folder / f"{name}_{kind}.h5") for kind in ("rom", "modes", "run", "full", "many", "manyfull")}
     can_be_reduced = refusal(scene, "build") is None
     yield "check", ["check", str(scene)]
     yield "check --effects", ["check", str(scene), "--effects", *short]
     yield "build", ["build", str(scene), "-o", files["rom"], *short]
-    yield "modes", ["modes", str(scene), "-o", files["modes"], *short]
+    if whole or not can_be_reduced:  # with a model it does the same, and compares
+        yield "modes", ["modes", str(scene), "-o", files["modes"], *short]
     if can_be_reduced:
         yield "modes --rom", ["modes", str(scene), "--rom", files["rom"], "-o", files["modes"], *short]
         yield "simulate", ["simulate", files["rom"], "-o", files["run"]]
         yield "montecarlo", ["montecarlo", files["rom"], "-n", "3", "--seed", "1", "-o", files["many"]]
     yield "simulate --full", ["simulate", str(scene), "--full", "-o", files["full"], *short]
     yield "montecarlo --full", ["montecarlo", str(scene), "--full", "-n", "2", "-o", files["manyfull"], *short]
+    if not (whole or alone):  # the first rank does the rest
+        return
     made = [file for kind, file in files.items() if kind != "rom" and Path(file).exists()]
     yield "plot", ["plot", *made, "-o", str(folder / "pictures")]
     for kind in ("run", "full"):
@@ -162,7 +168,7 @@ def work(scene: Path, folder: Path, report: Path, whole: bool) -> None:
     warnings.simplefilter("always")
     comm = MPI.COMM_WORLD
     endings: list[Ending] = []
-    for name, arguments in commands(scene, folder, whole):
+    for name, arguments in commands(scene, folder, whole, comm.size == 1):
         out, err, start = io.StringIO(), io.StringIO(), time.perf_counter()
         status = 0
         with redirect_stdout(out), redirect_stderr(err):

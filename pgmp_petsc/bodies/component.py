@@ -52,6 +52,9 @@ class Component:
     large
         What is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
         bodies read back from a reduced model, whose tables hold it.
+    foreshortening
+        Second derivatives of the amplitudes of the elastic free modes, shape (n_modes, n_modes, n_modes), 1/m; None
+        where the body does not follow it, and of bodies read back, whose floating frames hold it.
     floating
         The same body in a floating frame; None of rigid bodies.
     """
@@ -68,6 +71,7 @@ class Component:
     centre_of_mass: np.ndarray | None = None
     recovery: Recovery | None = None
     large: LargeDeformation | None = None
+    foreshortening: np.ndarray | None = field(default=None, compare=False)
     floating: FloatingBody | None = None
 
     def terms(self, kind: str) -> dict[Monomial, np.ndarray]:

@@ -96,7 +96,8 @@ def _run(arguments: list[str], session: Session) -> tuple[int, str | None]:
     try:
         with _standard_output(comm) as output:
             status = pgmp.main(args=arguments, prog_name="pgmp", standalone_mode=False, obj=session)
-        if output is not None and output.failure is not None:
+        # a reader of the output that has gone (`pgmp ... | head`) wants no more of it; the files are written
+        if output is not None and output.failure is not None and not isinstance(output.failure, BrokenPipeError):
             return 1, _output_message(output.failure)
         return status if isinstance(status, int) else 0, None
     except PgmpError as error:
@@ -136,10 +137,8 @@ def _standard_output(comm: MPI.Comm) -> Iterator[LastingOutput | None]:
             yield output
 
 
-def _output_message(failure: OSError) -> str | None:
-    """Say what is lost with standard output; nothing where its reader has gone."""
-    if isinstance(failure, BrokenPipeError):
-        return None
+def _output_message(failure: OSError) -> str:
+    """Say what is lost with standard output."""
     return f"standard output: {failure.strerror}; what was printed is incomplete, files that were written are complete"
 
 

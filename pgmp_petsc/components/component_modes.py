@@ -33,7 +33,6 @@ from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.displacement_fields import linear_fields
-from pgmp_petsc.components.large_deformation import large_deformation
 from pgmp_petsc.components.petsc_terms import Terms, petsc_terms
 from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
 from pgmp_petsc.components.subspace import Operator, Subspace
@@ -78,15 +77,15 @@ def condense(
         Ranks that share the body.
     timings
         Gets the wall time of the phases assembly, modes, answers (of the frames, the growing subspace included) and
-        projection, second order.
+        projection.
     memory
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
     stressed
         Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
         motion too, and the component keeps T and the mesh.
     large
-        Whether what is of second order in the deformation is wanted, but for a scaled cross-section, of which it is not
-        known. The subspace then answers the inertia forces of the rigid motion as well.
+        Whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
+        the subspace then answers the inertia forces of the rigid motion as well.
 
     Returns
     -------
@@ -106,7 +105,7 @@ def condense(
     timings = timings or Timings()
     d, n_nodes = solid.mesh.dimension, solid.mesh.n_nodes
     n_modes = min(n_modes, solid.n_dofs - d * (d + 1) // 2)  # a coarse mesh has no more
-    nodes = range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
+    nodes = own_nodes(n_nodes, comm)
     own = slice(d * nodes.start, d * nodes.stop)
     interface = [frame.functionals(n_nodes) for frame in frames.values()]
     loads = np.vstack([functionals.toarray() for functionals in interface])[:, own].T
@@ -146,10 +145,12 @@ def condense(
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()
-    if large and solid.section_scale is None:
-        with timings.phase("second order"):
-            component = replace(component, large=large_deformation(solid, nodes, recovery, comm))
     return component, recovery, section
+
+
+def own_nodes(n_nodes: int, comm: MPI.Comm) -> range:
+    """Return this rank's nodes of a mesh that several ranks share."""
+    return range(n_nodes * comm.rank // comm.size, n_nodes * (comm.rank + 1) // comm.size)
 
 
 def _stiffness_of(problem: BodyProblem) -> Operator:

@@ -14,6 +14,7 @@ from pgmp_petsc.bodies.rigid_component import rigid_component
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.floating_component import in_floating_frame
+from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
@@ -78,7 +79,7 @@ def condensed(
     waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
     found = {}
     wanted = scene.second_order if large is None else large
-    own, stressed = waiting[group.index :: group.count], stressed_bodies(scene)
+    own, stressed, timings = waiting[group.index :: group.count], stressed_bodies(scene), timings or Timings()
     free = free_share(group.world)
     memory = None if free is None else FACTOR_SHARE * free
     with agreed(group.world, "components"), progress(len(own), "condensed bodies", group.world) as bar:
@@ -89,9 +90,15 @@ def condensed(
                 points, n_modes = serving_points(scene, meshed), scene.reduction.modes + scene.n_overconstrained
                 # where errors are estimated, a body in its floating frame follows its foreshortening
                 known = wanted or scene.simulation.error_indicator
-                found[name], *_ = condense(
+                body, recovery, _ = condense(
                     meshed.solid, meshed.frames, points, n_modes, group.comm, timings, memory, name in stressed, known
                 )
+                if known:
+                    with timings.phase("second order"):
+                        body = with_second_order(
+                            body, meshed.solid, recovery, group.comm, scene.nominal, N_FOLLOWED, wanted
+                        )
+                found[name] = body
             else:
                 found[name] = rigid_component(meshed)
             if finished is not None:
@@ -99,15 +106,14 @@ def condensed(
             bar.update()
     for part in group.world.allgather(found if group.comm.rank == 0 else {}):
         done.update(part)
-    return {name: _floating(shape, scene, wanted) for name, shape in done.items()}
+    return {name: _floating(shape, scene) for name, shape in done.items()}
 
 
-def _floating(shape: BodyShape, scene: Scene, large: bool) -> BodyShape:
-    """Return a condensed body with what it is in a floating frame; what is of second order stays where it is wanted."""
+def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
+    """Return a condensed body with what it is in a floating frame."""
     if not isinstance(shape, Component) or shape.rigid:
         return shape
-    floating = in_floating_frame(shape, scene.nominal, N_FOLLOWED)
-    return replace(shape, floating=floating, large=shape.large if large else None)
+    return replace(shape, floating=in_floating_frame(shape, scene.nominal))
 
 
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:

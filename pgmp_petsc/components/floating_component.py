@@ -16,36 +16,20 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
 from pgmp_petsc.components.component_modes import weighted_sum_dense
-from pgmp_petsc.components.foreshortening import foreshortening
 
 
-def in_floating_frame(
-    component: Component, nominal: Mapping[str, float], n_followed: int | None = None
-) -> FloatingBody:
+def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> FloatingBody:
     """Put a flexible condensed body into a floating frame, the mean axes at the nominal parameters.
 
-    It follows its foreshortening where what is of second order is known of it, and where it is slender; that of its
-    `n_followed` slowest modes alone, where a number is given.
+    It follows its foreshortening where that is known.
     """
-    d, mass = component.centres.shape[1], weighted_sum_dense(component.mass, nominal)
-    rigid = rigid_motions(component)
-    # of a mean square displacement of 1 m2
-    modes = np.sqrt(rigid[:, 0] @ mass @ rigid[:, 0]) * free_modes(
-        mass, weighted_sum_dense(component.stiffness, nominal), d
-    )
+    d, rigid, modes = component.centres.shape[1], rigid_motions(component), elastic_modes(component, nominal)
     n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
     bent, curved = np.zeros((n_frames, d, n, n)), {}
-    if component.large is not None and component.large.slender:
-        third, stretching = (
-            weighted_sum_dense(terms, nominal) for terms in (component.large.third, component.large.stretching)
-        )
-        third = np.einsum("abc,ai,bj,ck->ijk", third, modes, modes, modes, optimize=True)
-        curvature = foreshortening(third, weighted_sum_dense(stiffness, nominal), modes.T @ stretching @ modes)
-        if n_followed is not None:
-            curvature[:, n_followed:] = curvature[:, :, n_followed:] = 0.0
-        bent, curved = foreshortened(curvature, shapes, moments)
+    if component.foreshortening is not None:
+        bent, curved = foreshortened(component.foreshortening, shapes, moments)
     kept = None if component.recovery is None else replace(component.recovery, shapes=component.recovery.shapes @ modes)
     return FloatingBody(
         component.frames,
@@ -58,6 +42,14 @@ def in_floating_frame(
         kept,
         np.linalg.inv(np.hstack([rigid, modes])),
     )
+
+
+def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndarray:
+    """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
+    m2, shape (n, n - n_rigid)."""
+    mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
+    along = rigid_motions(component)[:, 0]
+    return np.sqrt(along @ mass @ along) * free_modes(mass, stiffness, component.centres.shape[1])
 
 
 def foreshortened(

@@ -28,7 +28,8 @@ from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import check_slender, serving_points
 from pgmp_petsc.components.displacement_fields import linear_fields
 from pgmp_petsc.components.floating_component import foreshortened, free_modes, in_floating_frame
-from pgmp_petsc.components.foreshortening import foreshortening
+from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
+from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
@@ -83,7 +84,7 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
     if scene.static_stiffening:
         check_slender(scene, meshed, NOT_SLENDER)
     n_modes, stressed = scene.reduction.modes + scene.n_overconstrained, meshed.solid.name in stressed_bodies(scene)
-    component, *_ = condense(
+    component, recovery, _ = condense(
         meshed.solid,
         meshed.frames,
         serving_points(scene, meshed),
@@ -92,6 +93,8 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         stressed=stressed,
         large=scene.static_stiffening,
     )
+    if scene.static_stiffening:
+        component = with_second_order(component, meshed.solid, recovery, MPI.COMM_SELF, scene.nominal)
     return in_floating_frame(component, scene.nominal)
 
 
@@ -121,7 +124,8 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
     moments, n = _moments_of_beams(body, modes), modes.shape[1]
     bent, curved = np.zeros((held.size, d, n, n)), {}
     if scene.static_stiffening:
-        curvature = foreshortening(*_energy_of_beams(body, modes, scene.nominal))
+        third, *resistance = _energy_of_beams(body, modes, scene.nominal)
+        curvature = foreshortening(contraction_of(third), *resistance)
         bent, curved = foreshortened(curvature, shapes, moments)
         for weight, part in _turned_sections(body, modes).items():
             curved[weight] = curved.get(weight, 0.0) + part

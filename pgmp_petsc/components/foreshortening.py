@@ -20,23 +20,39 @@ these do all of their work on c.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+Contraction = Callable[[np.ndarray], np.ndarray]
 
-def foreshortening(third: np.ndarray, stiffness: np.ndarray, stretching: np.ndarray) -> np.ndarray:
+
+def contraction_of(third: np.ndarray) -> Contraction:
+    """Return what makes ``W3[., V e_i, V e_j]``, (n, m, m), of vectors V (n, m), from W3, symmetric, (n, n, n)."""
+    return lambda vectors: np.einsum("kab,ai,bj->kij", third, vectors, vectors, optimize=True)
+
+
+def foreshortening(
+    third: Contraction, stiffness: np.ndarray, stretching: np.ndarray, n_followed: int | None = None
+) -> np.ndarray:
     """Return c, the amplitudes' second derivatives, shape (n, n, n), 1/m, the amplitude that is moved first.
 
     Parameters
     ----------
     third
-        W3 of the amplitudes, symmetric, shape (n, n, n), N/m2.
+        W3 of the amplitudes times pairs of vectors (see `contraction_of`), N/m2.
     stiffness, stretching
         K, positive definite, and K_s, each of shape (n, n), N/m.
+    n_followed
+        Amplitudes that are followed, the first ones; c is zero in all others. None for all.
     """
     n = len(stiffness)
     share = np.linalg.solve(stiffness, stretching)
     stretched = share @ share @ (3.0 * np.eye(n) - 2.0 * share)
-    bending = np.eye(n) - stretched
-    forces = np.einsum("kab,ai,bj->kij", third, bending, bending, optimize=True).reshape(n, n * n)
-    found = -(stretched @ np.linalg.solve(stiffness, forces)).reshape(n, n, n)
-    return 0.5 * (found + found.swapaxes(1, 2))
+    bending = (np.eye(n) - stretched)[:, :n_followed]
+    m = bending.shape[1]
+    forces = third(bending).reshape(n, m * m)
+    found = -(stretched @ np.linalg.solve(stiffness, forces)).reshape(n, m, m)
+    curvature = np.zeros((n, n, n))
+    curvature[:, :m, :m] = 0.5 * (found + found.swapaxes(1, 2))
+    return curvature

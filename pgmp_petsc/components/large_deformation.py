@@ -2,42 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, stretching_of
 from pgmp_petsc.bodies.solid import Solid
+from pgmp_petsc.components.component_modes import own_nodes, weighted_sum_dense
+from pgmp_petsc.components.floating_component import elastic_modes
+from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-def large_deformation(solid: Solid, nodes: range, recovery: np.ndarray, comm: MPI.Comm) -> LargeDeformation:
-    """Evaluate the terms of a body's displacement fields. Collective on `comm`.
+def with_second_order(
+    component: Component,
+    solid: Solid,
+    recovery: np.ndarray,
+    comm: MPI.Comm,
+    nominal: Mapping[str, float],
+    n_followed: int | None = None,
+    all_fields: bool = True,
+) -> Component:
+    """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
+    is wanted. Collective on `comm`.
+
+    Nothing of it is known where the cross-section is scaled, and no foreshortening of a body that is not slender.
+
+    Parameters
+    ----------
+    component, solid, recovery
+        The body, its mesh, and this rank's rows of the fields, shape (n_local, n); see `condense`.
+    nominal
+        Parameter values for the foreshortening.
+    n_followed
+        Free modes whose foreshortening is followed, the slowest ones; None for all.
+    all_fields
+        Whether it is wanted of all fields: that takes longest.
+    """
+    if solid.section_scale is not None:
+        return component
+    fields = FieldsOnRanks(solid, recovery, comm)
+    stretching, slenderness = fields.stretching(), fields.axis.slenderness
+    third = partial(fields.third_with, values=nominal)
+    if all_fields:
+        large = LargeDeformation(fields.third(), stretching, slenderness)
+        component, third = replace(component, large=large), contraction_of(weighted_sum_dense(large.third, nominal))
+    if not fields.axis.is_long:
+        return component
+    modes = elastic_modes(component, nominal)
+    stiffness, resisting = (
+        modes.T @ weighted_sum_dense(terms, nominal) @ modes for terms in (component.stiffness, stretching)
+    )
+    followed = foreshortening(
+        lambda vectors: np.tensordot(modes.T, third(modes @ vectors), 1), stiffness, resisting, n_followed
+    )
+    return replace(component, foreshortening=followed)
+
+
+class FieldsOnRanks:
+    """The displacement fields of a condensed body on the ranks that share its mesh; methods are collective.
 
     Parameters
     ----------
     solid
         The body; its cross-section is not scaled.
-    nodes
-        This rank's nodes.
     recovery
-        The fields there, shape (d n_nodes, n).
+        The fields at this rank's nodes, shape (d n_nodes, n).
+    comm
+        The ranks.
+
+    Attributes
+    ----------
+    axis
+        The body's long axis.
     """
-    mesh, axis = solid.mesh, LongAxis(solid)
-    # every cell is evaluated once, by the rank that has its first node
-    own = np.flatnonzero((mesh.cells[:, 0] >= nodes.start) & (mesh.cells[:, 0] < nodes.stop))
-    wanted = np.unique(mesh.cells[own])
-    fields = _fetched(wanted, nodes, recovery.reshape(len(nodes), mesh.dimension, -1), comm)
-    on_cells = FieldsOnCells(solid, own, np.searchsorted(wanted, mesh.cells[own]), fields)
-    strains, moduli = on_cells.mean_strains(axis)
-    return LargeDeformation(
-        _summed(on_cells.third(), comm),
-        stretching_of(_total(strains, comm), _summed(moduli, comm)),
-        axis.slenderness,
-    )
+
+    def __init__(self, solid: Solid, recovery: np.ndarray, comm: MPI.Comm) -> None:
+        mesh, nodes = solid.mesh, own_nodes(solid.mesh.n_nodes, comm)
+        # every cell is evaluated once, by the rank that has its first node
+        own = np.flatnonzero((mesh.cells[:, 0] >= nodes.start) & (mesh.cells[:, 0] < nodes.stop))
+        wanted = np.unique(mesh.cells[own])
+        fields = _fetched(wanted, nodes, recovery.reshape(len(nodes), mesh.dimension, -1), comm)
+        self.axis, self._comm = LongAxis(solid), comm
+        self._on_cells = FieldsOnCells(solid, own, np.searchsorted(wanted, mesh.cells[own]), fields)
+
+    def third(self) -> dict[Monomial, np.ndarray]:
+        """Return W3 by weight, shape (n, n, n)."""
+        return _summed(self._on_cells.third(), self._comm)
+
+    def third_with(self, vectors: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Return ``W3[., v_i, v_j]``; see `FieldsOnCells.third_with`."""
+        return _total(self._on_cells.third_with(vectors, values), self._comm)
+
+    def stretching(self) -> dict[Monomial, np.ndarray]:
+        """Return the stiffness against the mean strains of pieces by weight, shape (n, n)."""
+        strains, moduli = self._on_cells.mean_strains(self.axis)
+        return stretching_of(_total(strains, self._comm), _summed(moduli, self._comm))
 
 
 def _fetched(wanted: np.ndarray, nodes: range, own: np.ndarray, comm: MPI.Comm) -> np.ndarray:

@@ -156,7 +156,7 @@ class Checkpoint:
         """
         begin = self._plan.samples[0]
         columns = Columns(self.folder, self._end - begin)
-        for batch in self.batches():
+        for batch in self.batches(IN_ALL):
             columns.put(batch.first - begin, {**_ends(batch), **_named(batch, IN_ALL)})
         for batch in self.estimates():
             columns.put(batch.first - begin, _named(batch, IN_CHECKED))
@@ -171,7 +171,7 @@ class Checkpoint:
             As `batches`.
         """
         parts: dict[str, list[np.ndarray]] = {}
-        for batch in self.batches():
+        for batch in self.batches(("bands",)):
             if batch.first >= n:
                 break
             for name, values in batch.bands.items():
@@ -180,10 +180,10 @@ class Checkpoint:
 
     def estimates(self) -> Iterator[Batch]:
         """Yield the pieces of samples whose errors were estimated."""
-        return self._all(CHECKED)
+        return self._all(CHECKED, NAMED)
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield the pieces in the order of their samples, which are those of the plan, each once.
+    def batches(self, parts: Sequence[str] = NAMED) -> Iterator[Batch]:
+        """Yield parts of the pieces in the order of their samples, which are those of the plan, each once.
 
         Raises
         ------
@@ -192,7 +192,7 @@ class Checkpoint:
         """
         (begin, _), end = self._plan.samples, self._end
         place = begin
-        for batch in self._all(SAMPLES):
+        for batch in self._all(SAMPLES, parts):
             if batch.first != place:
                 missing = f"samples {place} to {batch.first - 1} are missing"
                 what = missing if batch.first > place else "samples are there twice"
@@ -202,19 +202,20 @@ class Checkpoint:
         if place != end:
             raise RunError(f"'{self.folder}' holds {place - begin} of {end - begin} samples; {CURE}")
 
-    def _all(self, kind: str) -> Iterator[Batch]:
+    def _all(self, kind: str, parts: Sequence[str]) -> Iterator[Batch]:
         for path in self._folder.pieces(f"{kind}*"):
             try:
-                batch = self._read(path)
+                batch = self._read(path, parts)
                 if batch.first < self._end:
                     yield _cut(batch, self._end - batch.first)
             except BrokenSeal as broken:
                 what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
                 raise RunError(f"{what}; {CURE}") from broken
 
-    def _read(self, path: Path) -> Batch:
-        """Return what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
-        batch = self._folder.take(path, lambda arrays: _batch(int(path.stem.rpartition("_")[2]), arrays))
+    def _read(self, path: Path, parts: Sequence[str] = NAMED) -> Batch:
+        """Return parts of what a piece holds; raises `BrokenSeal` unless these are samples of this run."""
+        first = int(path.stem.rpartition("_")[2])
+        batch = self._folder.take(path, lambda arrays: _batch(first, arrays, parts))
         last = batch.first + len(batch.status)
         begin, end = self._plan.samples
         if not begin <= batch.first < last <= end:
@@ -245,10 +246,12 @@ def _cut(batch: Batch, n: int) -> Batch:
     return replace(batch, status=batch.status[:n], failure_time=batch.failure_time[:n], **named)
 
 
-def _batch(first: int, arrays: Mapping[str, np.ndarray]) -> Batch:
-    named: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in NAMED}
+def _batch(first: int, arrays: Mapping[str, np.ndarray], parts: Sequence[str]) -> Batch:
+    """Return parts of a piece; opening an array takes longer than reading it."""
+    named: dict[str, dict[str, np.ndarray]] = {part: {} for part in parts}
     for key in arrays:
-        kind, _, name = key.partition(".")
-        if name:
-            named[kind][name] = arrays[key]
-    return Batch(first, status=arrays["status"], failure_time=arrays["failure_time"], **named)
+        part, _, name = key.partition(".")
+        if name and part in named:
+            named[part][name] = arrays[key]
+    drawn, found = named.pop("parameters", {}), named.pop("outputs", {})
+    return Batch(first, drawn, found, arrays["status"], arrays["failure_time"], **named)

@@ -76,7 +76,7 @@ class Validity:
         self._strains = BodyStrains(model.scene, model.kinematics.mechanism, values, model.terms.layout.second_order)
         n, tables = system.n_samples, model.terms.tables
         of_mass, of_stiffness = (
-            np.ascontiguousarray(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))))
+            np.array(np.broadcast_to(evaluate_weights(weights, values).T, (n, len(weights))), order="C")
             for weights in (tables.mass_weights, tables.stiffness_weights)
         )
         self._weights = side_by_side(of_mass), of_stiffness
@@ -101,7 +101,9 @@ class Validity:
 
     def _look(self, times: np.ndarray, trail: np.ndarray) -> None:
         """Follow the stiffness over states (n_t, 3, n, n_eta), and keep the most deformed ones."""
-        loads, forces = self._system.load_amplitudes(times), self._system.action_forces(times, trail)
+        # one layout, one compiled function
+        loads = np.ascontiguousarray(self._system.load_amplitudes(times))
+        forces = self._system.action_forces(times, trail)
         look_at(self._places, self._weights, self._n_looks, self._part, loads, forces, trail, self._kept)
         self._n_looks += times.size
         gained, lost = self._kept.shares(self._system.n_samples)

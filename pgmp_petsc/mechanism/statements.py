@@ -74,9 +74,9 @@ class Statement:
         self, a: np.ndarray, b: np.ndarray, turned: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n, trailing = n_frame(self.axes.shape[1]), a.shape[1:]
-        z = np.concatenate([a[:n].reshape(n, -1), b[:n].reshape(n, -1)]).astype(float)
+        z = np.concatenate([a[:n].reshape(n, -1), b[:n].reshape(n, -1)]).astype(float, order="C")
         values, gradients, hessians = np.empty(z.shape[1]), np.empty(z.shape), np.empty((2 * n, *z.shape))
-        turned = np.ascontiguousarray(np.broadcast_to(turned, trailing), dtype=float).reshape(-1)
+        turned = np.full(trailing, turned, dtype=float).reshape(-1)
         _evaluate_all(self.kind, self.axes, z, turned, values, gradients, hessians)
         return tuple(part.reshape((*part.shape[:-1], *trailing)) for part in (values, gradients, hessians))
 

@@ -33,7 +33,7 @@ from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
 
-FORMAT = 5
+FORMAT = 6
 INTERVAL = 10.0  # s
 Key, Content = TypeVar("Key"), TypeVar("Content")
 NAMED = ("groups", "regions")  # of a mesh
@@ -102,6 +102,8 @@ class BuildCheckpoint:
         if component.recovery is not None:
             arrays |= _of_recovery(component.recovery)
         terms = {kind: getattr(component, kind) for kind in OF_COMPONENT}
+        if component.foreshortening is not None:
+            arrays["foreshortening"] = component.foreshortening
         if component.large is not None:
             terms |= {kind: getattr(component.large, kind) for kind in OF_LARGE}
             arrays["slenderness"] = np.array(component.large.slenderness)
@@ -200,6 +202,7 @@ def _component(arrays: Mapping[str, np.ndarray]) -> dict[str, Component]:
         centre_of_mass=arrays["centre_of_mass"] if "centre_of_mass" in arrays else None,
         recovery=_recovery(arrays) if "mesh_kind" in arrays else None,
         large=large,
+        foreshortening=arrays["foreshortening"] if "foreshortening" in arrays else None,
         **terms(OF_COMPONENT),
     )
     return {str(arrays["body"]): component}

@@ -82,10 +82,10 @@ class Reconstruction:
         return np.concatenate([frames.reshape(-1, len(eta)), local[:, self._n_nodal :].T])
 
     def _frames(self, eta: np.ndarray, local: np.ndarray) -> np.ndarray:
-        theta, local = eta[:, : self._kinematics.n_coordinates], local[:, : self._n_nodal]
+        theta = eta[:, : self._kinematics.n_coordinates]
         poses = self._kinematics.poses(theta)
         if self._space is SPATIAL:
-            return self._in_space(theta, poses, local)
+            return self._in_space(theta, poses, local[:, : self._n_nodal])
         frames = np.empty((self._nodes.size, DOFS_PER_NODE, len(eta)))
         _place(self._bodies, self._points, poses, np.cos(poses[:, 2]), np.sin(poses[:, 2]), local, frames)
         return frames

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import takewhile
@@ -85,6 +87,10 @@ def start_petsc(arguments: Sequence[str] = ()) -> None:
     import slepc4py
 
     slepc4py.init(words)
+    if threading.current_thread() is threading.main_thread():
+        # PETSc ends the process with a page when a reader of its output has gone (`pgmp ... | head`); Python says so
+        # where it writes, and what the run was for goes on
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.bodies.floating import FloatingBody, first_moments
 from pgmp_petsc.components.floating_frames import floating_shapes
-from pgmp_petsc.components.foreshortening import foreshortening
+from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.straight_beam import straight_beam
 
@@ -106,9 +106,12 @@ def test_it_is_none_of_what_only_stretches() -> None:
     random = np.random.default_rng(0).normal(size=(n, n, n))
     third = sum(random.transpose(order) for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)))
     stiffness = np.diag([1.0, 2.0, 3.0, 4.0])
-    found = foreshortening(third, stiffness, np.diag([0.0, 0.0, 3.0, 4.0]))
+    found = foreshortening(contraction_of(third), stiffness, np.diag([0.0, 0.0, 3.0, 4.0]))
     expected = np.zeros((n, n, n))
     expected[2:, :2, :2] = -third[2:, :2, :2] / np.array([3.0, 4.0])[:, None, None]
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+    expected[:, 1:] = expected[:, :, 1:] = 0.0
+    found = foreshortening(contraction_of(third), stiffness, np.diag([0.0, 0.0, 3.0, 4.0]), n_followed=1)
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
@@ -119,8 +122,7 @@ def test_amplitudes_may_be_turned() -> None:
     third = sum(random.transpose(order) for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)))
     half = rng.normal(size=(n, n))
     stiffness, stretching = half @ half.T + np.eye(n), 0.5 * half @ half.T
-    found = foreshortening(third, stiffness, stretching)
-    other = foreshortening(
-        np.einsum("abc,ai,bj,ck->ijk", third, turn, turn, turn), turn.T @ stiffness @ turn, turn.T @ stretching @ turn
-    )
+    found = foreshortening(contraction_of(third), stiffness, stretching)
+    turned = np.einsum("abc,ai,bj,ck->ijk", third, turn, turn, turn)
+    other = foreshortening(contraction_of(turned), turn.T @ stiffness @ turn, turn.T @ stretching @ turn)
     np.testing.assert_allclose(np.einsum("ak,kij->aij", turn, other), np.einsum("aij,ik,jl->akl", found, turn, turn))

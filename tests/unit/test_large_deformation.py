@@ -14,19 +14,27 @@ from scipy.linalg import eigh
 from solid_scenes import solid_meshes, solid_slider_crank
 from solids import body_of, matrices_of, mesh_of, rod
 
-from pgmp_petsc.bodies.affine import Monomial, evaluate_weights
+from pgmp_petsc.bodies.affine import Monomial, Quantity, evaluate_weights
+from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LongAxis, stretching_of
 from pgmp_petsc.bodies.section_scale import SectionScale
-from pgmp_petsc.bodies.affine import Quantity
-from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.bodies.solid import Solid
+from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.components.foreshortening import contraction_of
+from pgmp_petsc.components.large_deformation import FieldsOnRanks, with_second_order
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.runtime.groups import RankGroup
 
-
 KINDS = ("triangle6", "quad8", "tetra10", "hexahedron20")
 COUNTS, LENGTHS, NU = (3, 2, 2), (0.6, 0.06, 0.04), 0.3
+
+
+def of_second_order(solid: Solid, frames: dict, points: list, n_modes: int) -> tuple[Component, np.ndarray]:
+    """Return a condensed body with what is of second order in it, and its displacement fields."""
+    component, recovery, _ = condense(solid, frames, points, n_modes, MPI.COMM_SELF, large=True)
+    return with_second_order(component, solid, recovery, MPI.COMM_SELF, points[0]), recovery
 
 
 def third_along(energy: Callable[[np.ndarray], float], u: np.ndarray) -> float:
@@ -51,9 +59,21 @@ def test_the_third_derivative_is_that_of_the_green_lagrange_energy(kind: str) ->
         np.testing.assert_array_equal(third.transpose(order), third)
 
 
+@pytest.mark.parametrize("kind", ["quad8", "hexahedron20"])
+def test_of_few_vectors_it_is_what_it_is_of_all_fields(kind: str) -> None:
+    solid, frames, points = rod(kind, two_materials=True)
+    _, recovery = of_second_order(solid, frames, points, 3)
+    fields = FieldsOnRanks(solid, recovery, MPI.COMM_SELF)
+    vectors = np.random.default_rng(4).normal(size=(recovery.shape[1], 3))
+    whole = weighted_sum_dense(fields.third(), points[0])
+    found = fields.third_with(vectors, points[0])
+    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
+    np.testing.assert_allclose(found, contraction_of(whole)(vectors), rtol=0, atol=1e-12 * np.abs(found).max())
+
+
 def test_terms_of_two_materials_are_affine() -> None:
     solid, frames, points = rod("quad8", two_materials=True)
-    component, recovery, _ = condense(solid, frames, points, 6, MPI.COMM_SELF, large=True)
+    component, recovery = of_second_order(solid, frames, points, 6)
     assert set(component.large.third) == set(component.stiffness)
     assert set(component.moments) == set(component.mass)
     for values in ({"E": 1.3e11}, {"E": 2.6e11}):
@@ -120,7 +140,7 @@ def test_stretching_is_told_from_bending_and_torsion(kind: str) -> None:
 def test_condensed_bodies_answer_the_inertia_forces_of_rigid_motion(kind: str) -> None:
     """Forces as of linear fields, balanced by those of rigid accelerations, against the whole mesh."""
     solid, frames, points = rod(kind)
-    component, recovery, _ = condense(solid, frames, points, 3, MPI.COMM_SELF, large=True)
+    component, recovery = of_second_order(solid, frames, points, 3)
     bare, *_ = condense(solid, frames, points, 3, MPI.COMM_SELF)
     assert component.n > bare.n
     stiffness, mass = (matrix.toarray() for matrix in matrices_of(solid))
@@ -157,6 +177,5 @@ def test_a_checkpoint_keeps_it(tmp_path: Path) -> None:
 def test_of_a_scaled_cross_section_it_is_not_known() -> None:
     solid, frames, points = rod("quad8")
     scaled = replace(solid, section_scale=SectionScale(Quantity(1.0, Monomial((("s", 1),)))))
-    component, *_ = condense(scaled, frames, [{"s": 1.0}], 3, MPI.COMM_SELF, large=True)
-    assert component.large is None
-    assert condense(solid, frames, points, 3, MPI.COMM_SELF)[0].large is None
+    component, _ = of_second_order(scaled, frames, [{"s": 1.0}], 3)
+    assert component.large is None and component.foreshortening is None

@@ -17,6 +17,7 @@ from spatial_beams import lines_of, slider_crank_of_beams
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.matrices import assemble
 from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.effects import effects_of, loads_of, patterns_of
 from pgmp_petsc.mechanism.constraint_set import ConstraintSet
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
@@ -60,7 +61,12 @@ def test_the_cubic_energy_is_that_of_the_mesh(made: tuple[Callable, Callable]) -
     meshes, bodies = made[1](scene), {}
     for name, mesh in meshes.items():
         meshed = FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points_used(scene, name))
-        bodies[name] = meshed.solid, *condense(meshed.solid, meshed.frames, [{}], 6, MPI.COMM_SELF, large=True)[:2]
+        component, recovery, _ = condense(meshed.solid, meshed.frames, [{}], 6, MPI.COMM_SELF, large=True)
+        bodies[name] = (
+            meshed.solid,
+            with_second_order(component, meshed.solid, recovery, MPI.COMM_SELF, {}),
+            recovery,
+        )
     mechanism = Mechanism.from_scene(scene, {name: part[1] for name, part in bodies.items()})
     kinematics, theta = RigidKinematics(mechanism), np.array([1.0])
     matrices, effects = assemble(mechanism.bodies, range(mechanism.n_dofs)), effects_of(scene, mechanism)
