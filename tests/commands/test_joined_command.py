@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, full_model, paper_scene, pgmp, rom_of
+from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.cli import montecarlo
 from pgmp_petsc.cli.better import better_models, read_wanted
@@ -319,6 +319,23 @@ def test_failed_samples_are_tried_further(folder: Path, monkeypatch: pytest.Monk
                          rom_of(long))  # fmt: skip
     with pytest.raises(InputError, match=r"simulation\.step is not that of the file"):
         read_earlier(path, other)
+
+
+def test_the_command_tries_failed_samples_again(mpirun: Callable, rom: Path, folder: Path) -> None:
+    """What no step helps fails again, with status 1."""
+    table, one, other = folder / "table.csv", folder / "once.h5", folder / "twice.h5"
+    table.write_text("r1\n" + "".join(f"{r1}\n" for r1 in (5e-3, 1.1e-3, 5.6e-3, 6e-3)))
+    push = overridden("effects.motor.table=[[0.0, 1e9], [1.0, 1e9]]", "simulation.duration=5e-3")
+    commands = [
+        ["montecarlo", str(rom), "--samples", str(table), *push, "-o", str(one)],
+        ["montecarlo", str(rom), "--retry-failed", str(one), *push, "-o", str(other)],
+    ]
+    done = mpirun(1, "-c", IN_TURN, json.dumps(commands))
+    found = [Ensemble.read(path) for path in (one, other)]
+    assert done.stdout.count("[1]") == 2 and "samples that had failed in" in done.stdout
+    assert np.all([one.status != 0 for one in found])
+    assert found[0].steps_divided.max() <= 8 < found[1].steps_divided.max() <= 64
+    assert not Path(f"{other}.partial").exists()
 
 
 def test_what_cannot_be_tried_again_is_refused(model: ReducedModel, together: tuple, folder: Path) -> None:
