@@ -39,6 +39,9 @@ def lines_of(ensemble: Ensemble) -> list[str]:
             shown = f"{'unknown':>14s}" if np.isnan(chance.estimate) else f"{chance.estimate:14.4g}"
             came_true = f"{chance.count} of {chance.n} samples"
             lines.append(f"  {label:24s}{shown} {_interval(chance.interval):26s}{chance.event}, {came_true}")
+    lines += _corrected(ensemble)
+    if ensemble.stopping is not None:
+        lines += ensemble.stopping.lines()
     lines += _sobol(ensemble)
     if ensemble.bands:
         band = next(iter(ensemble.bands.values()))
@@ -85,6 +88,33 @@ def _sobol(ensemble: Ensemble) -> Iterator[str]:
                 total = f"{found.total[place]:9.3f} {_fixed(found.total_interval[place])}"
             first = f"{found.first[place]:9.3f} {_fixed(found.first_interval[place]):26s}"
             yield f"  {name if k == 0 else '':24s}{found.parameters[place]:24s}{first}{total}".rstrip()
+
+
+def _corrected(ensemble: Ensemble) -> Iterator[str]:
+    """Yield the table of a better model's figures."""
+    joined = ensemble.joined
+    if joined is None or not joined.corrected:
+        return
+    best, interval = joined.models[0], f"{_percent(joined.confidence)} interval"
+    for key, title in (("mean", "mean"), ("std", "deviation"), ("bias", f"{joined.models[-1]} less {best}"),
+                       ("estimate", "probability")):  # fmt: skip
+        having = {name: one for name, one in joined.corrected.items() if key in one.figures}
+        if not having:
+            continue
+        n = int(next(iter(having.values())).counts[0])
+        beside = "" if key == "bias" else f"against {n} samples of {best} alone"
+        yield f"  {f'{best}: {title}':32s}{'':>6s} {interval:32s}{beside}".rstrip()
+        for name, one in having.items():
+            figure = one.figures[key]
+            shown = f"{_number(figure.estimate, figure.interval, 7):>14s} {_interval(figure.interval):26s}"
+            times = "" if np.isnan(figure.narrower) else _times(figure.narrower)
+            unit = "" if key == "estimate" else _unit(ensemble, name)
+            yield f"  {name:24s}{shown}{unit:6s}{times}".rstrip()
+
+
+def _times(narrower: float) -> str:
+    """Return how much narrower an interval is, or wider."""
+    return f"{narrower:.2g} times narrower" if narrower >= 1.0 else f"{1 / narrower:.2g} times wider"
 
 
 def _fixed(ends: np.ndarray) -> str:

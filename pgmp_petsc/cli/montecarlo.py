@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
 
+from pgmp_petsc.cli.better import Wanted, better_models, read_wanted
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
@@ -16,13 +19,17 @@ from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
+from pgmp_petsc.ensemble.retry import read_earlier
+from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.stopping import Stop
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
+from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import KIND, ShardSamples
-from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
@@ -63,6 +70,20 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     help='Find the probability of a rare event with at most N samples: "slider_deformation < -2e-4", "ever" before it '
     "for any time in the run, or the label of one of ensemble.probabilities.",
 )  # fmt: skip
+@click.option(
+    "--correct", "corrections", multiple=True, metavar="[SCENE:]MODEL[/D]=K",
+    help="Run the first K samples with a better MODEL too (full or components; /D: steps D times as short), and give "
+    "its mean, deviation and probabilities; K may be auto with --budget; repeatable.",
+)  # fmt: skip
+@click.option(
+    "--until", "rules", multiple=True, metavar="RULE",
+    help="Stop when a figure is known well enough, such as 'std(angle) < 1 %' or 'P(angle > 3) +- 0.002'; repeatable.",
+)  # fmt: skip
+@click.option("--budget", metavar="TIME", help="Stop in time: 60s, 10min or 2h from the start of the command.")
+@click.option(
+    "--retry-failed", "failed", metavar="FILE", type=click.Path(path_type=Path),
+    help="Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
+)  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
 @scene_options
 @click.pass_context
@@ -79,19 +100,33 @@ def montecarlo(
     ranks_per_sample: int,
     shard: str | None,
     rare: str | None,
+    corrections: tuple[str, ...],
+    rules: tuple[str, ...],
+    budget: str | None,
+    failed: Path | None,
     resume: bool,
     settings: tuple[str, ...],
     overrides: tuple[str, ...],
 ) -> None:
     """Integrate N samples of ROM.h5 (or with --full or --components of a SCENE) and describe their distributions.
 
-    Exit status 1 if some samples failed; they are recorded with their reason and the others go on.
+    Exit status 1 if some samples failed, which are recorded with their reason while the others go on, or if a rule of
+    --until is not met.
     """
-    comm = context.obj.comm
+    comm, start = context.obj.comm, time.monotonic()
     one_model(full, components)
-    _one_source(n_samples, sampler, table)
     if rare is not None:
-        alone(sampler=sampler, samples=table, shard=shard, resume=resume or None, ranks_per_sample=ranks_per_sample)
+        alone(
+            sampler=sampler, samples=table, shard=shard, resume=resume or None, ranks_per_sample=ranks_per_sample,
+            correct=next(iter(corrections), None), until=next(iter(rules), None), budget=budget, retry_failed=failed,
+        )  # fmt: skip
+    seconds = None if budget is None else read_duration(budget)
+    if failed is None:
+        _one_source(n_samples, sampler, table, budget)
+    else:
+        _refuse_beside_retry(context, failed)
+    wanted = read_wanted(corrections, "full" if full else "components" if components else "reduced", n_samples)
+    _fits_together(wanted, rules, seconds, shard)
     if sampler is not None:
         overrides = (*overrides, f'ensemble.sampler="{sampler}"')
     if ranks_per_sample > 1 and not full:
@@ -100,7 +135,7 @@ def montecarlo(
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     part = None if shard is None else _part(shard)
     kind = RARE_EVENT if rare is not None else "ensemble" if part is None else KIND
-    context.with_resource(claimed(comm, output, kind, (source,)))
+    context.with_resource(claimed(comm, output, kind, (source, failed)))
 
     def refuse(scene: Scene) -> None:
         _refuse_drawn(scene, settings)
@@ -124,20 +159,32 @@ def montecarlo(
     file = None if table is None else on_root(comm, _table, table, model, n_samples, settings)
     if file is not None:
         n_samples = len(next(iter(file.values.values())))
+        wanted = read_wanted(corrections, model.name, n_samples)
+    earlier = None if failed is None else on_root(comm, read_earlier, failed, model)
+    if earlier is not None:
+        n_samples, seed, file = earlier.n_samples, earlier.seed, earlier.file
     if part is not None and part.count > n_samples:
         raise InputError(
             f"--shard {shard}: {part.count} shards of {n_samples} samples; take no more shards than samples"
         )
-    plan = Plan(n_samples, seed, output, resume, file, part)
-    result = run_ensemble(model, plan, group)
+    is_limited = n_samples is not None
+    plan = Plan(n_samples if is_limited else MOST_SAMPLES, seed, output, resume, file, part, is_limited)
+    _suits_design(model.scene, file, bool(wanted), bool(rules) or seconds is not None)
+    stop = None
+    if rules or seconds is not None:
+        with agreed(comm, "reading the rules"):
+            stop = Stop(tuple(read_rule(rule, model.scene) for rule in rules), seconds, start)
+    better = better_models(wanted, model, source, (overrides, settings), comm)
+    result = run_ensemble(model, plan, group, stop, better, earlier)
     save(context, result, output)
-    failed = 0
+    status = 0
     if result is not None:
         failed = int(np.sum(result.status != 0))
         is_part = isinstance(result, ShardSamples)
+        status = int(failed > 0) if is_part else exit_status(result)
         say(context, _report_shard(result, plan, failed) if is_part else report(result, output, loaded.remarks))
         remove_checkpoint(plan)
-    if comm.bcast(failed):
+    if comm.bcast(status):
         context.exit(1)
 
 
@@ -161,10 +208,73 @@ def _report_shard(shard: ShardSamples, plan: Plan, failed: int) -> str:
     return "\n".join(lines)
 
 
-def _one_source(n_samples: int | None, sampler: str | None, table: Path | None) -> None:
+def exit_status(ensemble: Ensemble) -> int:
+    """Return 1 where samples failed, or a rule is not met."""
+    failed = bool(np.any(ensemble.status != 0)) or ensemble.joined is not None and ensemble.joined.n_failed > 0
+    return int(failed or ensemble.stopping is not None and not ensemble.stopping.is_met)
+
+
+def _fits_together(wanted: Sequence[Wanted], rules: Sequence[str], seconds: float | None, shard: str | None) -> None:
+    """Refuse what cannot decide on the same samples; the same on all ranks."""
+    if shard is not None and (wanted or rules or seconds is not None):
+        option = "--correct" if wanted else "--until" if rules else "--budget"
+        raise InputError(f"--shard {shard}: {option} goes by all samples, and a shard has some; leave one of them out")
+    if wanted and rules:
+        raise InputError(
+            f'--until "{rules[0]}" and --correct: rules go by the figures of one model; give numbers of samples, or '
+            "--correct MODEL=auto with --budget, which gets most out of a time"
+        )
+    free = [one for one in wanted if one.count is None]
+    if free and seconds is None:
+        raise InputError(f"--correct {free[0].text}: what decides on the number is missing; give --budget, such as 60s")
+    if wanted and seconds is not None and not free:
+        raise InputError(
+            f"--budget: --correct {wanted[0].text} gives the number of samples, and nothing is left to choose; take "
+            f"{wanted[0].name}=auto, or leave --budget out"
+        )
+
+
+def _refuse_beside_retry(context: click.Context, failed: Path) -> None:
+    """Refuse options that say what the samples are, which the file does; the same on all ranks."""
+    options = {option.name: option.opts[0] for option in context.command.params}
+    for name in ("n_samples", "seed", "table", "shard", "corrections", "rules", "budget"):
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise InputError(
+                f"{options[name]}: --retry-failed {failed} takes samples and their number from the file; leave one of "
+                "them out"
+            )
+
+
+def _suits_design(scene: Scene, file: SampleFile | None, is_corrected: bool, is_open: bool) -> None:
+    """Refuse designs whose samples are no parts of each other; the same on all ranks."""
+    sampler = "random" if file is not None else scene.ensemble.sampler
+    if is_open and sampler == "latin_hypercube":
+        raise InputError(
+            "--until and --budget with the sampler latin_hypercube: each of its samples depends on how many there are; "
+            "take random or sobol"
+        )
+    if is_corrected and sampler != "random":
+        raise InputError(
+            f"--correct with the sampler {sampler}: intervals of several models are those of independent samples; take "
+            "--sampler random"
+        )
+
+
+def read_duration(text: str) -> float:
+    """Return a time in seconds; raises `InputError` unless it is a positive number with s, min or h."""
+    found = re.fullmatch(r"\s*(\d+\.?\d*|\.\d+)\s*(s|min|h)?\s*", text)
+    seconds = float(found[1]) * {"s": 1.0, None: 1.0, "min": 60.0, "h": 3600.0}[found[2]] if found else 0.0
+    if not 0.0 < seconds < 1e8:
+        raise InputError(f"--budget {text}: allowed is a time such as 60s, 10min or 2h, of less than three years")
+    return seconds
+
+
+def _one_source(n_samples: int | None, sampler: str | None, table: Path | None, budget: str | None) -> None:
     """Refuse samples both drawn and from a file, and none at all; the same on all ranks."""
-    if table is None and n_samples is None:
-        raise InputError("-n: missing; give the number of samples, or a file of samples with --samples")
+    if table is None and n_samples is None and budget is None:
+        raise InputError(
+            "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"
+        )
     if table is not None and sampler is not None:
         raise InputError(f"--sampler {sampler}: the samples are those of --samples {table}; give one of them")
 

@@ -25,6 +25,10 @@ WHY_ALONE = {
     "shard": "samples follow from those before them",
     "resume": "its samples are not kept on the way, so that a killed run begins anew",
     "ranks_per_sample": "ranks take samples of their own",
+    "correct": "better models would have rare events of their own",
+    "until": "its own rule says when enough is known",
+    "budget": "it takes the samples that it is given",
+    "retry_failed": "it has no samples to be tried again",
 }
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 

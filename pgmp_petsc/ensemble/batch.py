@@ -34,7 +34,8 @@ class Shard:
 @dataclass(frozen=True)
 class Plan:
     """How many samples, from which seed or file, where the result goes, whether to take up a checkpoint, and which part
-    of the samples is wanted where it is not all of them."""
+    of the samples is wanted where it is not all of them. `is_limited` is false where nobody asked for a number of
+    samples, and `n_samples` is one that no run comes to."""
 
     n_samples: int
     seed: int
@@ -42,6 +43,7 @@ class Plan:
     resume: bool = False
     file: SampleFile | None = None
     shard: Shard | None = None
+    is_limited: bool = True
 
     @property
     def samples(self) -> tuple[int, int]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -25,6 +28,7 @@ OVER_TIME = ("bands",)  # known of the first samples only, at several instants
 NAMED = (*IN_ALL, *IN_CHECKED, *OVER_TIME)
 OF_LATIN_HYPERCUBE = "number of samples, on which every sample of a Latin hypercube depends,"
 SAMPLES, CHECKED = "samples_", "checked_"  # with the number of the first sample, the names of pieces
+COUNTS = "counts"  # the piece that says how many samples were allotted
 CURE = "nothing was written; repeat the command with --resume, which computes what is missing"
 
 
@@ -81,6 +85,7 @@ class Checkpoint:
         if plan.shard is not None:
             run["shard"] = str(plan.shard)
         self._folder = CheckpointFolder(plan.output, run, {"samples": plan.n_samples} if grows else {})
+        self._end = plan.samples[1]
         self.remarks: tuple[Remark, ...] = ()
 
     @property
@@ -123,6 +128,24 @@ class Checkpoint:
         name = f"{CHECKED if piece.is_checked else SAMPLES}{batch.first:09d}"
         self._folder.put(name, {**_ends(batch), **_named(batch, NAMED)})
 
+    def up_to(self, n: int) -> Self:
+        """Return the checkpoint of the first n samples of the plan, whatever else is there."""
+        part = copy(self)
+        part._end = n
+        return part
+
+    @property
+    def counts(self) -> np.ndarray | None:
+        """How many samples models were allotted, as `keep_counts` was given it; None where nothing sound is there."""
+        with suppress(BrokenSeal):
+            for path in self._folder.pieces(COUNTS):
+                return self._folder.take(path, lambda arrays: np.array(arrays[COUNTS]))
+        return None
+
+    def keep_counts(self, counts: np.ndarray) -> None:
+        """Store how many samples models are allotted: times decided on it, which will not come again."""
+        self._folder.put(COUNTS, {COUNTS: counts})
+
     def columns(self) -> Columns:
         """Return what all pieces hold as columns ``<kind>.<name>``, with ``status`` and ``failure_time``.
 
@@ -131,8 +154,8 @@ class Checkpoint:
         RunError
             As `batches`, or if the system fails to write.
         """
-        begin, end = self._plan.samples
-        columns = Columns(self.folder, end - begin)
+        begin = self._plan.samples[0]
+        columns = Columns(self.folder, self._end - begin)
         for batch in self.batches(IN_ALL):
             columns.put(batch.first - begin, {**_ends(batch), **_named(batch, IN_ALL)})
         for batch in self.estimates():
@@ -167,7 +190,7 @@ class Checkpoint:
         RunError
             If samples are missing, there twice, or damaged.
         """
-        begin, end = self._plan.samples
+        (begin, _), end = self._plan.samples, self._end
         place = begin
         for batch in self._all(SAMPLES, parts):
             if batch.first != place:
@@ -182,7 +205,9 @@ class Checkpoint:
     def _all(self, kind: str, parts: Sequence[str]) -> Iterator[Batch]:
         for path in self._folder.pieces(f"{kind}*"):
             try:
-                yield self._read(path, parts)
+                batch = self._read(path, parts)
+                if batch.first < self._end:
+                    yield _cut(batch, self._end - batch.first)
             except BrokenSeal as broken:
                 what = f"a finished piece in '{self.folder}' was damaged during the run: {broken}"
                 raise RunError(f"{what}; {CURE}") from broken
@@ -211,6 +236,14 @@ def _ends(batch: Batch) -> dict[str, np.ndarray]:
 def _named(batch: Batch, kinds: Sequence[str]) -> dict[str, np.ndarray]:
     """Return arrays of a batch by ``<kind>.<name>``."""
     return {f"{kind}.{name}": values for kind in kinds for name, values in getattr(batch, kind).items()}
+
+
+def _cut(batch: Batch, n: int) -> Batch:
+    """Return the first n samples of a batch."""
+    if n >= len(batch.status):
+        return batch
+    named = {kind: {name: values[:n] for name, values in getattr(batch, kind).items()} for kind in NAMED}
+    return replace(batch, status=batch.status[:n], failure_time=batch.failure_time[:n], **named)
 
 
 def _batch(first: int, arrays: Mapping[str, np.ndarray], parts: Sequence[str]) -> Batch:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,29 +14,33 @@ from pgmp_petsc.ensemble import intervals
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.checked_samples import checked
 from pgmp_petsc.ensemble.failures import failure_remarks, step_remarks
+from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.origin import Kept, Origin
 from pgmp_petsc.ensemble.over_time import band_steps
+from pgmp_petsc.ensemble.quantities import came_true, in_words, quantities
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
-from pgmp_petsc.ensemble.statistics import describe
+from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
 from pgmp_petsc.indicator.coverage import CURE
 from pgmp_petsc.indicator.validity import remarks_of
-from pgmp_petsc.results.ensemble import DESCRIBED, Ensemble
+from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
-from pgmp_petsc.scene.ensemble import Event
 
 OVER_TIME = ("extremes", "first_passages")
 ESTIMATES = ("errors", "errors_at_end", "validity", "balance")
 
 
 def describe_ensemble(
-    origin: Origin, plan: Plan, sampler: Sampler, kept: Kept, ranks: int, timings: Timings
+    origin: Origin, plan: Plan, sampler: Sampler, kept: Kept, ranks: int, timings: Timings, looked: bool = False
 ) -> Ensemble:
-    """Put samples together and describe parameters and outputs; one column of samples is in memory at a time."""
+    """Put samples together and describe parameters and outputs; one column of samples is in memory at a time.
+
+    `looked` says whether intervals have decided on the number of samples (see `looks`).
+    """
     scene, columns = origin.scene, kept.columns()
     parameters, outputs, numerics = (columns.of(kind) for kind in ("parameters", "outputs", "numerics"))
     estimates = {kind: columns.of(kind) for kind in ESTIMATES}
@@ -43,16 +48,23 @@ def describe_ensemble(
     status = columns["status"].astype(np.int32)
     fine, described = status == Status.FINE, sampler.described(status.size)
     replicates = sampler.replicates(status.size)
-    chosen = fine & described
     n_failed = int(np.sum(described & ~fine))
+    is_hiding = int(np.sum(~fine)) > scene.ensemble.failed_share * fine.size
+    chosen = fine & described & (not is_hiding)
 
     def statistics_of(values: np.ndarray, of: np.ndarray, n_missing: int = 0) -> Statistics:
         asked, known = scene.ensemble, of & np.isfinite(values)
         numbers = None if replicates is None else replicates[known]
-        return describe(values[known], asked.bins, asked.quantiles, n_missing, asked.confidence, numbers)
+        found = describe(values[known], asked.bins, asked.quantiles, n_missing, level, numbers)
+        if is_hiding and n_missing:  # bounds hide nothing
+            known = fine & described & np.isfinite(values)
+            bounds = quantile_bounds(values[known], found.probabilities, n_missing)
+            found = replace(found, quantile_bounds=bounds)
+        return replace(found, confidence=asked.confidence)
 
-    quantities = _quantities(outputs, over_time["extremes"])
-    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in quantities}
+    level = level_of_each(scene.ensemble.confidence) if looked else scene.ensemble.confidence
+    described_ones = quantities(outputs, over_time["extremes"])
+    statistics = {name: statistics_of(values, chosen, n_failed) for name, values in described_ones}
     for name in sampler.names:
         statistics[name] = statistics_of(parameters[name], described)
     for label, times in over_time["first_passages"].items():
@@ -62,13 +74,15 @@ def describe_ensemble(
     units |= {f"{name}.{which}": units[name] for name in outputs for which in DESCRIBED if over_time["extremes"]}
     units |= dict.fromkeys(over_time["first_passages"], "s")
     bands = _bands(scene, kept, chosen)
-    level, quantities = scene.ensemble.confidence, _quantities(outputs, over_time["extremes"])
-    sobol = sensitivities(quantities, parameters, sampler.names, fine, sampler.kind, level)
+    described_ones = quantities(outputs, over_time["extremes"])
+    usable = fine & (not is_hiding)
+    sobol = sensitivities(described_ones, parameters, sampler.names, usable, sampler.kind, level)
+    sobol = {name: replace(one, confidence=scene.ensemble.confidence) for name, one in sobol.items()}
     correlated = sampler.kind != "file" and bool(scene.correlation)
     drawn = {name: parameters[name] for name in sampler.names} if not fine.all() else {}
     remarks = (
         *kept.remarks,
-        *failure_remarks(status, drawn, units),
+        *failure_remarks(status, drawn, units, scene.ensemble.failed_share),
         *step_remarks(status, divisors, scene.simulation.step),
         *sampler_remarks(scene, plan),
         *starts_remarks(scene, numerics["unstable_start"] == 1.0),
@@ -90,23 +104,18 @@ def describe_ensemble(
         failure_time=columns["failure_time"],
         statistics=statistics,
         steps_divided=divisors,
-        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units),
+        probabilities=_chances(scene, outputs, over_time["first_passages"], chosen, origin.units, level),
         bands=bands,
         sobol=sobol,
+        kept=_kept(kept, numerics["unstable_start"], scene.ensemble.band_samples) if not fine.all() else {},
         **estimates,
         **over_time,
     )
 
 
-def _quantities(
-    outputs: Mapping[str, np.ndarray], extremes: Mapping[str, np.ndarray]
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield outputs at the end, and over time where their extremes are known; one in memory at a time."""
-    yield from outputs.items()
-    for key in extremes:
-        name, _, which = key.rpartition("/")
-        if which in DESCRIBED:
-            yield f"{name}.{which}", extremes[key]
+def _kept(kept: Kept, unstable: np.ndarray, n_bands: int) -> dict[str, np.ndarray]:
+    """Return what a further try of failed samples needs of the others."""
+    return {UNSTABLE: unstable, **{f"bands.{name}": values for name, values in kept.bands(n_bands).items()}}
 
 
 def _chances(
@@ -115,27 +124,16 @@ def _chances(
     passages: Mapping[str, np.ndarray],
     chosen: np.ndarray,
     units: Mapping[str, str],
+    level: float,
 ) -> dict[str, Chance]:
-    """Return the probabilities of the scene's events over the chosen samples, (N,)."""
-    found, n, level = {}, int(chosen.sum()), scene.ensemble.confidence
+    """Return the probabilities of the scene's events over the chosen samples, (N,), with intervals of a level."""
+    found, n = {}, int(chosen.sum())
     for label, event in scene.ensemble.probabilities.items():
-        if event.when == "ever":
-            came_true = np.isfinite(passages[label])
-        else:
-            values = outputs[event.output]
-            came_true = values > event.level if event.above is not None else values < event.level
-        count = int(np.sum(came_true & chosen))
+        count = int(np.sum(came_true(event, label, outputs, passages) & chosen))
         estimate = count / n if n else float("nan")
-        text = in_words(event, units[event.output])
-        found[label] = Chance(text, count, n, estimate, intervals.of_probability(count, n, level), level)
+        text, ends = in_words(event, units[event.output]), intervals.of_probability(count, n, level)
+        found[label] = Chance(text, count, n, estimate, ends, scene.ensemble.confidence)
     return found
-
-
-def in_words(event: Event, unit: str) -> str:
-    """Return what comes true: ``angle above 3 rad at the end``."""
-    side = "above" if event.above is not None else "below"
-    when = "at the end" if event.when == "end" else "at any time"
-    return f"{event.output} {side} {event.level:g}{'' if unit == '1' else f' {unit}'} {when}"
 
 
 def _bands(scene: Scene, kept: Kept, chosen: np.ndarray) -> dict[str, Band]:

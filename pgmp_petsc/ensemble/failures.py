@@ -20,7 +20,7 @@ NAMED = 3  # parameters, the clearest first
 
 
 def failure_remarks(
-    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str]
+    status: np.ndarray, parameters: Mapping[str, np.ndarray], units: Mapping[str, str], hidden: float = 1.0
 ) -> tuple[Remark, ...]:
     """Return what is to be said of failed samples; nothing where all are fine.
 
@@ -32,6 +32,8 @@ def failure_remarks(
         Drawn values by name, each of shape (N,).
     units
         Of the parameters.
+    hidden
+        Largest share of failed samples that the others are described without.
     """
     failed = status != Status.FINE
     n, n_failed = failed.size, int(failed.sum())
@@ -46,6 +48,16 @@ def failure_remarks(
     if n_failed == n:
         return (*remarks, warning("no sample is fine, so the outputs have no statistics"))
     where = _where(failed, parameters, units)
+    if n_failed > hidden * n:
+        remarks.append(
+            warning(
+                f"{n_failed} of {n} samples failed, more than ensemble.failed_share = {hidden:g} of them: outputs have "
+                f"no mean, deviation, density, probability, band or index, which would hide that"
+                f"{''.join(f'; {words}' for words in where)}. Their quantile_bounds hold. Cure: --retry-failed with "
+                "this file tries them with smaller steps; --override ensemble.failed_share=1.0 describes the others"
+            )
+        )
+        return tuple(remarks)
     bias = (
         f"and are biased: {'; '.join(where)}"
         if where

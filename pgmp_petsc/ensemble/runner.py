@@ -17,18 +17,22 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
-from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
+from pgmp_petsc.dynamics.smaller_steps import DIVISORS, Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.dynamics.ts_options import check_ts_options
+from pgmp_petsc.ensemble.allotment import allot
 from pgmp_petsc.ensemble.batch import Batch, Plan
-from pgmp_petsc.ensemble.checkpoint import Checkpoint
+from pgmp_petsc.ensemble.checkpoint import Checkpoint, Finished
 from pgmp_petsc.ensemble.checked_samples import checked, share_of
+from pgmp_petsc.ensemble.correction import Better, plan_of, with_better
 from pgmp_petsc.ensemble.description import describe_ensemble
 from pgmp_petsc.ensemble.origin import Origin
 from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.pieces import Piece, missing, pieces, within
+from pgmp_petsc.ensemble.retry import FURTHER, Earlier, fine_pieces
 from pgmp_petsc.ensemble.sampling import Sampler, physical
 from pgmp_petsc.ensemble.shards import shard_of
+from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
 from pgmp_petsc.models import Model, ReducedModel
@@ -42,10 +46,120 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
 
 
-def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | ShardSamples | None:
+class Integration:
+    """The samples of one model, in a checkpoint.
+
+    Parameters
+    ----------
+    model, plan, group
+        As of `run_ensemble`. Collective on ``group.world``, as are all methods but `kept`.
+    timings
+        Where the time goes.
+    phase
+        What is timed.
+    sampler
+        Where samples come from; that of the plan, unless they are another ensemble's.
+
+    Raises
+    ------
+    InputError
+        As `run_ensemble`.
+    """
+
+    def __init__(
+        self, model: Model, plan: Plan, group: RankGroup, timings: Timings, phase: str, sampler: Sampler | None = None
+    ) -> None:
+        self.model, self.plan, self.comm = model, plan, group.world
+        self._group, self._timings, self._phase = group, timings, phase
+        # a scene with nothing to draw, and options that would change it, are refused before anything is touched
+        with agreed(self.comm, "checking what the run is asked for"):
+            self.sampler = sampler or Sampler(model.scene, plan)
+            check_ts_options()
+        self._divisors = DIVISORS
+        toml = scene_to_toml(model.scene)
+        self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.extends)
+        self._finished = on_root(self.comm, self.checkpoint.open)
+        with agreed(self.comm, "preparing the error indicator"):
+            self._watching = Watching(model)
+
+    def up_to(self, n: int) -> int:
+        """Integrate what is missing of the plan's samples before sample n; return how many these were.
+
+        Raises
+        ------
+        RunError
+            If the system fails to write.
+        """
+        model, group, comm, first = self.model, self._group, self.comm, self.plan.samples[0]
+        todo = missing([(first, n)], self._finished.samples)
+        to_check = missing(within(checked(self._watching.share, n), first, n), self._finished.checked)
+        dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
+        n_samples, n_todo = n - first, sum(end - begin for begin, end in todo)
+        title = f"{model.title} samples"
+        with self._timings.phase(self._phase), progress(n_samples, title, comm, n_samples - n_todo) as bar:
+
+            def work(number: int, pulse: Pulse) -> Batch:
+                piece = dealt[number]
+                watchers, values = self._watching.of(piece), self.sampler.draw(piece.first, piece.last)
+                return run_batch(model, values, piece.first, watchers, group.comm, pulse, self._divisors)
+
+            def take(number: int, batch: Batch) -> None:
+                self.checkpoint.add(dealt[number], batch)
+                bar.update(0 if dealt[number].is_checked else len(batch.status))
+
+            with agreed(comm, "integration of the samples"):
+                deal_to_groups(group, len(dealt), work, take)
+        self._finished = Finished(
+            tuple(sorted((*self._finished.samples, *todo))), tuple(sorted((*self._finished.checked, *to_check)))
+        )
+        return n_todo
+
+    def take_over(self, earlier: Earlier) -> None:
+        """Take the samples of an ensemble's file that are fine for finished, and try the others further."""
+
+        def taking() -> Finished:
+            last = self._finished
+            known = [*last.samples], [*last.checked]
+            for piece, batch in fine_pieces(earlier, self._watching.share):
+                if missing([(piece.first, piece.last)], known[piece.is_checked]):
+                    self.checkpoint.add(piece, batch)
+                    known[piece.is_checked].append((piece.first, piece.last))
+                    known[piece.is_checked].sort()
+            return Finished(*map(tuple, known))
+
+        self._divisors = FURTHER
+        self._finished = on_root(self.comm, taking)
+
+    @property
+    def n_finished(self) -> int:
+        """How many samples are finished."""
+        return sum(last - first for first, last in self._finished.samples)
+
+    def kept(self, n: int) -> Checkpoint:
+        """Return the samples before sample n; by rank 0."""
+        return self.checkpoint.up_to(n)
+
+
+def run_ensemble(
+    model: Model,
+    plan: Plan,
+    group: RankGroup,
+    stop: Stop | None = None,
+    better: Sequence[Better] = (),
+    earlier: Earlier | None = None,
+) -> Ensemble | ShardSamples | None:
     """Integrate the samples that are missing; describe all, or keep those of a shard. Collective on ``group.world``.
 
     Groups of several ranks share one full-order sample at a time.
+
+    Parameters
+    ----------
+    stop
+        What ends the ensemble before the plan's last sample, if anything.
+    better
+        Better models, the best first, that integrate the first samples of the ensemble too.
+    earlier
+        The same ensemble, whose failed samples alone are integrated, further than in an ensemble.
 
     Returns
     -------
@@ -60,41 +174,53 @@ def run_ensemble(model: Model, plan: Plan, group: RankGroup) -> Ensemble | Shard
         If the finished batches are not all samples, each once.
     """
     timings, comm = Timings(), group.world
-    scene_toml = scene_to_toml(model.scene)
-    # a scene with nothing to draw, and options that would change it, are refused before anything is touched
-    with agreed(comm, "checking what the run is asked for"):
-        sampler = Sampler(model.scene, plan)
-        check_ts_options()
-    checkpoint = Checkpoint(plan, scene_toml, model.name, model.identity, sampler.extends)
-    finished = on_root(comm, checkpoint.open)
-    with agreed(comm, "preparing the error indicator"):
-        watching = Watching(model)
-    first, last = plan.samples
-    todo = missing([(first, last)], finished.samples)
-    to_check = missing(within(checked(watching.share, plan.n_samples), first, last), finished.checked)
-    dealt = pieces(todo, to_check, group.count, model.largest_batch if group.comm.size == 1 else 1)
-    n_samples = last - first
-    taken_up = n_samples - sum(end - begin for begin, end in todo)
-    with timings.phase("integration"), progress(n_samples, f"{model.title} samples", comm, taken_up) as bar:
-
-        def work(number: int, pulse: Pulse) -> Batch:
-            piece = dealt[number]
-            watchers = watching.of(piece)
-            return run_batch(model, sampler.draw(piece.first, piece.last), piece.first, watchers, group.comm, pulse)
-
-        def take(number: int, batch: Batch) -> None:
-            checkpoint.add(dealt[number], batch)
-            bar.update(0 if dealt[number].is_checked else len(batch.status))
-
-        with agreed(comm, "integration of the samples"):
-            deal_to_groups(group, len(dealt), work, take)
+    own = Integration(model, plan, group, timings, "integration")
+    others = [
+        Integration(one.model, plan_of(plan, one), group, timings, f"integration of {one.key}", own.sampler)
+        for one in better
+    ]
+    if earlier is not None:
+        own.take_over(earlier)
+    history, given, n = [], [one.count for one in better], plan.samples[1]
+    if None in given:
+        given, n = allot(own, others, given, n if plan.is_limited else None, stop)
+    elif stop is not None:
+        history = look_at(own, stop)
+        n = history[-1].n
+    own.up_to(n)
+    for one, count in zip(others, given):
+        one.up_to(count)
     timings = timings.maximum(comm)
     with agreed(comm, "statistics"):
         if comm.rank > 0:
             return None
         if plan.shard is not None:
-            return shard_of(Origin.of(model), plan, checkpoint, comm.size, timings)
-        return describe_ensemble(Origin.of(model), plan, sampler, checkpoint, comm.size, timings)
+            return shard_of(Origin.of(model), plan, own.checkpoint, comm.size, timings)
+        found = describe_ensemble(
+            Origin.of(model), replace(plan, n_samples=n), own.sampler, own.kept(n), comm.size, timings,
+            looked=bool(history) and bool(stop.rules),
+        )  # fmt: skip
+        if history:
+            found = stopped(found, model.scene, plan, stop, history)
+        if earlier is not None:
+            remarks = (*found.record.remarks, earlier.remark)
+            found = replace(found, record=replace(found.record, remarks=remarks))
+        if better:
+            parts = {one.name: part.kept(k).columns() for one, part, k in zip(better, others, given)}
+            found = with_better(found, model.scene, {**parts, model.name: own.kept(n).columns()})
+        return found
+
+
+def look_at(own: Integration, stop: Stop) -> list[Seen]:
+    """Integrate until the rules are met or the budget is spent; return what was seen. Collective."""
+
+    def seen(n: int) -> Seen:
+        def looking() -> Seen:
+            return see(stop.rules, own.model.scene, own.sampler, own.kept(n), n)
+
+        return on_root(own.comm, looking)
+
+    return stages(stop, own.sampler.unit, own.plan.n_samples, own.up_to, seen, own.comm)
 
 
 def run_batch(
@@ -104,11 +230,13 @@ def run_batch(
     watchers: Sequence[Watcher] = (),
     comm: MPI.Comm = MPI.COMM_SELF,
     pulse: Pulse | None = None,
+    divisors: tuple[int, ...] = DIVISORS,
 ) -> Batch:
     """Integrate samples first, first + 1, ... as one system, those that fail again with smaller steps.
 
     Values of all parameters have shape (n,). Several ranks share one sample. What the watchers find is added, NaN where
-    nothing is known. `pulse` is called now and then. Collective on `comm`.
+    nothing is known. `pulse` is called now and then, `divisors` are those of the steps that are tried. Collective on
+    `comm`.
     """
     scene = model.scene
     alive = physical(scene, values)
@@ -141,7 +269,7 @@ def run_batch(
                     found[kind][name][samples[places]] = estimates
         return done
 
-    outcome = integrate_with_smaller_steps(run, scene.simulation, alive)
+    outcome = integrate_with_smaller_steps(run, scene.simulation, alive, divisors)
     numerics = {"steps_divided": outcome.divisors, "unstable_start": unstable}
     return Batch(first, dict(values), outputs, outcome.status, outcome.failure_time, numerics, **found)
 

@@ -66,6 +66,11 @@ class Sampler:
             return {name: np.full(last - first, value) for name, value in self._scene.values.items()} | given
         return values_of(self._scene, self.names, self._design.uniform(first, last), self._mixing)
 
+    @property
+    def unit(self) -> int:
+        """Number of samples that belong together: numbers that are not multiples leave some without the others."""
+        return {"sobol": self._scene.ensemble.replicates, "saltelli": len(self.names) + 2}.get(self.kind, 1)
+
     def replicates(self, n: int) -> np.ndarray | None:
         """Return which independent replicate each of n samples belongs to, (n,); None where samples are independent."""
         return np.arange(n) % self._scene.ensemble.replicates if self.kind == "sobol" else None
@@ -77,7 +82,7 @@ class Sampler:
 
     def _designed(self) -> Design:
         seed, d, n, asked = self._plan.seed, len(self.names), self._plan.n_samples, self._scene.ensemble
-        if self.kind == "saltelli" and n % (d + 2):
+        if self.kind == "saltelli" and self._plan.is_limited and n % (d + 2):
             near = max(n - n % (d + 2), d + 2)
             raise InputError(
                 f"-n {n} with the sampler saltelli: each of its base points takes {d + 2} samples, the number of "

@@ -20,9 +20,11 @@ from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
+from pgmp_petsc.figures.joined import joined
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.rare_event import rare_event
 from pgmp_petsc.figures.sobol import sobol
+from pgmp_petsc.figures.stopping import stopping
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
@@ -115,6 +117,8 @@ def _of_ensembles(ensembles: Sourced) -> tuple[Pictures, list[str]]:
     of_each = {
         "bands": (bands, lambda ensemble: any(band.count for band in ensemble.bands.values())),
         "sobol": (sobol, lambda ensemble: bool(ensemble.sobol)),
+        "joined": (joined, _has_corrected_means),
+        "stopping": (stopping, lambda ensemble: ensemble.stopping is not None and bool(ensemble.stopping.rules)),
     }
     for title, (picture, has) in of_each.items():
         having = [(ensemble, label) for ensemble, label in zip(found, labels) if has(ensemble)]
@@ -122,6 +126,12 @@ def _of_ensembles(ensembles: Sourced) -> tuple[Pictures, list[str]]:
             pictures[name] = partial(picture, ensemble, label=label)
     shown = [{*ensemble.parameters, *ensemble.outputs} & set(ensemble.statistics) for ensemble in found]
     return pictures, _left_out("densities", shown)
+
+
+def _has_corrected_means(ensemble: Ensemble) -> bool:
+    """Return whether there is a better model's mean of any output."""
+    found = ensemble.joined
+    return found is not None and any("mean" in one.figures for one in found.corrected.values())
 
 
 def _of_modes(tables: Sourced) -> Pictures:

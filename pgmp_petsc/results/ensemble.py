@@ -49,6 +49,26 @@ dataset                                  shape           content
 ``/sobol/<name>/S1``, ``ST``             (d)             Sobol indices of each output, in the order of the group's
                                                          attribute ``parameters``; ``ST`` of the sampler saltelli alone
 ``.../S1_interval``, ``ST_interval``     (d, 2)          their intervals; attribute ``confidence`` of the group
+``/kept/unstable_start``                 (N)             where samples failed: what else of the others a further try of
+``.../bands.<name>``                     (n_known, n_t)  these needs (``--retry-failed``)
+``/corrected/<name>/mean``, ``std``,     ()              figures of a better model (``--correct``), each with
+``bias``; of an event ``estimate``                       ``<figure>_interval`` (2), and ``<figure>_alone`` and
+                                                         ``<figure>_alone_interval`` of the better model's samples
+                                                         alone; ``bias``: this ensemble's mean less the better model's;
+                                                         attributes ``models`` (the best first) and ``confidence``
+``.../samples``                          (n_models)      how many of each model have a part
+``.../correlation``, ``coefficient``     (n_models - 1)  of the cheaper models with the best; empty of an event
+``/better/<model>/outputs/<name>``,      (K)             the better models' own samples, on the first draws; ``full/4``
+``status``                                               is the group ``full:4``
+``/stopping/samples``                    (n_looks)       where the number of samples was not given: numbers at which one
+                                                         looked; attributes ``why``, ``budget`` (s), ``rules``,
+                                                         ``units``
+``.../estimates``                        (n_rules,       figures of the rules at every look, and
+                                         n_looks)
+``.../intervals``                        (n_rules,       their intervals
+                                         n_looks, 2)
+``.../wanted``, ``relative``, ``met``    (n_rules)       half the width that a rule wants; whether that is a share of
+                                                         the figure; whether it was reached
 ======================================== =============== ====================================================
 """
 
@@ -64,9 +84,11 @@ import numpy as np
 
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.corrected import Joined
 from pgmp_petsc.results.layout import check_model, check_shape, put_named, take_named, units_of
 from pgmp_petsc.results.sensitivity import Sensitivity
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
+from pgmp_petsc.results.stopping import Stopping, read_stopping
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 #: What is known of an output over time, sample by sample.
@@ -76,6 +98,7 @@ EXTREMES = {
     "time_of_max": "instant of the largest value of output '{name}'",
     "time_of_min": "instant of the smallest value of output '{name}'",
 }
+UNSTABLE = "unstable_start"  # 1 where a sample began on an unstable static equilibrium, by name in `Ensemble.kept`
 DESCRIBED = ("max", "min")  # of these, by statistics ``<output>.<which>``
 
 
@@ -113,6 +136,13 @@ class Ensemble:
         By output.
     sobol : dict of str to Sensitivity
         Sobol indices by output; empty where they are not known.
+    stopping : Stopping or None
+        Why it ended, where the number of samples was not given.
+    joined : Joined or None
+        Figures of a better model, where there are samples of it.
+    kept : mapping of str to ndarray
+        Where samples failed, what else of the others a further try of these needs: `UNSTABLE`, shape (N,), and
+        ``bands.<name>``, outputs of the first samples at the instants of the bands, shape (n_known, n_t).
     """
 
     model: str
@@ -134,6 +164,9 @@ class Ensemble:
     probabilities: dict[str, Chance] = field(default_factory=dict)
     bands: dict[str, Band] = field(default_factory=dict)
     sobol: dict[str, Sensitivity] = field(default_factory=dict)
+    stopping: Stopping | None = None
+    joined: Joined | None = None
+    kept: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n_samples = len(self.status)
@@ -171,6 +204,14 @@ class Ensemble:
             sobol = file.create_group("sobol", track_order=True)
             for name, indices in self.sobol.items():
                 indices.write(sobol.create_group(name), name)
+            for name, values in self.kept.items():
+                put(
+                    file, f"kept/{name}", values, "SI", f"{name} of the samples, for a further try of those that failed"
+                )
+            if self.stopping is not None:
+                self.stopping.write(file)
+            if self.joined is not None:
+                self.joined.write(file, self.units)
 
     def _write_estimates(self, file: h5py.File) -> None:
         """Write what is known of the reduced model's errors, and of the balance of energy."""
@@ -227,6 +268,9 @@ class Ensemble:
                 probabilities={name: Chance.read(group) for name, group in file.get("probabilities", {}).items()},
                 bands={name: Band.read(group) for name, group in file.get("bands", {}).items()},
                 sobol={name: Sensitivity.read(group) for name, group in file.get("sobol", {}).items()},
+                stopping=read_stopping(file),
+                joined=Joined.read(file),
+                kept={name: take(file["kept"], name, 1 if name == UNSTABLE else 2) for name in file.get("kept", {})},
             )
 
 

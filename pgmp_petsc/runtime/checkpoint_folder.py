@@ -38,6 +38,16 @@ _OWN = (LABEL, "*.npz", "*.npz.damaged", ".*.partial")
 Content = TypeVar("Content")
 
 
+def within_checkpoint(output: Path, name: str) -> Path:
+    """Return the output of a part of a run, whose folder lies in that of the run, and is removed with it."""
+    return _folder_of(output) / name
+
+
+def _folder_of(output: Path) -> Path:
+    target = Path(os.path.realpath(output))
+    return target.with_name(f"{target.name}.partial")
+
+
 class CheckpointFolder:
     """The folder of one run.
 
@@ -52,8 +62,7 @@ class CheckpointFolder:
     """
 
     def __init__(self, output: Path, run: Mapping[str, object], growing: Mapping[str, int] | None = None) -> None:
-        target = Path(os.path.realpath(output))
-        self.path = target.with_name(f"{target.name}.partial")
+        self.path = _folder_of(output)
         self._run, self._growing = dict(run), dict(growing or {})
         self._identity = identity(self._run)
 
@@ -161,6 +170,9 @@ class CheckpointFolder:
         keep_no_longer(self.path)
         with suppress(InputError, OSError):
             if self._label() is not None:
+                for folder in self.path.glob("*.partial"):
+                    if folder.is_dir():
+                        CheckpointFolder(folder.with_suffix(""), {}).remove()
                 for pattern in _OWN[::-1]:  # the label last: without it the folder is nobody's
                     for path in self.path.glob(pattern):
                         path.unlink()

@@ -84,6 +84,13 @@ class Ensemble(Table):
         "of less than a thousand, the share of a thousand; 0 = none, 1 = all; by default 0.02, or less where that "
         "would take more than a quarter of the time of the runs, but always one sample",
     )
+    failed_share: Number = Field(
+        0.5,
+        ge=0.0,
+        le=1.0,
+        description="largest share of failed samples of which the outputs are described without them; beyond it they "
+        "have bounds of quantiles alone, and a warning",
+    )
     balance: bool = Field(
         False, description="draw up the balance of energy of every sample, which needs its energies after every step"
     )

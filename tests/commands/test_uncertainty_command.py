@@ -163,7 +163,7 @@ def test_bad_input_is_one_message_on_any_ranks(mpirun: Callable, folder: Path, r
     table = folder / "bad.csv"
     table.write_text("push,r1\n1.0,5e-3\n1.0,wide\n")
     cases = (
-        ((), "-n: missing; give the number of samples, or a file of samples with --samples"),
+        ((), "-n: missing; give the number of samples, a file of samples with --samples, or a time with --budget"),
         (("--samples", table), f"--samples {table}: line 3: r1 = 'wide'; a number is needed"),
         (("--samples", table, "--sampler", "sobol"), "--sampler sobol: the samples are those of --samples"),
         (

@@ -123,6 +123,7 @@ def test_defaults(tmp_path: Path) -> None:
         "quantiles": (0.025, 0.25, 0.5, 0.75, 0.975),
         "batch": 512,
         "checked_share": None,
+        "failed_share": 0.5,
         "balance": False,
         "sampler": "random",
         "replicates": 8,

@@ -1,0 +1,185 @@
+"""Samples of better models on an ensemble's own draws, and the figures that they lead to (`joined`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgmp_petsc.dynamics.status import Status
+from pgmp_petsc.ensemble import intervals, joined
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.columns import Columns
+from pgmp_petsc.ensemble.quantities import came_true, quantities, quantity
+from pgmp_petsc.models import Model
+from pgmp_petsc.results.corrected import Corrected, Figure, Joined
+from pgmp_petsc.results.ensemble import Ensemble
+from pgmp_petsc.runtime.checkpoint_folder import within_checkpoint
+from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.scene import Scene
+
+
+@dataclass(frozen=True)
+class Better:
+    """A better model than that of an ensemble, and how many samples of it are wanted.
+
+    Attributes
+    ----------
+    name
+        As it was asked for: ``full``, ``full/4``.
+    model
+        Its scene is that of the ensemble, but for the step.
+    count
+        None where measured costs and correlations are to decide.
+    """
+
+    name: str
+    model: Model
+    count: int | None
+
+    @property
+    def key(self) -> str:
+        """The name without a slash, which makes groups in files and folders of paths."""
+        return self.name.replace("/", ":")
+
+
+def plan_of(plan: Plan, better: Better) -> Plan:
+    """Return the plan of a better model's samples, whose checkpoint lies within that of the ensemble."""
+    output = within_checkpoint(plan.output, better.key)
+    return replace(plan, n_samples=plan.n_samples if better.count is None else better.count, output=output)
+
+
+class Levels:
+    """The samples of all models, the best first, as far as they are fine in their own model and in all cheaper ones.
+
+    Parameters
+    ----------
+    columns
+        Of the samples of every model by its name, as many as each has; the best first, the ensemble's own last.
+
+    Attributes
+    ----------
+    names
+        Of the models.
+    n_lost
+        Draws that failed in a better model, though not in the ensemble's own.
+    """
+
+    def __init__(self, columns: Mapping[str, Columns]) -> None:
+        self.names, self.columns = tuple(columns), list(columns.values())
+        status = [one["status"] for one in self.columns]
+        fine = status[-1] == Status.FINE
+        self._usable = fine.copy()
+        for of_model in status[-2::-1]:
+            self._usable[: of_model.size] &= of_model == Status.FINE
+        self.n_lost = int(np.sum(fine & ~self._usable))
+        self._sizes = [one.size for one in status]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of samples of each model that can be used."""
+        return np.array([int(self._usable[:n].sum()) for n in self._sizes])
+
+    def values(self, of: Callable[[Columns], np.ndarray]) -> list[np.ndarray]:
+        """Return a quantity of every model, of the samples that can be used and have one in all models."""
+        each = [of(one) for one in self.columns]
+        usable = self._usable.copy()
+        for values in each:
+            usable[: values.size] &= np.isfinite(values) if values.dtype.kind == "f" else True
+        return [values[usable[: values.size]] for values in each]
+
+
+def join(scene: Scene, levels: Levels) -> Joined:
+    """Return the figures of the best model, of every quantity and every event."""
+    level, found = scene.ensemble.confidence, {}
+    *better, own = levels.columns
+    for name in [name for name, _ in quantities(own.of("outputs"), own.of("extremes"))]:
+        values = levels.values(lambda columns: quantity(name, columns.of("outputs"), columns.of("extremes")))
+        if values[0].size >= joined.FEWEST:
+            found[name] = corrected(values, level)
+    for label, event in scene.ensemble.probabilities.items():
+        true = levels.values(
+            lambda columns: came_true(event, label, columns.of("outputs"), columns.of("first_passages"))
+        )
+        if true[0].size >= joined.FEWEST:
+            found[label] = _probability(true, level)
+    outputs = {name: dict(columns.of("outputs").items()) for name, columns in zip(levels.names, better)}
+    status = {name: columns["status"].astype(int) for name, columns in zip(levels.names, better)}
+    return Joined(levels.names, level, found, outputs, status)
+
+
+def with_better(ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns]) -> Ensemble:
+    """Return an ensemble with the figures of the best model, and what is to be said of them.
+
+    Parameters
+    ----------
+    columns
+        As of `Levels`.
+    """
+    levels = Levels(columns)
+    found = join(scene, levels)
+    record = ensemble.record
+    remarks = (*record.remarks, *joined_remarks(found, levels))
+    return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
+
+
+def corrected(values: Sequence[np.ndarray], confidence: float) -> Corrected:
+    """Return mean, deviation and bias from values of all models, as `joined.mean_of` takes them."""
+    best, own = values[0], values[-1]
+    mean = joined.mean_of(values)
+    deviation, of_deviation = joined.deviation_of(values, mean, confidence)
+    # the cheapest model less the best, with the same controls
+    bias = joined.mean_of([own[: best.size] - best, *values[1:]])
+    figures = {
+        "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), intervals.of_mean(best, confidence)),
+        "std": Figure(deviation, of_deviation, float(best.std(ddof=1)), intervals.of_deviation(best, confidence)),
+        "bias": Figure(bias.value, bias.interval(confidence)),
+    }
+    return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)
+
+
+def _probability(true: Sequence[np.ndarray], confidence: float) -> Corrected:
+    value, ends = joined.probability_of(true, confidence)
+    n, count = true[0].size, int(true[0].sum())
+    figure = Figure(value, ends, count / n, intervals.of_probability(count, n, confidence))
+    return Corrected({"estimate": figure}, np.array([one.size for one in true]), np.zeros(0), np.zeros(0))
+
+
+def joined_remarks(found: Joined, levels: Levels) -> tuple[Remark, ...]:
+    """Return what corrected figures rest on, and what is left out of them."""
+    best, counts, remarks = found.models[0], levels.counts, []
+    which = ", ".join(f"{n} of {name}" for name, n in zip(found.models, counts))
+    remarks.append(
+        note(
+            f"/corrected: figures of {best} from samples of several models on the same draws ({which}); their "
+            f"intervals carry the error of {' and '.join(found.models[1:])} against {best}. Quantiles, densities, "
+            f"bands and Sobol indices are of {found.models[-1]} alone"
+        )
+    )
+    if "/" not in best:
+        remarks.append(
+            note(
+                f"{best} has the steps of the ensemble, so that /corrected knows nothing of their error; "
+                f"--correct {best}/2=K has steps half as long"
+            )
+        )
+    if counts[0] < joined.FEWEST:
+        remarks.append(
+            warning(f"{counts[0]} samples of {best} are fine: too few for /corrected, which takes {joined.FEWEST}")
+        )
+    elif counts[0] < joined.FEWEST_OF_DEVIATION:
+        remarks.append(
+            note(
+                f"corrected deviations have no interval: it takes {joined.FEWEST_OF_DEVIATION} samples of {best}, and "
+                f"there are {counts[0]}"
+            )
+        )
+    if found.n_failed or levels.n_lost:
+        remarks.append(
+            warning(
+                f"{found.n_failed} samples of better models failed (/better/<model>/status); /corrected is without "
+                f"{levels.n_lost} draws that failed in one model and not in the ensemble's own, and may be biased"
+            )
+        )
+    return tuple(remarks)

@@ -1,0 +1,142 @@
+"""Looks at ensembles that go on: the schedule, the level of intervals, the budget, and how often stops hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import paper_scene
+from scipy import stats
+
+from pgmp_petsc.ensemble import stopping
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.looks import level_of_each, looks
+from pgmp_petsc.ensemble.rules import read_rule
+from pgmp_petsc.ensemble.sampling import Sampler
+from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopping_of, stopping_remarks
+from pgmp_petsc.scene import Scene
+
+REPETITIONS = 100
+
+
+class Made(Mapping[str, np.ndarray]):
+    """Columns of samples that no run has made; in place of a checkpoint too."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._columns = {"status": np.zeros(values.size), "outputs.crank_angle": values}
+
+    def columns(self) -> Made:
+        return self
+
+    def of(self, kind: str) -> dict[str, np.ndarray]:
+        return {key.partition(".")[2]: values for key, values in self.items() if key.startswith(f"{kind}.")}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self._columns[name]
+
+    def __iter__(self):
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return paper_scene('ensemble.probabilities.far={output="crank_angle", above=1.5}')
+
+
+def stop_of(scene: Scene, rules: tuple[str, ...], values: np.ndarray, most: int) -> list[Seen]:
+    """Return what is seen of an ensemble with given values, as the command looks at it."""
+    stop, sampler = Stop(tuple(read_rule(rule, scene) for rule in rules)), Sampler(scene, Plan(most, 0))
+    return stages(
+        stop, 1, most, lambda n: n, lambda n: see(stop.rules, scene, sampler, Made(values[:n]), n), MPI.COMM_SELF
+    )
+
+
+@pytest.mark.parametrize("confidence", [0.9, 0.95, 0.99])
+def test_two_neighbouring_looks_hold_together(confidence: float) -> None:
+    z = stats.norm.ppf(0.5 + 0.5 * level_of_each(confidence))
+    law = stats.multivariate_normal([0.0, 0.0], [[1.0, 0.5**0.5], [0.5**0.5, 1.0]])
+    inside = law.cdf([z, z]) - 2.0 * law.cdf([z, -z]) + law.cdf([-z, -z])
+    assert inside == pytest.approx(confidence, abs=1e-6)
+
+
+def test_one_looks_at_doubled_numbers() -> None:
+    assert list(looks(1, 1000)) == [64, 128, 256, 512, 1000]
+    assert list(looks(8, 256)) == [64, 128, 256]
+    assert list(looks(5, 200)) == [80, 160, 200]
+    assert list(looks(1, 10)) == [10]
+
+
+@pytest.mark.parametrize(
+    ("draw", "rule", "true"),
+    [
+        (lambda random, n: random.normal(2.0, 1.0, n), "mean(crank_angle) +- 0.06", 2.0),
+        (lambda random, n: random.normal(2.0, 1.0, n), "std(crank_angle) < 5 %", 1.0),
+        (lambda random, n: random.exponential(1.0, n), "mean(crank_angle) < 8 %", 1.0),
+        (lambda random, n: random.random(n), "P(crank_angle > 0.8) +- 0.03", 0.2),
+        (lambda random, n: random.exponential(1.0, n), "P(far) < 15 %", np.exp(-1.5)),
+    ],
+)
+def test_intervals_at_the_stop_hold(scene: Scene, draw: Callable, rule: str, true: float) -> None:
+    """At least as often as they say, less 1 in 10,000 chances, and never by waiting for the last sample."""
+    random, held, looked = np.random.default_rng(8), 0, set()
+    for _ in range(REPETITIONS):
+        last = stop_of(scene, (rule,), draw(random, 16_384), 16_384)[-1]
+        held += last.intervals[0, 0] <= true <= last.intervals[0, 1]
+        looked.add(last.n)
+    assert held >= stats.binom(REPETITIONS, 0.95).ppf(1e-4)
+    assert max(looked) < 16_384 and len(looked) <= 3
+
+
+def test_several_rules_stop_where_all_are_met(scene: Scene) -> None:
+    values = np.random.default_rng(9).normal(2.0, 1.0, 50_000)
+    coarse, fine = ("mean(crank_angle) +- 0.2", "std(crank_angle) < 4 %")
+    ends = [stop_of(scene, rules, values, 50_000)[-1].n for rules in ((coarse,), (fine,), (coarse, fine))]
+    assert ends[0] < ends[1] == ends[2]
+
+
+def test_a_rule_that_is_not_met_says_what_was_reached(scene: Scene) -> None:
+    rule = "std(crank_angle) < 1 %"
+    history = stop_of(scene, (rule,), np.random.default_rng(10).normal(size=200), 200)
+    assert [seen.n for seen in history] == [64, 128, 200]
+    found = stopping_of(Stop((read_rule(rule, scene),)), history, Plan(200, 0), {"crank_angle": "rad"})
+    assert not found.is_met and found.why == "these are all samples (-n 200)"
+    half = 0.5 * np.ptp(found.intervals[0, -1]) / found.estimates[0, -1]
+    assert found.reached[0, -1] == pytest.approx(half)
+    said = [remark.text for remark in stopping_remarks(found, 0.95)]
+    assert said[0].startswith(f'--until "{rule}" is not met: these are all samples (-n 200), and +- {100 * half:.3g} %')
+    assert "97.06 %" in said[1]
+    assert any("NOT MET" in line for line in found.lines())
+
+
+def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that runs with the samples: 10 ms each, the first eight ten times as long."""
+    now = [0.0]
+    monkeypatch.setattr(stopping.time, "monotonic", lambda: now[0])
+    done = [0]
+
+    def run(n: int) -> int:
+        computed, done[0] = n - done[0], n
+        now[0] += 0.01 * computed * (10.0 if n <= 8 else 1.0)
+        return computed
+
+    stop = Stop((), 10.0, start=0.0)
+    history = stages(stop, 1, 10**9, run, lambda n: Seen(n, np.zeros(0), np.zeros((0, 2))), MPI.COMM_SELF)
+    assert 8.5 < now[0] <= 10.0 and history[-1].n == done[0] not in list(looks(1, 1024))
+    assert [seen.n for seen in history[:-1]] == [64, 128, 256, 512]
+    found = stopping_of(stop, history, Plan(10**9, 0, is_limited=False), {})
+    assert found.is_met and found.why == "the budget of 10 s is spent"
+    assert "another run may have another" in stopping_remarks(found, 0.95)[0].text
+
+
+def test_a_budget_that_is_spent_before_has_the_fewest_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(stopping.time, "monotonic", lambda: now[0])
+    stop = Stop((), 1.0, start=0.0)
+    now[0] = 50.0
+    history = stages(stop, 8, 10**9, lambda n: n, lambda n: Seen(n, np.zeros(0), np.zeros((0, 2))), MPI.COMM_SELF)
+    assert [seen.n for seen in history] == [8]
