@@ -144,7 +144,7 @@ def _propagated(model: ReducedModel, linearisation: Linearisation, times: np.nda
     at_once = max(16, MOST_NUMBERS // (3 * n * n))
     for first in range(1, n_t, at_once):
         part = slice(first, min(first + at_once, n_t))
-        here = linearisation.at(times[part], _part(states, part))
+        here = linearisation.at(times[part], _part(states, part), scheme)
         propagate(
             here.by_q, here.by_v, here.by_a, here.by_parameters, astuple(scheme), step, prescribed, moment,
             result[part],

@@ -50,7 +50,7 @@ def cell_of(theta, grid, place):
 def fill_basis(place, n_powers, basis):
     """Fill the monomials of a place and their derivatives, shape (n_jets, n_powers**n_theta); last coordinate fastest."""
     r = place.size
-    powers = np.zeros((r, 3, n_powers))
+    powers, orders = np.zeros((r, 3, n_powers)), np.empty(r, dtype=np.int64)
     for k in range(r):
         for c in range(n_powers):
             powers[k, 0, c] = place[k] ** c
@@ -58,7 +58,6 @@ def fill_basis(place, n_powers, basis):
             powers[k, 2, c] = c * (c - 1) * place[k] ** (c - 2) if c > 1 else 0.0
     for c in range(basis.shape[1]):
         value, rest = 1.0, c
-        orders = np.empty(r, dtype=np.int64)
         for k in range(r - 1, -1, -1):
             orders[k], rest = rest % n_powers, rest // n_powers
             value *= powers[k, 0, orders[k]]

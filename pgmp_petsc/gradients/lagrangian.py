@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgmp_petsc.gradients.jets import second
 from pgmp_petsc.runtime.compiled import njit
 
 
@@ -117,12 +118,20 @@ def fill_stiffness(layout, value, load, delta, linear, bent):
             if j < i:
                 linear[j, i] -= load[of_load]
             of_load += 1
-            for k in range(j + 1):
-                # all six orders of the indices; equal ones come twice, or six times
-                entered = value[entry] / (6.0 if i == k else 2.0 if i == j or j == k else 1.0)
+            for k in range(j):
+                bent[i, j] += value[entry] * delta[k]
+                bent[i, k] += value[entry] * delta[j]
+                if j < i:
+                    bent[j, k] += value[entry] * delta[i]
                 entry += 1
-                for x, y, z in ((i, j, k), (j, i, k), (i, k, j), (k, i, j), (j, k, i), (k, j, i)):
-                    bent[x, y] += entered * delta[z]
+            # two equal indices, or all three
+            bent[i, j] += value[entry] * delta[j]
+            if j < i:
+                bent[j, j] += value[entry] * delta[i]
+            entry += 1
+    for i in range(m):
+        for j in range(i):
+            bent[j, i] = bent[i, j]
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -138,21 +147,22 @@ def fill_damping(layout, value, damping):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def fill_residual(layout, value, slope, load, load_slope, q, v, a, rate, work, result):
+def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
     """Fill the residual, shape (n_eta,).
 
     Parameters
     ----------
     load, load_slope
         Of all loads together, with their amplitudes, shapes (load_end,) and (n_theta, load_end).
-    q, v, a, rate
-        Coordinates; velocities and accelerations as the inertia forces see them; velocities; each (n_eta,).
+    moment
+        Coordinates, velocities and accelerations as inertia forces see them, and velocities (4, n_eta); see `take_up`.
     work
         As from `room`.
     """
     mass, lean, swept, linear, bent, damping = work
     r, n = len(layout.rigid), layout.n_eta
     m = n - r
+    q, v, a, rate = moment
     delta, w = q[r:], v[r:]
     fill_mass(layout, value, delta, mass)
     fill_damping(layout, value, damping)
@@ -189,7 +199,7 @@ def fill_residual(layout, value, slope, load, load_slope, q, v, a, rate, work, r
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def fill_derivatives(layout, value, slope, load, load_slope, q, v, a, work, by_q, by_v, by_a):
+def fill_derivatives(layout, value, slope, load, load_slope, moment, work, by_q, by_v, by_a):
     """Fill the derivatives (n_eta, n_eta) of the residual with eta'', eta' and the flexible coordinates.
 
     Columns of theta of `by_q` are left to the tables' derivatives. Parameters as of `fill_residual`.
@@ -197,6 +207,7 @@ def fill_derivatives(layout, value, slope, load, load_slope, q, v, a, work, by_q
     mass, lean, swept, linear, bent, damping = work
     r, n = len(layout.rigid), layout.n_eta
     m = n - r
+    q, v, a, _ = moment
     delta, w = q[r:], v[r:]
     fill_mass(layout, value, delta, by_a)
     fill_damping(layout, value, by_v)
@@ -289,3 +300,30 @@ def room(layout):
     return (
         np.empty((n, n)), np.empty((r, r, m)), np.empty((r, m)), np.empty((m, m)), np.empty((m, m)), np.empty((n, n)),
     )  # fmt: skip
+
+
+@njit(error_model="numpy")
+def take_up(layout, q, rate, a, mass_damping, moment):
+    """Fill coordinates, velocities and accelerations as inertia forces see them, and velocities, shape (4, n_eta)."""
+    for x in range(layout.n_eta):
+        moment[0, x], moment[3, x] = q[x], rate[x]
+        moment[1, x] = rate[x] if layout.quadratic else 0.0
+        moment[2, x] = a[x] + mass_damping * rate[x]
+
+
+@njit(error_model="numpy")
+def fill_all(layout, jet, load_jet, moment, mass_damping, work, residual, by_q, by_v, by_a):
+    """Fill the residual (n_eta,) and all of its derivatives with a state (n_eta, n_eta), from the tables' jets."""
+    r, n = len(layout.rigid), layout.n_eta
+    first = slice(1, 1 + r)
+    fill_derivatives(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, by_q, by_v, by_a)
+    slope, load_slope = np.empty((r, jet.shape[1])), np.empty((r, load_jet.shape[1]))
+    for k in range(r):
+        for h in range(r):
+            slope[h], load_slope[h] = jet[second(r, k, h)], load_jet[second(r, k, h)]
+        fill_residual(layout, jet[1 + k], slope, load_jet[1 + k], load_slope, moment, work, residual)
+        by_q[:, k] = residual
+    fill_residual(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, residual)
+    for x in range(n):
+        for y in range(n):
+            by_v[x, y] += mass_damping * by_a[x, y]

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.dynamics.second_order_system import State
-from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, second, weigh
-from pgmp_petsc.gradients.lagrangian import fill_derivatives, fill_residual, room
+from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.gradients.elimination import factorise, hold, substitute
+from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
+from pgmp_petsc.gradients.lagrangian import fill_all, fill_residual, room, take_up
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.compiled import njit
@@ -66,9 +67,15 @@ class Linearisation:
         by_name = {effect.name: effect for effect in model.effects}
         self._load_effects = [by_name[name] for name in tables.load_effects]
         self._local = LocalDerivatives(model, values, names)
+        self._prescribed = np.array([k in model.motions for k in terms.layout.rigid])
 
-    def at(self, times: np.ndarray, states: State) -> Linearised:
-        """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta)."""
+    def at(self, times: np.ndarray, states: State, scheme: Scheme | None = None) -> Linearised:
+        """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
+
+        With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
+        mechanism's size: little of the coordinates, but more of the accelerations. One more correction, with the exact
+        matrix, takes that away.
+        """
         n_t, n = states.q.shape
         amplitudes = np.array([effect.amplitude(times) for effect in self._load_effects]).reshape(-1, n_t)
         loads = np.einsum("sl,lt->tsl", self._load_weights, amplitudes)
@@ -77,15 +84,14 @@ class Linearisation:
             np.zeros((n_t, len(self.names), n)),
             np.zeros((n_t, n)),
         )
-        mass_damping = 0.0 if self._terms.damping is None else self._terms.damping.mass
-        q, v, a = (np.ascontiguousarray(part) for part in (states.q, states.v, states.a))
+        self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
+        damping, gains = self._terms.damping, (0.0, 0.0) if scheme is None else (scheme.gain_v, scheme.gain_a)
         _linearise(
             self._terms.layout, self._terms.grid, self._terms.polynomials, self._weights, np.ascontiguousarray(loads),
-            mass_damping, q, v, a,
+            0.0 if damping is None else damping.mass, self._prescribed, gains,
+            tuple(np.ascontiguousarray(part) for part in (states.q, states.v, states.a)),
             (result.by_q, result.by_v, result.by_a, result.by_parameters, result.residual),
         )  # fmt: skip
-        result.by_v[:] += mass_damping * result.by_a
-        self._local.add(times, states, result.by_q, result.by_v, result.by_parameters, result.residual)
         return result
 
     def crossed(self, times: np.ndarray, states: State) -> list[str]:
@@ -101,20 +107,24 @@ def _weights(monomials: Sequence[Monomial], values: Mapping[str, float], names: 
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def _linearise(layout, grid, tables, weights, loads, mass_damping, q, rate, acceleration, result):
-    """Fill the derivatives at all instants.
+def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, gains, states, result):
+    """Add the derivatives at all instants to those of local effects.
 
     Parameters
     ----------
     weights, loads
         Of terms, (n_sets, n_terms), and of load terms with their amplitudes, (n_t, n_sets, n_load_terms): of the
         sample, and their derivatives with the parameters.
-    q, rate, acceleration
-        (n_t, n_eta).
+    prescribed
+        Whether a coordinate's motion is given, shape (n_theta,).
+    gains
+        ``(gain_v, gain_a)`` of the step that ends here, zero where the states are to be taken as they are.
+    states
+        Coordinates, velocities and accelerations, (n_t, n_eta) each.
     result
         See `Linearised`.
     """
-    by_q, by_v, by_a, by_parameters, residual = result
+    all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
     n_rigid, n_rows = r * (r + 1) // 2, n_jets(r)
     n_c, n_c_rigid = N_POWERS**r, N_POWERS_OF_RIGID**r
@@ -124,10 +134,10 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, q, rate, acce
     basis, basis_of_rigid = np.empty((n_rows, n_c)), np.empty((n_rows, n_c_rigid))
     jet, rigid_jet = np.empty((n_rows, layout.end)), np.empty((n_rows, n_rigid))
     load_jet = np.zeros((n_rows, layout.load_end))
-    slope, load_slope = np.empty((r, layout.end)), np.empty((r, layout.load_end))
-    work, v, a, column = room(layout), np.zeros(n), np.empty(n), np.empty(n)
-    for t in range(q.shape[0]):
-        cell = cell_of(q[t], grid, place)
+    work, moment, changed = room(layout), np.empty((4, n)), np.empty(n)
+    by_q, by_v, by_a, order = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n, dtype=np.int64)
+    for t in range(states[0].shape[0]):
+        cell = cell_of(states[0][t], grid, place)
         if cell != last:
             for s in range(n_sets):
                 weigh(tables.rigid[cell], weights[s], of_rigid[s])
@@ -135,26 +145,36 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, q, rate, acce
             last = cell
         fill_basis(place, N_POWERS, basis)
         fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
-        for x in range(n):
-            v[x] = rate[t, x] if layout.quadratic else 0.0
-            a[x] = acceleration[t, x] + mass_damping * rate[t, x]
-        for s in range(n_sets - 1, -1, -1):  # the sample itself last: its jets are needed further
-            n_wanted = n_rows if s == 0 else 1 + r
-            fill_jet(basis, of_terms[s], n_wanted, jet)
-            fill_jet(basis_of_rigid, of_rigid[s], n_wanted, rigid_jet)
+        fill_jet(basis, of_terms[0], n_rows, jet)
+        fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
+        jet[:, :n_rigid] = rigid_jet
+        if loads.shape[2] > 0:
+            weigh(tables.loads[cell], loads[t, 0], of_loads)
+            fill_jet(basis, of_loads, n_rows, load_jet)
+        take_up(layout, states[0][t], states[1][t], states[2][t], mass_damping, moment)
+        fill_all(layout, jet, load_jet, moment, mass_damping, work, changed, by_q, by_v, by_a)
+        if gains[1] > 0.0:
+            for i in range(n):
+                changed[i] += residual[t, i]
+                for j in range(n):
+                    of_step = gains[0] * (by_v[i, j] + all_by_v[t, i, j]) + gains[1] * by_a[i, j]
+                    work[0][i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
+            hold(prescribed, work[0], changed)
+            factorise(work[0], order)
+            substitute(work[0], order, changed)
+            q, v, a = states[0][t] - changed, states[1][t] - gains[0] * changed, states[2][t] - gains[1] * changed
+            take_up(layout, q, v, a, mass_damping, moment)
+            fill_all(layout, jet, load_jet, moment, mass_damping, work, changed, by_q, by_v, by_a)
+        residual[t] += changed
+        all_by_q[t] += by_q
+        all_by_v[t] += by_v
+        all_by_a[t] += by_a
+        for s in range(1, n_sets):
+            fill_jet(basis, of_terms[s], 1 + r, jet)
+            fill_jet(basis_of_rigid, of_rigid[s], 1 + r, rigid_jet)
             jet[:, :n_rigid] = rigid_jet
             if loads.shape[2] > 0:
                 weigh(tables.loads[cell], loads[t, s], of_loads)
-                fill_jet(basis, of_loads, n_wanted, load_jet)
-            into = residual[t] if s == 0 else by_parameters[t, s - 1]
-            fill_residual(
-                layout, jet[0], jet[1 : 1 + r], load_jet[0], load_jet[1 : 1 + r], q[t], v, a, rate[t], work, into
-            )
-        fill_derivatives(
-            layout, jet[0], jet[1 : 1 + r], load_jet[0], load_jet[1 : 1 + r], q[t], v, a, work, by_q[t], by_v[t], by_a[t]
-        )
-        for k in range(r):
-            for h in range(r):
-                slope[h], load_slope[h] = jet[second(r, k, h)], load_jet[second(r, k, h)]
-            fill_residual(layout, jet[1 + k], slope, load_jet[1 + k], load_slope, q[t], v, a, rate[t], work, column)
-            by_q[t, :, k] = column
+                fill_jet(basis, of_loads, 1 + r, load_jet)
+            fill_residual(layout, jet[0], jet[1 : 1 + r], load_jet[0], load_jet[1 : 1 + r], moment, work, changed)
+            by_parameters[t, s - 1] += changed
