@@ -143,26 +143,31 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, g
                 weigh(tables.rigid[cell], weights[s], of_rigid[s])
                 weigh(tables.terms[cell], weights[s], of_terms[s])
             last = cell
-        fill_basis(place, N_POWERS, basis)
-        fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
-        fill_jet(basis, of_terms[0], n_rows, jet)
-        fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
-        jet[:, :n_rigid] = rigid_jet
-        if loads.shape[2] > 0:
-            weigh(tables.loads[cell], loads[t, 0], of_loads)
-            fill_jet(basis, of_loads, n_rows, load_jet)
-        take_up(layout, states[0][t], states[1][t], states[2][t], mass_damping, moment)
-        fill_all(layout, jet, load_jet, moment, mass_damping, work, changed, by_q, by_v, by_a)
-        if gains[1] > 0.0:
-            for i in range(n):
-                changed[i] += residual[t, i]
-                for j in range(n):
-                    of_step = gains[0] * (by_v[i, j] + all_by_v[t, i, j]) + gains[1] * by_a[i, j]
-                    work[0][i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
-            hold(prescribed, work[0], changed)
-            factorise(work[0], order)
-            substitute(work[0], order, changed)
-            q, v, a = states[0][t] - changed, states[1][t] - gains[0] * changed, states[2][t] - gains[1] * changed
+        q, v, a = states[0][t].copy(), states[1][t].copy(), states[2][t].copy()
+        for correction in range(2 if gains[1] > 0.0 else 1):
+            if correction > 0:
+                for i in range(n):
+                    changed[i] += residual[t, i]
+                    for j in range(n):
+                        of_step = gains[0] * (by_v[i, j] + all_by_v[t, i, j]) + gains[1] * by_a[i, j]
+                        work[0][i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
+                hold(prescribed, work[0], changed)
+                factorise(work[0], order)
+                substitute(work[0], order, changed)
+                for i in range(n):
+                    q[i] -= changed[i]
+                    v[i] -= gains[0] * changed[i]
+                    a[i] -= gains[1] * changed[i]
+                for k in range(r):
+                    place[k] -= changed[k]
+            fill_basis(place, N_POWERS, basis)
+            fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
+            fill_jet(basis, of_terms[0], n_rows, jet)
+            fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
+            jet[:, :n_rigid] = rigid_jet
+            if loads.shape[2] > 0:
+                weigh(tables.loads[cell], loads[t, 0], of_loads)
+                fill_jet(basis, of_loads, n_rows, load_jet)
             take_up(layout, q, v, a, mass_damping, moment)
             fill_all(layout, jet, load_jet, moment, mass_damping, work, changed, by_q, by_v, by_a)
         residual[t] += changed

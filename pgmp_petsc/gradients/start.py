@@ -69,7 +69,6 @@ def _held(model: ReducedModel, eta: np.ndarray, at_rest: Linearised) -> np.ndarr
 
 def _angle_derivatives(model: ReducedModel, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return first and second derivatives of the coordinates' angles, (n_theta, n_eta) and (n_theta, n_eta, n_eta)."""
-    n = eta.shape[1]
     offsets, factors = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12.0
     steps = np.diag(DIFFERENCE / model.terms.scale)
     lines = offsets[:, None, None] * steps

@@ -1,6 +1,7 @@
 """Results as data: trajectories, ensembles, tables of modes and trade-off studies, and HDF5 files that hold them."""
 
 from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.derivatives import Derivatives
 from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.errors import EstimatedErrors
@@ -16,6 +17,7 @@ __all__ = [
     "Balance",
     "Band",
     "Chance",
+    "Derivatives",
     "EffectSizes",
     "Ensemble",
     "EstimatedErrors",

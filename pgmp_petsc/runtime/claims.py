@@ -30,6 +30,9 @@ KINDS = {
     "shard": "shard of an ensemble",
     "modes": "table of modes",
     "tradeoff": "trade-off study",
+    "sensitivities": "table of sensitivities",
+    "fit": "fit of parameters",
+    "design": "optimized design",
 }
 # kinds that are no HDF5 files: what they are, their own endings (the first is proposed), and a text that they contain
 _OTHERS = {

@@ -1,0 +1,48 @@
+"""What commands say of derivatives: what each parameter does to each figure of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.results.derivatives import Derivatives, Figure
+from pgmp_petsc.runtime.remarks import Remark
+
+
+def report(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what each parameter does to each figure, and all remarks."""
+    lines = [f"{path}: reduced model, {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]
+    lines += remark_lines(found.record, said)
+    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
+    return "\n".join(lines)
+
+
+def lines_of(found: Derivatives) -> Iterator[str]:
+    """Yield the table of effects, the largest first."""
+    yield "  what a change of each parameter does, to first order"
+    yield f"  {'':24s}{'':11s}{'value':>14s}  {'':20s}{'change':>14s}  derivative"
+    for output in found.outputs:
+        shown = output
+        for figure in found.figures(output):
+            yield from _rows(found, output, figure, shown)
+            shown = ""
+    for name, (change, what) in found.changes.items():
+        yield f"  {name:24s}{'changes by':11s}{change:14.5g} {_named(found.units.get(name, '1'))}, {what}".rstrip()
+
+
+def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
+    """Yield the rows of one figure."""
+    unit = _named(found.units.get(output, "1"))
+    effects = figure.derivatives * np.array([change for change, _ in found.changes.values()])
+    for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
+        name = found.parameters[place]
+        value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g}" if k == 0 else " " * 49
+        slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
+        yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit:4s} {slope}".rstrip()
+
+
+def _named(unit: str) -> str:
+    return "" if unit == "1" else unit
