@@ -19,14 +19,14 @@ MODES = (
     "reduction.modes=3", "reduction.static_modes=true", "reduction.angles=32", 'reduction.interpolation="spline"',
     "reduction.inertia_modes=true",
 )  # fmt: skip
-LOADS = ('parameters.g={nominal=9.81}', 'effects.weight={type="gravity",acceleration="g"}')
+LOADS = ("parameters.g={nominal=9.81}", 'effects.weight={type="gravity",acceleration="g"}')
 DAMPING = ('effects.material={type="structural_damping",stiffness=2e-4,mass=2.0}',)
 SPRING = (
     'parameters.k={nominal=300.0}', 'parameters.c={nominal=2.0}',
     'effects.spring={type="spring_damper",points=["ground:origin","rod:1"],stiffness="k",damping="c",rest=0.43}',
 )  # fmt: skip
 FRICTION_IN_JOINT = (
-    'parameters.limit={nominal=0.2}',
+    "parameters.limit={nominal=0.2}",
     'effects.friction={type="joint_friction",joint="elbow",limit="limit",speed=0.5}',
 )
 SLOW = ('effects.velocities={type="gyroscopic",keep=false}',)
@@ -37,7 +37,7 @@ SCENES = {
     "without inertia of velocities": slider_crank(*MODES, *LOADS, *SLOW, *DAMPING),
     "spring and damper": slider_crank(*MODES, *LOADS, *SPRING),
     "friction": slider_crank(*MODES, *FRICTION_IN_JOINT),
-    "two coordinates": double_pendulum(*SECOND, 'parameters.g={nominal=9.81}', LOADS[1]),
+    "two coordinates": double_pendulum(*SECOND, "parameters.g={nominal=9.81}", LOADS[1]),
 }
 N_TIMES = 3
 
@@ -130,9 +130,7 @@ def test_a_correction_with_the_exact_matrix_takes_the_rest_of_the_iteration_away
     states.a -= np.linalg.solve(here.by_a, here.residual[..., None])[..., 0]
     balance = linearisation.at(times, states)
     away = 1e-9 / model.terms.scale
-    beside = State(
-        states.q + away, states.v + scheme.gain_v * away, states.a + scheme.gain_a * away, np.zeros(0)
-    )
+    beside = State(states.q + away, states.v + scheme.gain_v * away, states.a + scheme.gain_a * away, np.zeros(0))
     plain, corrected = linearisation.at(times, beside), linearisation.at(times, beside, scheme)
     off, left = (np.abs(part.by_parameters - balance.by_parameters).max() for part in (plain, corrected))
     assert left < 1e-6 * off
