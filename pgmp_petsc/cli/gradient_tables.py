@@ -1,4 +1,4 @@
-"""What commands say of derivatives: what each parameter does to each figure of a run."""
+"""What commands say of derivatives, fits and designs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
+from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.runtime.remarks import Remark
 
 
@@ -46,3 +47,22 @@ def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterat
 
 def _named(unit: str) -> str:
     return "" if unit == "1" else unit
+
+
+def fit_lines(found: Fit) -> Iterator[str]:
+    """Yield the parameters with their standard errors, their correlations, and the noise of the outputs."""
+    yield f"  {'':24s}{'estimate':>14s}{'standard error':>18s}{'':12s}{'began at':>14s}  searched in"
+    for p in found.parameters:
+        share = f"({100 * p.error / abs(p.estimate):.2g} %)" if np.isfinite(p.error) and p.estimate else ""
+        limits = f"[{p.lower:.5g}, {p.upper:.5g}] {_named(p.unit)}"
+        error = f"{p.error:18.3g}" if np.isfinite(p.error) else f"{'not identifiable':>18s}"
+        yield f"  {p.name:24s}{p.estimate:14.7g}{error}{share:>12s}{p.start:14.5g}  {limits}".rstrip()
+    names = [p.name for p in found.parameters]
+    pairs = [(j, k) for j in range(len(names)) for k in range(j) if np.isfinite(found.correlation[j, k])]
+    for number, (j, k) in enumerate(pairs):
+        yield f"  {'correlation' if number == 0 else '':24s}{found.correlation[j, k]:+14.4f}  {names[k]}, {names[j]}"
+    for name, output in found.outputs.items():
+        left = float(np.sqrt(np.mean((output.fitted - output.measured) ** 2)))
+        begun = float(np.sqrt(np.mean((output.begun - output.measured) ** 2)))
+        noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
+        yield f"  {name:24s}{left:14.4g} {_named(output.unit)} left of {begun:.4g}; {noise}"

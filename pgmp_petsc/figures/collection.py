@@ -18,6 +18,7 @@ from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
 from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
+from pgmp_petsc.figures.fit import fit
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.mechanism import mechanism
@@ -26,7 +27,7 @@ from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
-from pgmp_petsc.results import Derivatives, Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results import Derivatives, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
@@ -37,9 +38,13 @@ READERS = {
     "ensemble": Ensemble,
     "tradeoff": Tradeoff,
     "sensitivities": Derivatives,
+    "fit": Fit,
 }
 # kinds whose results have a picture each
-ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {Derivatives: ("sensitivities", sensitivities)}
+ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {
+    Derivatives: ("sensitivities", sensitivities),
+    Fit: ("fit", fit),
+}
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix
 Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, Derivatives)
 Sourced = list[tuple[Path, Result]]  # results and the files that they come from

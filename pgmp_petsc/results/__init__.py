@@ -5,6 +5,7 @@ from pgmp_petsc.results.derivatives import Derivatives
 from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.errors import EstimatedErrors
+from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.selection import Attempt, Selection
 from pgmp_petsc.results.sensitivity import Sensitivity
@@ -21,6 +22,7 @@ __all__ = [
     "EffectSizes",
     "Ensemble",
     "EstimatedErrors",
+    "Fit",
     "Frames",
     "MeshErrors",
     "ModesTable",
