@@ -9,8 +9,16 @@ import numpy as np
 
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results.derivatives import Derivatives, Figure
+from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.runtime.remarks import Remark
+
+
+def lines_of_file(path: Path, kind: str) -> list[str]:
+    """Return the table of a file of a kind: sensitivities, a fit or a design."""
+    if kind == "fit":
+        return list(fit_lines(Fit.read(path)))
+    return list(design_lines(Design.read(path)) if kind == "design" else lines_of(Derivatives.read(path)))
 
 
 def report(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -66,3 +74,16 @@ def fit_lines(found: Fit) -> Iterator[str]:
         begun = float(np.sqrt(np.mean((output.begun - output.measured) ** 2)))
         noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
         yield f"  {name:24s}{left:14.4g} {_named(output.unit)} left of {begun:.4g}; {noise}"
+
+
+def design_lines(found: Design) -> Iterator[str]:
+    """Yield goal, constraints and parameters of a design."""
+    robust = "" if found.deviations is None else f", mean and {found.deviations:g} deviations"
+    yield f"  {'':40s}{'at the start':>14s}{'design':>14s}"
+    yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{robust}"
+    for constraint in found.constraints:
+        how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
+        begun, now = (f"{value:+14.4g}" for value in (constraint.start, constraint.value))
+        yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
+    for p in found.parameters:
+        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g} {_named(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"

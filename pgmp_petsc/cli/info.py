@@ -70,11 +70,10 @@ def _estimates(file, path: Path) -> list[str]:
         ensemble = Ensemble.read(path)
         found = estimates.of_ensemble(ensemble) if ensemble.validity else []
         return [*ensemble_table.lines_of(ensemble), *found, *estimates.of_balance(ensemble)]
-    if file.attrs["kind"] in ("sensitivities", "fit"):
-        from pgmp_petsc.cli.gradient_tables import fit_lines, lines_of
-        from pgmp_petsc.results import Derivatives, Fit
+    if file.attrs["kind"] in ("sensitivities", "fit", "design"):
+        from pgmp_petsc.cli.gradient_tables import lines_of_file
 
-        return list(fit_lines(Fit.read(path)) if file.attrs["kind"] == "fit" else lines_of(Derivatives.read(path)))
+        return lines_of_file(path, str(file.attrs["kind"]))
     if file.attrs["kind"] != "trajectory" or "validity" not in file:
         return []
     trajectory = Trajectory.read(path)

@@ -16,6 +16,7 @@ from pgmp_petsc.figures.bands import bands
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
+from pgmp_petsc.figures.design import design
 from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
 from pgmp_petsc.figures.fit import fit
@@ -27,7 +28,7 @@ from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
-from pgmp_petsc.results import Derivatives, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
@@ -39,11 +40,13 @@ READERS = {
     "tradeoff": Tradeoff,
     "sensitivities": Derivatives,
     "fit": Fit,
+    "design": Design,
 }
 # kinds whose results have a picture each
 ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {
     Derivatives: ("sensitivities", sensitivities),
     Fit: ("fit", fit),
+    Design: ("design", design),
 }
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix
 Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, Derivatives)

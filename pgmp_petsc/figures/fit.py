@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -14,12 +15,12 @@ from pgmp_petsc.figures.style import (
     axis_unit,
     heading,
     new_figure,
-    quantity,
     span,
     styled,
     top_legend,
 )
 from pgmp_petsc.results import Fit
+from pgmp_petsc.results.fit import FittedParameter
 
 MEASURED = PALETTE[0]
 
@@ -45,13 +46,19 @@ def fit(found: Fit, label: str = "") -> Figure:
     for axes in panels[-1]:
         span(axes, found.time[0], found.time[-1])
         axes.set_xlabel("time (s)")
-    values = ", ".join(f"{quantity(p.name, p.estimate, p.unit)} ± {p.error:.2g}" for p in found.parameters)
+    values = ", ".join(_with_error(p) for p in found.parameters)
     keys = [
         Line2D([], [], label="measured", **dots),
         Line2D([], [], color=QUIET, linestyle=":", label="begun with"),
-        Line2D([], [], color=REDUCED_COLOUR, label="fitted"),
+        Line2D([], [], color=REDUCED_COLOUR, label=f"fitted, {values}"),
         Line2D([], [], color=QUIET, linewidth=0.8, linestyle="--", label="two deviations of the noise"),
     ]
-    notes = [values, *cautions.of_records([found.record])]
-    top_legend(figure, keys, heading("Fit", found.record, label), notes)
+    top_legend(figure, keys, heading("Fit", found.record, label), cautions.of_records([found.record]))
     return figure
+
+
+def _with_error(parameter: FittedParameter) -> str:
+    """Return ``r1 = 6.001 ± 0.005 mm``."""
+    factor, unit = axis_unit(parameter.unit, np.array([parameter.estimate]))
+    shown = f"{parameter.name} = {factor * parameter.estimate:.4g} ± {factor * parameter.error:.1g}"
+    return shown if unit in ("", "1") else f"{shown} {unit}"

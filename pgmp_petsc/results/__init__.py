@@ -2,6 +2,7 @@
 
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.results.derivatives import Derivatives
+from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.effect_sizes import EffectSizes
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.errors import EstimatedErrors
@@ -19,6 +20,7 @@ __all__ = [
     "Band",
     "Chance",
     "Derivatives",
+    "Design",
     "EffectSizes",
     "Ensemble",
     "EstimatedErrors",
