@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.ensemble.batch import Plan
-from pgmp_petsc.ensemble.sampling import Sampler, physical
+from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
@@ -32,7 +33,7 @@ from pgmp_petsc.studies.fitting import limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
 
 MOST_ITERATIONS = 200
-PRECISE = 1e-9  # of the goal, in units of its value at the start
+PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
 DESCENT_ENDED = 8  # SLSQP's status where no step along its direction makes the goal smaller
@@ -89,7 +90,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     Raises
     ------
     InputError
-        If robust figures are asked for and nothing varies, or a sample has no physical value.
+        If robust figures are asked for and nothing varies, or too much for the limits.
     RunError
         If a run stops before its end.
     """
@@ -102,6 +103,7 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
         scale, start = figures.scale, figures.start
         first = figures.at(start)
         goal_size = abs(first[0].value) or 1.0
+        ends = figures.limits.T / scale  # rounded once
         sizes = np.array([figures.size_of(k, start) for k in range(len(question.constraints))])
 
         def goal(x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -116,10 +118,13 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
             }
             for k in range(len(question.constraints))
         ]
-        done = minimize(
-            goal, start / scale, jac=True, method="SLSQP", bounds=figures.limits / scale[:, None],
-            constraints=constraints, options={"maxiter": MOST_ITERATIONS, "ftol": PRECISE},
-        )  # fmt: skip
+        with catch_warnings():
+            # steps that round-off takes past a limit are taken back
+            filterwarnings("ignore", "Values in x were outside bounds", RuntimeWarning)
+            done = minimize(
+                goal, np.clip(start / scale, *ends), jac=True, method="SLSQP", bounds=ends.T,
+                constraints=constraints, options={"maxiter": MOST_ITERATIONS, "ftol": PRECISE},
+            )  # fmt: skip
         best = np.clip(done.x * scale, *figures.limits.T)
         last = figures.at(best)
     missed = [k for k in range(len(sizes)) if last[1 + k].value > MET * sizes[k]]
@@ -172,6 +177,7 @@ class _Figures:
         self.start = np.array([scene.values[name] for name in question.names])
         self.scale = np.where(self.start != 0.0, np.abs(self.start), np.ptp(self.limits, axis=1))
         self._offsets = self._drawn()
+        self._make_room()
         self.n_samples = 1 if self._offsets is None else question.n_samples
         self.tried: list[np.ndarray] = []
         self.goals: list[float] = []
@@ -187,6 +193,25 @@ class _Figures:
             uncertain = scene.parameters[name].distribution is not None
             values[name] = values[name] - scene.nominal[name] if uncertain else np.zeros(question.n_samples)
         return values
+
+    def _make_room(self) -> None:
+        """Narrow the limits so that samples stay between those of the parameters, and begin between them."""
+        if self._offsets is None:
+            return
+        scene = self._model.scene
+        for name, limits in zip(self._question.names, self.limits):
+            drawn, bounds, low, high = self._offsets[name], scene.parameters[name].bounds, *limits
+            if bounds is not None:
+                low, high = max(low, bounds[0] - drawn.min()), min(high, bounds[1] - drawn.max())
+            elif name in scene.positive_parameters:
+                low = max(low, low - drawn.min())
+            if low >= high:
+                raise InputError(
+                    f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a design, "
+                    f"which leaves no room in [{limits[0]:g}, {limits[1]:g}]; widen its bounds"
+                )
+            limits[:] = low, high
+        self.start = np.clip(self.start, *self.limits.T)
 
     def _values_of(self, design: np.ndarray, sample: int) -> dict[str, float]:
         """Return the values of all parameters of a sample; of a nominal design there is one."""
@@ -228,16 +253,11 @@ class _Figures:
         return found
 
     def _run(self, values: Mapping[str, float], sample: int) -> DifferentiatedRun:
-        names, scene = self._question.names, self._model.scene
-        where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
-        if not physical(scene, {name: np.array([value]) for name, value in values.items()})[0]:
-            raise InputError(
-                f"at {where}: a parameter is outside its bounds, or not positive where it must be; keep designs "
-                "further away from the bounds of what varies about them"
-            )
+        names = self._question.names
         try:
             return differentiate(self._model, values, names)
         except PgmpError as error:
+            where = _shown(names, values) + ("" if self._offsets is None else f", sample {sample}")
             raise type(error)(f"at {where}: {error}") from error
 
     def _robust(self, duals: Sequence[Dual]) -> Dual:

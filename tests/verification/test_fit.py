@@ -72,13 +72,13 @@ def test_a_radius_and_a_damping_are_recovered_from_a_full_order_history(model, o
 
 
 def test_standard_errors_are_the_spread_of_estimates(model) -> None:
-    """Of 12 histories of the reduced model itself: the mean square of errors over standard errors is 1 to 20 %."""
+    """Of 8 histories of the reduced model itself: the mean square of errors over standard errors is 1, give or take a third."""
     run = differentiate(model, model.scene.values | TRUE, ["r1"])
     exact, squares = {"time": run.time, **run.outputs}, []
-    for seed in range(12):
+    for seed in range(8):
         for name, parameter in of(fit(model, measured(exact, seed), ["r1", "c"], NOISE, MPI.COMM_SELF)).items():
             squares.append(((parameter.estimate - TRUE[name]) / parameter.error) ** 2)
-    assert 0.4 < np.mean(squares) < 1.9
+    assert 0.3 < np.mean(squares) < 2.2  # of 16: within 3.4 deviations
 
 
 def test_a_parameter_without_effect_is_named(of_full) -> None:
