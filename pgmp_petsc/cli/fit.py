@@ -77,7 +77,9 @@ def _deviations(given: Sequence[str]) -> dict[str, float]:
         except ValueError:
             found[name.strip()] = 0.0
         if not 0.0 < found[name.strip()] < float("inf"):
-            raise InputError(f"--noise {text}: OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3")
+            raise InputError(
+                f"--noise {text}: OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3"
+            )
     return found
 
 

@@ -48,7 +48,7 @@ def cell_of(theta, grid, place):
 
 @njit(error_model="numpy")
 def fill_basis(place, n_powers, basis):
-    """Fill the monomials of a place and their derivatives, shape (n_jets, n_powers**n_theta); last coordinate fastest."""
+    """Fill the monomials of a place and their derivatives, (n_jets, n_powers**n_theta); last coordinate fastest."""
     r = place.size
     powers, orders = np.zeros((r, 3, n_powers)), np.empty(r, dtype=np.int64)
     for k in range(r):
@@ -72,7 +72,7 @@ def fill_basis(place, n_powers, basis):
 
 @njit(error_model="numpy", fastmath={"contract"})
 def weigh(terms, weights, coefficients):
-    """Fill the coefficients (n_powers**n_theta, n_entries) of weighted terms (n_terms, n_entries * n_powers**n_theta)."""
+    """Fill the coefficients (n_c, n_entries) of weighted terms (n_terms, n_entries * n_c), n_c = n_powers**n_theta."""
     n_coefficients, n_entries = coefficients.shape
     coefficients[:] = 0.0
     for t in range(terms.shape[0]):

@@ -5,7 +5,7 @@ engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, 
 
     by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
 
-H follows from central differences of g, whose own derivative is exact; its error is that of rounding, 1e-11 or so of it.
+H follows from central differences of g, which is exact; what they leave is 1e-10 or so of it.
 """
 
 from __future__ import annotations

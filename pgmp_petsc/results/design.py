@@ -1,8 +1,8 @@
 """A design: parameters that meet a goal best under constraints.
 
-Layout of the file (kind ``design``; root attributes ``goal``, ``constraints`` (JSON, their texts), ``parameters_designed``
-and ``units`` (JSON), ``deviations`` (of robust figures; NaN: nominal), ``n_samples``, ``converged``; ``parameters`` holds
-the designed values):
+Layout of the file (kind ``design``; root attributes ``goal``, ``constraints`` (JSON, their texts),
+``parameters_designed`` and ``units`` (JSON), ``deviations`` (of robust figures; NaN: nominal), ``n_samples``,
+``converged``; ``parameters`` holds the designed values):
 
 ============================ ======================== ===============================================================
 dataset                      shape                    content

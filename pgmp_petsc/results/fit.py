@@ -48,8 +48,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FittedOutput:
-    """An output at the measured instants: what was measured, fitted, and begun with, each (n,), and the deviation of the
-    noise."""
+    """An output at the measured instants: what was measured, fitted, and begun with, each (n,), and the deviation of
+    the noise."""
 
     unit: str
     measured: np.ndarray

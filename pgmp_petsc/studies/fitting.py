@@ -4,8 +4,8 @@ With outputs y_k at n_k instants, sigma_k the deviation of their noise and p the
 
     r_ki(p) = (y_k(t_i; p) - measured_ki) / sigma_k
 
-is made as small as it becomes (`scipy.optimize.least_squares`, with bounds: Branch, Coleman and Li, SIAM J. Sci. Comput.
-21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is left, in
+is made as small as it becomes (`scipy.optimize.least_squares`, with bounds: Branch, Coleman and Li, SIAM J. Sci.
+Comput. 21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is left, in
 turn with p: those of maximum likelihood for independent normal noise. Standard errors and correlations are those of the
 covariance ``(J^T J)^-1`` at the end.
 """
@@ -255,8 +255,10 @@ class _Fitting:
         for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
             near = 1e-6 * (high - low)
             if lost or error > high - low:
-                what = "no output depends on it, or only together with others" if lost else (
-                    f"its standard error, {error:.3g}, is larger than the range that it is searched in"
+                what = (
+                    "no output depends on it, or only together with others"
+                    if lost
+                    else (f"its standard error, {error:.3g}, is larger than the range that it is searched in")
                 )
                 remarks.append(
                     warning(

@@ -79,7 +79,9 @@ def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
         raise InputError(f"'{path}': there is no column '{TIME}' (s) in its first line{hint}")
     used = [TIME, *(name for name in dict.fromkeys(names) if name in outputs.functions)]
     if len(used) == 1:
-        raise InputError(f"'{path}': none of its columns is an output of the scene{nearest_name('', outputs.functions)}")
+        raise InputError(
+            f"'{path}': none of its columns is an output of the scene{nearest_name('', outputs.functions)}"
+        )
     for name in used:
         if names.count(name) > 1:
             raise InputError(f"'{path}': {names.count(name)} columns are called '{name}'; one is needed")
@@ -103,12 +105,13 @@ def _check_times(path: Path, time: np.ndarray, lines: list[int], duration: float
     if back.size:
         row = int(back[0]) + 1
         raise InputError(
-            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s comes after {time[row - 1]:g} s; times must increase"
+            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s comes after {time[row - 1]:g} s; times must "
+            "increase"
         )
     outside = np.flatnonzero((time < 0.0) | (time > duration * (1.0 + 1e-12)))
     if outside.size:
         row = int(outside[0])
         raise InputError(
-            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s is not in the run, [0, {duration:g}] s; give a longer "
-            "one (--override simulation.duration=...), or leave these lines out"
+            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s is not in the run, [0, {duration:g}] s; give a "
+            "longer one (--override simulation.duration=...), or leave these lines out"
         )

@@ -207,8 +207,8 @@ class _Figures:
                 low = max(low, low - drawn.min())
             if low >= high:
                 raise InputError(
-                    f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a design, "
-                    f"which leaves no room in [{limits[0]:g}, {limits[1]:g}]; widen its bounds"
+                    f"parameters.{name}: its samples vary from {drawn.min():+.4g} to {drawn.max():+.4g} about a "
+                    f"design, which leaves no room in [{limits[0]:g}, {limits[1]:g}]; widen its bounds"
                 )
             limits[:] = low, high
         self.start = np.clip(self.start, *self.limits.T)
@@ -295,9 +295,7 @@ def _shown(names: Sequence[str], values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {values[name]:.6g}" for name in names)
 
 
-def _of_end(
-    done, question: Question, last: Sequence[Dual], missed: Sequence[int], sizes: np.ndarray
-) -> list[Remark]:
+def _of_end(done, question: Question, last: Sequence[Dual], missed: Sequence[int], sizes: np.ndarray) -> list[Remark]:
     """Return how the search ended."""
     remarks = [
         note(
@@ -342,7 +340,7 @@ def _of_robust(question: Question, figures: _Figures) -> list[Remark]:
         note(
             f"every figure is its mean and {question.deviations:g} deviations on the unfavourable side, over "
             f"{figures.n_samples} samples (seed {question.seed}), the same of every design; parameters of the design "
-            "vary about it as their distributions do about their nominal values. Sampling leaves an error that a larger "
-            "--samples makes smaller"
+            "vary about it as their distributions do about their nominal values. Sampling leaves an error that a "
+            "larger --samples makes smaller"
         )
     ]

@@ -72,7 +72,7 @@ def test_a_radius_and_a_damping_are_recovered_from_a_full_order_history(model, o
 
 
 def test_standard_errors_are_the_spread_of_estimates(model) -> None:
-    """Of 8 histories of the reduced model itself: the mean square of errors over standard errors is 1, give or take a third."""
+    """Of 8 histories of the reduced model itself: errors over standard errors have a mean square of 1."""
     run = differentiate(model, model.scene.values | TRUE, ["r1"])
     exact, squares = {"time": run.time, **run.outputs}, []
     for seed in range(8):

@@ -34,7 +34,8 @@ WOUND = (
     PENDULUM.replace("radius = 2e-4", "radius = 2e-2").replace(
         "modes = 2\nangles = 6", 'modes = 2\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
     )
-    + '[parameters.push]\nnominal = 1.0\nbounds = [0.1, 20.0]\ndistribution = { name = "norm", loc = 1.0, scale = 0.1 }\n'
+    + '[parameters.push]\nnominal = 1.0\nbounds = [0.1, 20.0]\n'
+    + 'distribution = { name = "norm", loc = 1.0, scale = 0.1 }\n'
     + f'[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = {STIFFNESS}\n'
     + '[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 1.0], [1.0, 1.0]]\nscale = "push"\n'
     + '[initial]\nequilibrium = true\ncoordinates = "free"\n'

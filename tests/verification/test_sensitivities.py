@@ -123,7 +123,8 @@ def test_halving_the_step_quarters_the_error_of_derivatives() -> None:
     """Second order, as of the scheme itself: one mode, of 64 Hz, and a smooth load; three levels against a fine one."""
     steps, found = (1e-3, 5e-4, 2.5e-4, 3.125e-5), []
     few = ("reduction.modes=1", "reduction.angles=32", 'reduction.interpolation="spline"')
-    smooth = 'effects.motor={type="torque",joint="crank_hinge",harmonic={mean=0.25,amplitude=0.25,frequency_hz=4.0,phase=-1.5707963267948966}}'
+    wave = "{mean=0.25,amplitude=0.25,frequency_hz=4.0,phase=-1.5707963267948966}"
+    smooth = f'effects.motor={{type="torque",joint="crank_hinge",harmonic={wave}}}'
     for step in steps:
         scene = slider_crank(*few, *OUTPUTS, smooth, "simulation.duration=0.08", f"simulation.step={step}")
         run = differentiate(reduced_model(scene), scene.values, ["r1"])
