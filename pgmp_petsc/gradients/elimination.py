@@ -5,7 +5,7 @@ from __future__ import annotations
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", counted=False)
 def hold(prescribed, matrix, right):
     """Make the first rows of a system those of the identity where a coordinate is prescribed, shape (n_theta,)."""
     for k in range(prescribed.size):
@@ -15,7 +15,7 @@ def hold(prescribed, matrix, right):
             right[k] = 0.0
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def factorise(matrix, order):
     """Factorise a matrix (n, n) in place by Gaussian elimination, pivots in the rows `order` (n,)."""
     n = matrix.shape[0]
@@ -34,7 +34,7 @@ def factorise(matrix, order):
                 matrix[i, j] -= matrix[i, k] * matrix[k, j]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def substitute(matrix, order, right):
     """Solve with the factors of `factorise`, in place."""
     n = right.size

@@ -70,7 +70,7 @@ def fill_basis(place, n_powers, basis):
                 basis[1 + k if l < 0 else second(r, k, l), c] = product
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def weigh(terms, weights, coefficients):
     """Fill the coefficients (n_c, n_entries) of weighted terms (n_terms, n_entries * n_c), n_c = n_powers**n_theta."""
     n_coefficients, n_entries = coefficients.shape
@@ -82,7 +82,7 @@ def weigh(terms, weights, coefficients):
                     coefficients[c, e] += weights[t] * terms[t, e * n_coefficients + c]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_jet(basis, coefficients, n_rows, jet):
     """Fill the first rows of the jet (n_jets, n_entries or more) of polynomials."""
     for row in range(n_rows):

@@ -23,7 +23,7 @@ from pgmp_petsc.gradients.jets import second
 from pgmp_petsc.runtime.compiled import njit
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_mass(layout, value, delta, mass):
     """Fill the mass matrix (n_eta, n_eta) of a deformed state, or its derivative with the tables' derivatives."""
     r, n = len(layout.rigid), layout.n_eta
@@ -54,13 +54,14 @@ def fill_mass(layout, value, delta, mass):
         for k in range(r):
             for i in range(m):
                 for j in range(i):
-                    for x, product in ((i, -value[at] * delta[j]), (j, value[at] * delta[i])):  # - A_k delta
-                        mass[k, r + x] += product
-                        mass[r + x, k] += product
+                    mass[k, r + i] -= value[at] * delta[j]  # - A_k delta
+                    mass[k, r + j] += value[at] * delta[i]
                     at += 1
+            for i in range(m):
+                mass[r + i, k] = mass[k, r + i]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_lean(layout, value, delta, lean):
     """Fill ``b_kl - c_kl delta``, shape (n_theta, n_theta, n_delta)."""
     r = len(layout.rigid)
@@ -83,7 +84,7 @@ def fill_lean(layout, value, delta, lean):
             pair += 1
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_swept(layout, value, x, swept):
     """Fill ``A_k x`` for a vector x (n_delta,), shape (n_theta, n_delta)."""
     r = len(layout.rigid)
@@ -98,7 +99,7 @@ def fill_swept(layout, value, x, swept):
                     at += 1
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_stiffness(layout, value, load, delta, linear, bent):
     """Fill ``K - a B``, and what of second order in delta adds to the tangent, ``V delta``, each (n_delta, n_delta)."""
     r = len(layout.rigid)
@@ -134,7 +135,7 @@ def fill_stiffness(layout, value, load, delta, linear, bent):
             bent[j, i] = bent[i, j]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_damping(layout, value, damping):
     """Fill D (n_eta, n_eta), zero where there is none."""
     damping[:] = 0.0
@@ -146,7 +147,7 @@ def fill_damping(layout, value, damping):
                 entry += 1
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
     """Fill the residual, shape (n_eta,).
 
@@ -198,7 +199,7 @@ def fill_residual(layout, value, slope, load, load_slope, moment, work, result):
                 result[h] += delta[i] * (0.5 * linear[i, j] + bent[i, j] / 6.0) * delta[j]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def fill_derivatives(layout, value, slope, load, load_slope, moment, work, by_q, by_v, by_a):
     """Fill the derivatives (n_eta, n_eta) of the residual with eta'', eta' and the flexible coordinates.
 
@@ -258,7 +259,7 @@ def fill_derivatives(layout, value, slope, load, load_slope, moment, work, by_q,
                 by_q[h, r + i] += (linear[i, j] + 0.5 * bent[i, j]) * delta[j]
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
 def _add_second_order(layout, value, slope, v, a, by_q, by_v):
     """Add what c_kl and A_k, and the change of A_k with theta, have in the derivatives beside the mass matrix."""
     r = len(layout.rigid)
@@ -302,7 +303,7 @@ def room(layout):
     )  # fmt: skip
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", counted=False)
 def take_up(layout, q, rate, a, mass_damping, moment):
     """Fill coordinates, velocities and accelerations as inertia forces see them, and velocities, shape (4, n_eta)."""
     for x in range(layout.n_eta):
@@ -311,19 +312,34 @@ def take_up(layout, q, rate, a, mass_damping, moment):
         moment[2, x] = a[x] + mass_damping * rate[x]
 
 
-@njit(error_model="numpy")
-def fill_all(layout, jet, load_jet, moment, mass_damping, work, residual, by_q, by_v, by_a):
-    """Fill the residual (n_eta,) and all of its derivatives with a state (n_eta, n_eta), from the tables' jets."""
+@njit(error_model="numpy", counted=False)
+def fill_balance(layout, jet, load_jet, moment, work, residual):
+    """Fill the residual (n_eta,), from the tables' jets."""
+    first = slice(1, 1 + len(layout.rigid))
+    fill_residual(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, residual)
+
+
+@njit(error_model="numpy", counted=False)
+def fill_tangents(layout, jet, load_jet, moment, mass_damping, work, slopes, column, by_q, by_v, by_a):
+    """Fill all derivatives of the residual with a state (n_eta, n_eta), from the tables' jets.
+
+    `slopes` and `column` are room for second derivatives of tables, (n_theta, n_entries) of terms and of loads, and for
+    a column (n_eta,).
+    """
     r, n = len(layout.rigid), layout.n_eta
     first = slice(1, 1 + r)
     fill_derivatives(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, by_q, by_v, by_a)
-    slope, load_slope = np.empty((r, jet.shape[1])), np.empty((r, load_jet.shape[1]))
+    slope, load_slope = slopes
     for k in range(r):
         for h in range(r):
-            slope[h], load_slope[h] = jet[second(r, k, h)], load_jet[second(r, k, h)]
-        fill_residual(layout, jet[1 + k], slope, load_jet[1 + k], load_slope, moment, work, residual)
-        by_q[:, k] = residual
-    fill_residual(layout, jet[0], jet[first], load_jet[0], load_jet[first], moment, work, residual)
+            row = second(r, k, h)
+            for entry in range(slope.shape[1]):
+                slope[h, entry] = jet[row, entry]
+            for entry in range(load_slope.shape[1]):
+                load_slope[h, entry] = load_jet[row, entry]
+        fill_residual(layout, jet[1 + k], slope, load_jet[1 + k], load_slope, moment, work, column)
+        for x in range(n):
+            by_q[x, k] = column[x]
     for x in range(n):
         for y in range(n):
             by_v[x, y] += mass_damping * by_a[x, y]

@@ -18,7 +18,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.gradients.elimination import factorise, hold, substitute
 from pgmp_petsc.gradients.jets import cell_of, fill_basis, fill_jet, n_jets, weigh
-from pgmp_petsc.gradients.lagrangian import fill_all, fill_residual, room, take_up
+from pgmp_petsc.gradients.lagrangian import fill_balance, fill_tangents, room, take_up
 from pgmp_petsc.gradients.local_effects import LocalDerivatives
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.compiled import njit
@@ -73,8 +73,7 @@ class Linearisation:
         """Return the derivatives at times (n_t,), in states of which each array has the shape (n_t, n_eta).
 
         With a scheme they are those at the end of its steps, where the engine's iteration leaves a part of 1e-11 of the
-        mechanism's size: little of the coordinates, but more of the accelerations. One more correction, with the exact
-        matrix, takes that away.
+        mechanism's size: little of the coordinates, but more of the accelerations. One more correction takes that away.
         """
         n_t, n = states.q.shape
         amplitudes = np.array([effect.amplitude(times) for effect in self._load_effects]).reshape(-1, n_t)
@@ -122,7 +121,7 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, g
     states
         Coordinates, velocities and accelerations, (n_t, n_eta) each.
     result
-        See `Linearised`.
+        See `Linearised`; the residual is that before a correction.
     """
     all_by_q, all_by_v, all_by_a, by_parameters, residual = result
     r, n, n_sets = len(layout.rigid), layout.n_eta, weights.shape[0]
@@ -134,46 +133,58 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, g
     basis, basis_of_rigid = np.empty((n_rows, n_c)), np.empty((n_rows, n_c_rigid))
     jet, rigid_jet = np.empty((n_rows, layout.end)), np.empty((n_rows, n_rigid))
     load_jet = np.zeros((n_rows, layout.load_end))
-    work, moment, changed = room(layout), np.empty((4, n)), np.empty(n)
-    by_q, by_v, by_a, order = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n, dtype=np.int64)
+    slopes = np.empty((r, layout.end)), np.empty((r, layout.load_end))
+    work, moment, balance = room(layout), np.empty((4, n)), np.empty(n)
+    by_q, by_v, by_a = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    matrix, order, factorised = np.empty((n, n)), np.empty(n, dtype=np.int64), False
+    q, v, a = np.empty(n), np.empty(n), np.empty(n)
+    correcting = gains[1] > 0.0
     for t in range(states[0].shape[0]):
-        cell = cell_of(states[0][t], grid, place)
+        for i in range(n):
+            q[i], v[i], a[i] = states[0][t, i], states[1][t, i], states[2][t, i]
+        cell = cell_of(q, grid, place)
         if cell != last:
             for s in range(n_sets):
                 weigh(tables.rigid[cell], weights[s], of_rigid[s])
                 weigh(tables.terms[cell], weights[s], of_terms[s])
             last = cell
-        q, v, a = states[0][t].copy(), states[1][t].copy(), states[2][t].copy()
-        for correction in range(2 if gains[1] > 0.0 else 1):
-            if correction > 0:
+        fill_basis(place, N_POWERS, basis)
+        fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
+        fill_jet(basis, of_terms[0], n_rows, jet)
+        fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
+        jet[:, :n_rigid] = rigid_jet
+        if loads.shape[2] > 0:
+            weigh(tables.loads[cell], loads[t, 0], of_loads)
+            fill_jet(basis, of_loads, n_rows, load_jet)
+        take_up(layout, q, v, a, mass_damping, moment)
+        fill_balance(layout, jet, load_jet, moment, work, balance)
+        for i in range(n):
+            residual[t, i] += balance[i]
+        # what is to be taken away is so small that the matrix of the step before will do, and the same tables
+        for _ in range(2 if correcting and not factorised else 1):
+            if factorised:
+                balance[:] = residual[t]
+                for k in range(r):
+                    if prescribed[k]:
+                        balance[k] = 0.0
+                substitute(matrix, order, balance)
                 for i in range(n):
-                    changed[i] += residual[t, i]
+                    q[i], v[i], a[i] = q[i] - balance[i], v[i] - gains[0] * balance[i], a[i] - gains[1] * balance[i]
+                take_up(layout, q, v, a, mass_damping, moment)
+            fill_tangents(layout, jet, load_jet, moment, mass_damping, work, slopes, balance, by_q, by_v, by_a)
+            if correcting:
+                for i in range(n):
                     for j in range(n):
                         of_step = gains[0] * (by_v[i, j] + all_by_v[t, i, j]) + gains[1] * by_a[i, j]
-                        work[0][i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
-                hold(prescribed, work[0], changed)
-                factorise(work[0], order)
-                substitute(work[0], order, changed)
-                for i in range(n):
-                    q[i] -= changed[i]
-                    v[i] -= gains[0] * changed[i]
-                    a[i] -= gains[1] * changed[i]
-                for k in range(r):
-                    place[k] -= changed[k]
-            fill_basis(place, N_POWERS, basis)
-            fill_basis(place, N_POWERS_OF_RIGID, basis_of_rigid)
-            fill_jet(basis, of_terms[0], n_rows, jet)
-            fill_jet(basis_of_rigid, of_rigid[0], n_rows, rigid_jet)
-            jet[:, :n_rigid] = rigid_jet
-            if loads.shape[2] > 0:
-                weigh(tables.loads[cell], loads[t, 0], of_loads)
-                fill_jet(basis, of_loads, n_rows, load_jet)
-            take_up(layout, q, v, a, mass_damping, moment)
-            fill_all(layout, jet, load_jet, moment, mass_damping, work, changed, by_q, by_v, by_a)
-        residual[t] += changed
-        all_by_q[t] += by_q
-        all_by_v[t] += by_v
-        all_by_a[t] += by_a
+                        matrix[i, j] = by_q[i, j] + all_by_q[t, i, j] + of_step
+                hold(prescribed, matrix, balance)
+                factorise(matrix, order)
+                factorised = True
+        for i in range(n):
+            for j in range(n):
+                all_by_q[t, i, j] += by_q[i, j]
+                all_by_v[t, i, j] += by_v[i, j]
+                all_by_a[t, i, j] += by_a[i, j]
         for s in range(1, n_sets):
             fill_jet(basis, of_terms[s], 1 + r, jet)
             fill_jet(basis_of_rigid, of_rigid[s], 1 + r, rigid_jet)
@@ -181,5 +192,6 @@ def _linearise(layout, grid, tables, weights, loads, mass_damping, prescribed, g
             if loads.shape[2] > 0:
                 weigh(tables.loads[cell], loads[t, s], of_loads)
                 fill_jet(basis, of_loads, 1 + r, load_jet)
-            fill_residual(layout, jet[0], jet[1 : 1 + r], load_jet[0], load_jet[1 : 1 + r], moment, work, changed)
-            by_parameters[t, s - 1] += changed
+            fill_balance(layout, jet, load_jet, moment, work, balance)
+            for i in range(n):
+                by_parameters[t, s - 1, i] += balance[i]

@@ -5,9 +5,9 @@ With outputs y_k at n_k instants, sigma_k the deviation of their noise and p the
     r_ki(p) = (y_k(t_i; p) - measured_ki) / sigma_k
 
 is made as small as it becomes (`scipy.optimize.least_squares`, with bounds: Branch, Coleman and Li, SIAM J. Sci.
-Comput. 21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is left, in
-turn with p: those of maximum likelihood for independent normal noise. Standard errors and correlations are those of the
-covariance ``(J^T J)^-1`` at the end.
+Comput. 21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is
+left, in turn with p: those of maximum likelihood for independent normal noise. Standard errors and correlations are
+those of the covariance ``(J^T J)^-1`` at the end.
 """
 
 from __future__ import annotations
