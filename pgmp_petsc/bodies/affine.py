@@ -46,6 +46,16 @@ class Monomial:
             result = result * values[name] ** exponent
         return result
 
+    def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the derivative with one of the parameters at the given values."""
+        exponents = dict(self.powers)
+        exponent = exponents.pop(name, 0)
+        if exponent == 0:
+            return 0.0
+        if exponent != 1:
+            exponents[name] = exponent - 1
+        return exponent * Monomial(tuple(sorted(exponents.items()))).evaluate(values)
+
 
 @dataclass(frozen=True)
 class Quantity:

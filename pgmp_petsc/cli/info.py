@@ -75,6 +75,10 @@ def _estimates(file, path: Path) -> list[str]:
         from pgmp_petsc.results.rare_event import RareEvent
 
         return lines_of(RareEvent.read(path))
+    if file.attrs["kind"] in ("sensitivities", "fit", "design"):
+        from pgmp_petsc.cli.gradient_tables import lines_of_file
+
+        return lines_of_file(path, str(file.attrs["kind"]))
     if file.attrs["kind"] != "trajectory" or "validity" not in file:
         return []
     trajectory = Trajectory.read(path)

@@ -44,6 +44,11 @@ COMMANDS = {
     "tradeoff": LazyCommand(
         "pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."
     ),
+    "sensitivities": LazyCommand(
+        "pgmp_petsc.cli.sensitivities:sensitivities", "What parameters do to the outputs of a reduced run."
+    ),
+    "fit": LazyCommand("pgmp_petsc.cli.fit:fit", "Fit parameters to a measured history."),
+    "optimize": LazyCommand("pgmp_petsc.cli.optimize:optimize", "Find the parameters that meet a goal best."),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
     "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),

@@ -154,7 +154,7 @@ def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, wor
     place_nodes(places, grid, actions.statements.axes.shape[2], q, kept, work.frames)
     first_angle = work.frames.rigid.shape[0] - n_actions
     for action in range(n_actions):
-        _attach(places, actions.statements, action, work)
+        attach(places, actions.statements, action, work)
         turned = load(work.frames.rigid, first_angle + action)
         for k in range(r):
             turned += places.winding[action, k] * load(q, k)
@@ -163,7 +163,7 @@ def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, wor
             kind, axes, items(work.z, WIDE), turned, with_tangent, items(work.gradient, WIDE),
             items(work.hessian, WIDE), items(work.spare, WIDE),
         )  # fmt: skip
-        _project(v, work)
+        project(v, work)
         store(work.measured, MEASURE, s)
         _obey(actions, action, amplitudes, samples, lanes, work.measured, known)
         force = load(work.measured, STRENGTH)
@@ -175,7 +175,7 @@ def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, wor
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _attach(places, statements, action, work):
+def attach(places, statements, action, work):
     """Fill an action's two frames and their Jacobian."""
     d, n = statements.axes.shape[2], statements.ground.shape[1] // 2
     z, jacobian = items(work.z, WIDE), items(work.jacobian, WIDE)
@@ -204,7 +204,7 @@ def _attach(places, statements, action, work):
 
 
 @njit(error_model="numpy", fastmath={"contract"}, counted=False)
-def _project(v, work):
+def project(v, work):
     """Fill ``J^T g`` and the rate of the measure, ``g^T J eta'``."""
     n_eta = work.projected.shape[0]
     for i in range(n_eta):

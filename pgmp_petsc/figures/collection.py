@@ -16,19 +16,22 @@ from pgmp_petsc.figures.bands import bands
 from pgmp_petsc.figures.coordinate_plane import coordinate_path, frequency_maps
 from pgmp_petsc.figures.densities import densities
 from pgmp_petsc.figures.densities import labels_of as densities_labels
+from pgmp_petsc.figures.design import design
 from pgmp_petsc.figures.differences import mechanism_key, tell_apart
 from pgmp_petsc.figures.energies import energies
+from pgmp_petsc.figures.fit import fit
 from pgmp_petsc.figures.frequencies import frequencies
 from pgmp_petsc.figures.frequencies import labels_of as tables_labels
 from pgmp_petsc.figures.joined import joined
 from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.rare_event import rare_event
+from pgmp_petsc.figures.sensitivities import sensitivities
 from pgmp_petsc.figures.sobol import sobol
 from pgmp_petsc.figures.stopping import stopping
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
-from pgmp_petsc.results import Ensemble, ModesTable, Tradeoff, Trajectory
+from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
@@ -39,10 +42,20 @@ READERS = {
     "trajectory": Trajectory,
     "ensemble": Ensemble,
     "tradeoff": Tradeoff,
+    "sensitivities": Derivatives,
+    "fit": Fit,
+    "design": Design,
     "rare_event": RareEvent,
 }
+# kinds whose results have a picture each
+ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {
+    Derivatives: ("sensitivities", sensitivities),
+    Fit: ("fit", fit),
+    Design: ("design", design),
+    RareEvent: ("rare_event", rare_event),
+}
 Pictures = dict[str, Callable[[], Figure]]  # what draws each, by the name of its file without suffix
-Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, RareEvent)
+Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, Derivatives, Fit, Design, RareEvent)
 Sourced = list[tuple[Path, Result]]  # results and the files that they come from
 
 
@@ -89,10 +102,26 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> l
     return [*drawn, *failures, *lines]
 
 
+def draw_result(result: Result, directory: Path) -> str:
+    """Draw a result that has one picture into ``directory``, and return its path; by one process only.
+
+    Raises
+    ------
+    InputError
+        If the directory cannot be made or written to.
+    RunError
+        If the system fails to write.
+    """
+    _make(directory)
+    name, picture = ALONE[type(result)]
+    return str(save(picture(result), check_output(directory / f"{name}.png", "picture")))
+
+
 def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
     """Return the pictures of one scene's results, and lines on what is left out."""
-    tables, runs, ensembles, studies, rare = (
-        [(path, result) for path, result in results if isinstance(result, kind)] for kind in READERS.values()
+    tables, runs, ensembles, studies = (
+        [(path, result) for path, result in results if isinstance(result, kind)]
+        for kind in (ModesTable, Trajectory, Ensemble, Tradeoff)
     )
     of_runs, notes = _of_runs(runs, exaggeration)
     of_ensembles, left_out = _of_ensembles(ensembles)
@@ -101,8 +130,11 @@ def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str
         # unlike the others, studies are not comparable: each has its own machine and load
         for suffix, picture in (("", online_costs), ("_total", total_costs), ("_mesh", mesh_costs)):
             pictures[f"{name}{suffix}"] = partial(picture, study)
-    for event, name in _numbered([event for _, event in rare], "rare_event"):
-        pictures[name] = partial(rare_event, event)
+    for kind, (title, picture) in ALONE.items():
+        of_kind = [(path, result) for path, result in results if isinstance(result, kind)]
+        labels = tell_apart([result.record for _, result in of_kind], files=[path for path, _ in of_kind])
+        for label, (result, name) in zip(labels, _numbered([result for _, result in of_kind], title)):
+            pictures[name] = partial(picture, result, label=label)
     return pictures, notes
 
 

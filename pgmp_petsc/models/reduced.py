@@ -15,7 +15,7 @@ from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import settle
-from pgmp_petsc.effects import actions_of, effects_of, motions_of
+from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import search_of, start_of
@@ -107,6 +107,31 @@ class ReducedModel:
         other.scene, other.effects = scene, effects_of(scene, self.kinematics.mechanism)
         other._actions = replace(self._actions, actions=actions_of(other.effects))
         return other
+
+    @property
+    def actions(self) -> ReducedActions:
+        """Local effects, and where they hold."""
+        return self._actions
+
+    @property
+    def motions(self) -> Mapping[int, Motion]:
+        """Prescribed motions, by the numbers of their coordinates."""
+        return self._motions
+
+    @property
+    def joint_angles(self) -> JointAngles:
+        """Angles of the joints that are coordinates."""
+        return self._angles
+
+    @property
+    def reconstruction(self) -> Reconstruction:
+        """From reduced coordinates to the frames of `outputs.nodes`."""
+        return self._of_outputs
+
+    @property
+    def stresses(self) -> ReducedStresses | None:
+        """From reduced coordinates to stress outputs; None where there are none."""
+        return self._stresses
 
     @property
     def largest_batch(self) -> int:

@@ -110,6 +110,12 @@ def pair_products(delta):
     return result
 
 
+def pair_changes(delta: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the derivative of `pair_products` along a direction (n, n_delta), shape (n, n_pairs)."""
+    i, j = np.tril_indices(delta.shape[1])
+    return np.where(i == j, 0.5, 1.0) * (delta[:, i] * rate[:, j] + rate[:, i] * delta[:, j])
+
+
 def pair_rotations(rotations: np.ndarray) -> np.ndarray:
     """Return what turns packed pairs, ``chi_new = chi P``, for rotations (n, m, m); shape (n, n_pairs, n_pairs)."""
     i, j = np.tril_indices(rotations.shape[1])

@@ -31,6 +31,9 @@ KINDS = {
     "rare_event": "rare event",
     "modes": "table of modes",
     "tradeoff": "trade-off study",
+    "sensitivities": "table of sensitivities",
+    "fit": "fit of parameters",
+    "design": "optimized design",
 }
 # kinds that are no HDF5 files: what they are, their own endings (the first is proposed), and a text that they contain
 _OTHERS = {

@@ -10,8 +10,8 @@ attribute             meaning
 ===================== ==========================================================================
 ``format_version``    integer, :func:`version_of` the kind
 ``program_version``   version of pgmp_petsc that wrote it
-``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes`` or
-                      ``tradeoff``
+``kind``              ``rom``, ``trajectory``, ``ensemble``, ``shard``, ``rare_event``, ``modes``, ``tradeoff``,
+                      ``sensitivities``, ``fit`` or ``design``
 ``scene``             the resolved scene as TOML
 ``parameters``        parameter values as a JSON object, SI units
 ``seed``              seed of the random streams; an empty (null) attribute where there is none

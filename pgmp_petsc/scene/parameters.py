@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from scipy.stats import rv_continuous
     from scipy.stats._distn_infrastructure import rv_frozen
 
+POINTS = 200  # of Gauss's quadrature over probabilities
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -27,6 +29,10 @@ class Normal:
     def median(self) -> float:
         """Return the median."""
         return self.loc
+
+    def std(self) -> float:
+        """Return the standard deviation."""
+        return self.scale
 
     def cdf(self, x: float) -> float:
         """Return the share below x."""
@@ -57,6 +63,10 @@ class Uniform:
     def median(self) -> float:
         """Return the median."""
         return self.loc + 0.5 * self.scale
+
+    def std(self) -> float:
+        """Return the standard deviation."""
+        return self.scale / math.sqrt(12.0)
 
     def cdf(self, x: float) -> float:
         """Return the share below x."""
@@ -174,6 +184,16 @@ class Parameter(Table):
         """The shares of the distribution that the bounds cut off, below and above."""
         law, (low, high) = self.distribution.law, self._limits
         return float(law.cdf(low)), float(law.sf(high))
+
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of the distribution, truncated to its bounds; of truncated ones to some 1e-4 of it."""
+        if sum(self.cut_off) < 1e-9:
+            return float(self.distribution.law.std())
+        places, weights = np.polynomial.legendre.leggauss(POINTS)
+        values = self.quantiles(0.5 * (places + 1.0))
+        mean = 0.5 * weights @ values
+        return float(np.sqrt(0.5 * weights @ (values - mean) ** 2))
 
     @property
     def _limits(self) -> tuple[float, float]:

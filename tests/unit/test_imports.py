@@ -26,6 +26,7 @@ ORDER = (
     "outputs",
     "dynamics",
     "models",
+    "gradients",
     "results",
     "indicator",
     "ensemble",

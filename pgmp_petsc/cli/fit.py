@@ -1,0 +1,91 @@
+"""``pgmp fit``: parameters of a scene from a measured history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.gradient_tables import fit_lines
+from pgmp_petsc.cli.models import read_model
+from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.report import remark_lines, say
+from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
+from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.studies.fitting import fit as fitted
+from pgmp_petsc.studies.measured_history import read_history
+
+
+@click.command()
+@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
+@click.argument("measured", metavar="MEASURED.csv", type=click.Path(path_type=Path))
+@file_option
+@plot_option
+@parameter_option("Fit parameter NAME, instead of all with a distribution")
+@click.option(
+    "--noise",
+    multiple=True,
+    metavar="OUTPUT=NUMBER",
+    help="Standard deviation of an output's noise; found from what is left where it is not given. Repeatable.",
+)
+@scene_options
+@click.pass_context
+def fit(
+    context: click.Context,
+    source: Path,
+    measured: Path,
+    output: Path | None,
+    plot: Path | None,
+    parameters: tuple[str, ...],
+    noise: tuple[str, ...],
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Fit parameters of the reduced model ROM.h5 to the history in MEASURED.csv by least squares.
+
+    The table's first line names its columns: time (s), and outputs of the scene in SI units. The fit begins with the
+    values of a run (--set), and keeps to the bounds of the parameters.
+
+    Exit status 1 if it does not converge.
+    """
+    comm = context.obj.comm
+    if output is not None:
+        context.with_resource(claimed(comm, output, "fit", (source, measured)))
+    deviations = _deviations(noise)
+    model = read_model(context, source, overrides, settings, False, False)
+    history = on_root(comm, read_history, measured, model.outputs, model.scene.simulation.duration)
+    found = fitted(model, history, parameters, deviations, comm)
+    keep(context, found, output, plot)
+    if found is not None:
+        say(context, report(found, output or measured, model.scene.remarks))
+    if not comm.bcast(found is None or found.converged):
+        raise RunError("the fit did not converge")
+
+
+def _deviations(given: Sequence[str]) -> dict[str, float]:
+    """Return the deviations of noise by output."""
+    found = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        try:
+            found[name.strip()] = float(number)
+        except ValueError:
+            found[name.strip()] = 0.0
+        if not 0.0 < found[name.strip()] < float("inf"):
+            raise InputError(
+                f"--noise {text}: OUTPUT=NUMBER with a positive number is needed, such as crank_angle=1e-3"
+            )
+    return found
+
+
+def report(found: Fit, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the table of a fit, and all remarks."""
+    lines = [f"{path}: {len(found.time)} instants of {', '.join(found.outputs)}, {found.n_runs} runs"]
+    lines += [*fit_lines(found), *remark_lines(found.record, said)]
+    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
+    return "\n".join(lines)

@@ -1,0 +1,89 @@
+"""What commands say of derivatives, fits and designs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.cli.report import remark_lines
+from pgmp_petsc.results.derivatives import Derivatives, Figure
+from pgmp_petsc.results.design import Design
+from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.runtime.remarks import Remark
+
+
+def lines_of_file(path: Path, kind: str) -> list[str]:
+    """Return the table of a file of a kind: sensitivities, a fit or a design."""
+    if kind == "fit":
+        return list(fit_lines(Fit.read(path)))
+    return list(design_lines(Design.read(path)) if kind == "design" else lines_of(Derivatives.read(path)))
+
+
+def report(found: Derivatives, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return what each parameter does to each figure, and all remarks."""
+    lines = [f"{path}: reduced model, {len(found.time) - 1} steps to {found.time[-1]:g} s", *lines_of(found)]
+    lines += remark_lines(found.record, said)
+    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
+    return "\n".join(lines)
+
+
+def lines_of(found: Derivatives) -> Iterator[str]:
+    """Yield the table of effects, the largest first."""
+    yield "  what a change of each parameter does, to first order"
+    yield f"  {'':24s}{'':11s}{'value':>14s}  {'':20s}{'change':>14s}  derivative"
+    for output in found.outputs:
+        shown = output
+        for figure in found.figures(output):
+            yield from _rows(found, output, figure, shown)
+            shown = ""
+    for name, (change, what) in found.changes.items():
+        yield f"  {name:24s}{'changes by':11s}{change:14.5g} {_named(found.units.get(name, '1'))}, {what}".rstrip()
+
+
+def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
+    """Yield the rows of one figure."""
+    unit = _named(found.units.get(output, "1"))
+    effects = figure.derivatives * np.array([change for change, _ in found.changes.values()])
+    for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
+        name = found.parameters[place]
+        value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g}" if k == 0 else " " * 49
+        slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
+        yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit:4s} {slope}".rstrip()
+
+
+def _named(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def fit_lines(found: Fit) -> Iterator[str]:
+    """Yield the parameters with their standard errors, their correlations, and the noise of the outputs."""
+    yield f"  {'':24s}{'estimate':>14s}{'standard error':>18s}{'':12s}{'began at':>14s}  searched in"
+    for p in found.parameters:
+        share = f"({100 * p.error / abs(p.estimate):.2g} %)" if np.isfinite(p.error) and p.estimate else ""
+        limits = f"[{p.lower:.5g}, {p.upper:.5g}] {_named(p.unit)}"
+        error = f"{p.error:18.3g}" if np.isfinite(p.error) else f"{'not identifiable':>18s}"
+        yield f"  {p.name:24s}{p.estimate:14.7g}{error}{share:>12s}{p.start:14.5g}  {limits}".rstrip()
+    names = [p.name for p in found.parameters]
+    pairs = [(j, k) for j in range(len(names)) for k in range(j) if np.isfinite(found.correlation[j, k])]
+    for number, (j, k) in enumerate(pairs):
+        yield f"  {'correlation' if number == 0 else '':24s}{found.correlation[j, k]:+14.4f}  {names[k]}, {names[j]}"
+    for name, output in found.outputs.items():
+        left = float(np.sqrt(np.mean((output.fitted - output.measured) ** 2)))
+        begun = float(np.sqrt(np.mean((output.begun - output.measured) ** 2)))
+        noise = f"its noise is {output.noise:.3g}" if output.noise_given else "taken for its noise"
+        yield f"  {name:24s}{left:14.4g} {_named(output.unit)} left of {begun:.4g}; {noise}"
+
+
+def design_lines(found: Design) -> Iterator[str]:
+    """Yield goal, constraints and parameters of a design."""
+    robust = "" if found.deviations is None else f", mean and {found.deviations:g} deviations"
+    yield f"  {'':40s}{'at the start':>14s}{'design':>14s}"
+    yield f"  {found.goal:40s}{found.goal_start:14.6g}{found.goal_value:14.6g}{robust}"
+    for constraint in found.constraints:
+        how = "just met" if constraint.active else "missed" if constraint.value > 0.0 else "met"
+        begun, now = (f"{value:+14.4g}" for value in (constraint.start, constraint.value))
+        yield f"  {constraint.text:40s}{begun}{now}  {how} (missed by; negative: room to spare)"
+    for p in found.parameters:
+        yield f"  {p.name:40s}{p.start:14.6g}{p.value:14.6g} {_named(p.unit)}, of [{p.lower:.5g}, {p.upper:.5g}]"

@@ -1,0 +1,101 @@
+"""``pgmp optimize``: parameters that meet a goal best under constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.gradient_tables import design_lines
+from pgmp_petsc.cli.models import read_model
+from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.report import remark_lines, say
+from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
+from pgmp_petsc.results.design import Design
+from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.studies.goals import read_constraint, read_goal
+from pgmp_petsc.studies.optimization import Question, designed_parameters
+from pgmp_petsc.studies.optimization import optimize as designed
+
+
+@click.command()
+@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
+@click.argument("goal", metavar="GOAL")
+@click.option(
+    "--subject-to", "constraints", multiple=True, metavar="CONSTRAINT", help="What the design must keep; repeatable."
+)
+@file_option
+@plot_option
+@parameter_option("Design parameter NAME, instead of all with bounds or a distribution")
+@click.option(
+    "--robust",
+    "deviations",
+    metavar="K",
+    type=click.FloatRange(min=0.0),
+    help="Take the mean and K standard deviations of every figure over samples, instead of nominal runs.",
+)
+@click.option(
+    "--samples", "n_samples", default=64, show_default=True, type=click.IntRange(min=2), help="Samples of --robust."
+)
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="Of the samples of --robust.")
+@scene_options
+@click.pass_context
+def optimize(
+    context: click.Context,
+    source: Path,
+    goal: str,
+    constraints: tuple[str, ...],
+    output: Path | None,
+    plot: Path | None,
+    parameters: tuple[str, ...],
+    deviations: float | None,
+    n_samples: int,
+    seed: int,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Find the parameters of the reduced model ROM.h5 that meet GOAL best.
+
+    GOAL is "minimise ..." or "maximise ...", a CONSTRAINT is "... <= ..." or "... >= ...": sums, products and powers of
+    numbers, parameters, and figures of outputs: max, min, mean, rms, start and end of an output or of its abs.
+
+    \b
+    pgmp optimize rom.h5 "minimise max(abs(slider_deformation))" --subject-to "r1 <= 6e-3" -o design.h5
+
+    Exit status 1 if no design is found that meets all constraints.
+    """
+    comm = context.obj.comm
+    if output is not None:
+        context.with_resource(claimed(comm, output, "design", (source,)))
+    model = read_model(context, source, overrides, settings, False, False)
+    known = (model.outputs.functions, model.scene.parameters)
+    if not model.outputs.functions:
+        raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")
+    question = Question(
+        read_goal(goal, *known),
+        tuple(read_constraint(text, *known) for text in constraints),
+        designed_parameters(model.scene, parameters),
+        deviations,
+        n_samples,
+        seed,
+    )
+    found = designed(model, question, comm)
+    keep(context, found if comm.rank == 0 else None, output, plot)
+    say(context, report(found, output or source, model.scene.remarks))
+    if not found.converged:
+        raise RunError(f"no design was found that meets all that was asked for: {_reason(found)}")
+
+
+def _reason(found: Design) -> str:
+    return next((remark.text for remark in found.record.remarks if remark.kind == "warning"), "see the remarks")
+
+
+def report(found: Design, path: Path, said: Sequence[Remark] = ()) -> str:
+    """Return the table of a design, and all remarks."""
+    lines = [f"{path}: {len(found.tried)} designs of {found.n_samples} run{'s' if found.n_samples > 1 else ''} each"]
+    lines += [*design_lines(found), *remark_lines(found.record, said)]
+    lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in found.record.timings.items()]
+    return "\n".join(lines)

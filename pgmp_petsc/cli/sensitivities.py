@@ -1,0 +1,78 @@
+"""``pgmp sensitivities``: what parameters do to the outputs of a reduced run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from pgmp_petsc.cli.gradient_tables import report
+from pgmp_petsc.cli.models import read_model
+from pgmp_petsc.cli.options import Command, scene_options
+from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
+
+
+def parameter_option(what: str) -> Callable[[Command], Command]:
+    """Add the repeatable ``--parameter NAME``; the function receives ``parameters`` (tuple of str)."""
+    return click.option("--parameter", "parameters", multiple=True, metavar="NAME", help=f"{what}; repeatable.")
+
+
+def file_option(command: Command) -> Command:
+    """Add ``-o/--output FILE``, which may be left out; the function receives ``output`` (Path or None)."""
+    text = "File to keep the result in; it replaces an older one when it is complete."
+    return click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path), help=text)(command)
+
+
+def plot_option(command: Command) -> Command:
+    """Add ``--plot DIR``; the function receives ``plot`` (Path or None)."""
+    text = "Directory for the picture; made if it does not exist."
+    return click.option("--plot", metavar="DIR", type=click.Path(path_type=Path), help=text)(command)
+
+
+@click.command()
+@click.argument("source", metavar="ROM.h5", type=click.Path(path_type=Path))
+@file_option
+@plot_option
+@parameter_option("Differentiate with parameter NAME, instead of all of the scene")
+@scene_options
+@click.pass_context
+def sensitivities(
+    context: click.Context,
+    source: Path,
+    output: Path | None,
+    plot: Path | None,
+    parameters: tuple[str, ...],
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
+) -> None:
+    """Say what a change of each parameter does to the outputs of a run of the reduced model ROM.h5.
+
+    Derivatives of the outputs over time, of their largest and smallest values and of the values at the end come from
+    one run. Told are the effects of one standard deviation of each parameter, the largest first.
+    """
+    comm = context.obj.comm
+    if output is not None:
+        context.with_resource(claimed(comm, output, "sensitivities", (source,)))
+    model = read_model(context, source, overrides, settings, False, False)
+    found = differentiated(model, parameters, comm)
+    keep(context, found, output, plot)
+    if found is not None:
+        say(context, report(found, output or source, model.scene.remarks))
+
+
+def keep(context: click.Context, result: object, output: Path | None, plot: Path | None) -> None:
+    """Write a result that rank 0 holds, and draw it, where that is asked for. Collective on all ranks."""
+    if output is not None:
+        save(context, result, output)
+    if plot is not None:
+
+        def drawing() -> str:
+            from pgmp_petsc.figures.collection import draw_result  # matplotlib takes a noticeable time
+
+            return draw_result(result, plot)
+
+        say(context, on_root(context.obj.comm, drawing))

@@ -1,0 +1,159 @@
+"""Derivatives of what local effects add to the equations of motion of one sample, along its run.
+
+An action (`effects.action`) with the measure s of two frames adds ``- F(s, s', p) g`` with ``g = d s/d eta``, as the
+engine evaluates it (`dynamics.action_kernel`), so that with ``H = d g/d eta``, k = -dF/ds and c = -dF/ds'
+
+    by_q += k g g^T + c g (H eta')^T - F H,     by_v += c g g^T,     by_parameters -= (dF/dp) g.
+
+H follows from central differences of g, which is exact; what they leave is 1e-10 or so of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pgmp_petsc.dynamics.action_frames import KeptPlaces, place_nodes
+from pgmp_petsc.dynamics.action_kernel import MEASURE, RATE, allocate_local, attach, project
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.effects.laws import FRICTION, SOURCE, SPRING_DAMPER, depth, law
+from pgmp_petsc.mechanism.statements import evaluate
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.lane_items import WIDE, empty_lanes, items
+from pgmp_petsc.runtime.vectors import LANES, load, store
+
+DIFFERENCE = 1e-5  # in rad, and of flexible coordinates in units of the mechanism's size or of 1 rad
+S, SPEED, FORCE, STIFFNESS, DAMPING, DEPTH = range(6)  # what is measured of an action
+
+
+class LocalDerivatives:
+    """Derivatives of the local effects of one sample.
+
+    Parameters
+    ----------
+    model, values, names
+        As of `Linearisation`.
+    """
+
+    def __init__(self, model: ReducedModel, values: Mapping[str, float], names: Sequence[str]) -> None:
+        self._actions, self._terms = model.actions.actions, model.terms
+        of_sample = {name: np.array([value]) for name, value in values.items()}
+        self._local = model.actions.of_samples(of_sample, 1)
+        quantities = [[quantity for quantity in action.parameters] for action in self._actions]
+        # changes of the parameters of laws with those of the scene, (n_parameters, n_actions, N_PARAMETERS)
+        self._changes = np.zeros((len(names), *self._local.actions.parameters.shape[::2]))
+        for row, name in zip(self._changes, names):
+            for own, table in zip(quantities, row):
+                for k, quantity in enumerate(own):
+                    table[k] = quantity.coefficient * quantity.monomial.derivative(name, values)
+
+    def add(
+        self, times: np.ndarray, states: State, by_q: np.ndarray, by_v: np.ndarray, by_parameters: np.ndarray,
+        residual: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Add all local effects to the residual and its derivatives; see `Linearised`."""
+        if not self._actions:
+            return
+        gradient, measured = self._measured(times, states.q, states.v)
+        force, stiffness, damping = (measured[:, :, row] for row in (FORCE, STIFFNESS, DAMPING))
+        residual -= np.einsum("ta,tai->ti", force, gradient)
+        by_q += np.einsum("ta,tai,taj->tij", stiffness, gradient, gradient, optimize=True)
+        by_v += np.einsum("ta,tai,taj->tij", damping, gradient, gradient, optimize=True)
+        for j, step in enumerate(DIFFERENCE / self._terms.scale):
+            ahead, behind = states.q.copy(), states.q.copy()
+            ahead[:, j] += step
+            behind[:, j] -= step
+            gradients = [self._measured(times, q, states.v)[0] for q in (ahead, behind)]
+            bent = (gradients[0] - gradients[1]) / (2.0 * step)  # column j of H, (n_t, n_actions, n_eta)
+            turned = np.einsum("tai,ti->ta", bent, states.v)
+            by_q[:, :, j] += np.einsum("ta,tai->ti", damping * turned, gradient)
+            by_q[:, :, j] -= np.einsum("ta,tai->ti", force, bent)
+        strengths = amplitudes_over(self._actions, times)
+        for number, (action, own) in enumerate(zip(self._actions, self._changes.transpose(1, 0, 2))):
+            if own.any():
+                p = self._local.actions.parameters[number, 0]
+                slopes = parameter_slopes(action.law, p, strengths[:, number], *measured[:, number].T)
+                by_parameters -= np.einsum("pk,kt,ti->tpi", own, slopes, gradient[:, number])
+
+    def crossed(self, times: np.ndarray, states: State) -> list[str]:
+        """Return the effects whose laws have edges that the states cross from one instant to the next."""
+        if not any(action.has_events for action in self._actions):
+            return []
+        beyond = self._measured(times, states.q, states.v)[1][:, :, DEPTH] > 0.0
+        changed = (beyond[1:] != beyond[:-1]).any(axis=0)
+        return sorted({action.effect for action, crossed in zip(self._actions, changed) if crossed})
+
+    def _measured(self, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradients of the measures (n_t, n_actions, n_eta), and what is measured (n_t, n_actions, 6)."""
+        n_t, n_actions = len(q), len(self._actions)
+        gradients, measured = np.empty((n_t, n_actions, q.shape[1])), np.empty((n_t, n_actions, DEPTH + 1))
+        strengths = np.ascontiguousarray(amplitudes_over(self._actions, times))
+        _measure(
+            self._local, self._terms.grid, strengths, np.ascontiguousarray(q), np.ascontiguousarray(v), gradients,
+            measured,
+        )  # fmt: skip
+        return gradients, measured
+
+
+def parameter_slopes(
+    kind: int, p: np.ndarray, amplitude: np.ndarray, s: np.ndarray, rate: np.ndarray, force: np.ndarray,
+    stiffness: np.ndarray, *_: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return the derivatives of a law's force with its own parameters (`effects.laws`), shape (N_PARAMETERS, n_t)."""
+    nothing = np.zeros_like(s)
+    if kind == SOURCE:
+        return np.array([amplitude, nothing, nothing, nothing])
+    if kind == SPRING_DAMPER:
+        return np.array([p[2] - s, -rate, np.full_like(s, p[0]), nothing])
+    if kind == FRICTION:
+        bent = np.tanh(rate / p[1])
+        return np.array([-bent, p[0] * (1.0 - bent * bent) * rate / p[1] ** 2, nothing, nothing])
+    # a stop: its force is proportional to the stiffness, and a place further on is as if s were behind
+    acts = force != 0.0
+    by_damping = np.where(acts, -p[0] * np.maximum(p[3] * (s - p[2]), 0.0) * rate, 0.0)
+    return np.array([force / p[0], by_damping, stiffness, nothing])
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def _measure(local, grid, strengths, q, v, gradients, measured):
+    """Measure all actions in states (n_t, n_eta), LANES of them at once; strengths are (n_t, n_actions)."""
+    places, actions = local
+    n_t, n = q.shape
+    d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
+    work = allocate_local(local, r, n)
+    kept = KeptPlaces(
+        empty_lanes(2, LANES), empty_lanes(places.rigid.shape[1], LANES), empty_lanes(places.shapes.shape[1], LANES)
+    )
+    kept.cells[:] = -1.0
+    of_q, of_v = empty_lanes(n, LANES), empty_lanes(n, LANES)
+    first_angle = work.frames.rigid.shape[0] - n_actions
+    for first in range(0, n_t, LANES):
+        for lane in range(LANES):
+            t = min(first + lane, n_t - 1)
+            for i in range(n):
+                of_q[i, lane], of_v[i, lane] = q[t, i], v[t, i]
+        place_nodes(places, grid, d, of_q, kept, work.frames)
+        for action in range(n_actions):
+            attach(places, actions.statements, action, work)
+            turned = load(work.frames.rigid, first_angle + action)
+            for k in range(r):
+                turned += places.winding[action, k] * load(of_q, k)
+            s = evaluate(
+                actions.statements.kinds[action], actions.statements.axes[action], items(work.z, WIDE), turned,
+                False, items(work.gradient, WIDE), items(work.hessian, WIDE), items(work.spare, WIDE),
+            )  # fmt: skip
+            project(of_v, work)
+            store(work.measured, MEASURE, s)
+            for lane in range(min(LANES, n_t - first)):
+                t, p = first + lane, actions.parameters[action, 0]
+                place, rate = work.measured[MEASURE, lane], work.measured[RATE, lane]
+                force, stiffness, damping, _, _ = law(actions.laws[action], p, strengths[t, action], place, rate)
+                found = measured[t, action]
+                found[S], found[SPEED], found[FORCE] = place, rate, force
+                found[STIFFNESS], found[DAMPING] = stiffness, damping
+                found[DEPTH] = depth(actions.laws[action], p, place)
+                for i in range(n):
+                    gradients[t, action, i] = work.projected[i, lane]

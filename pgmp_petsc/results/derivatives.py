@@ -1,0 +1,154 @@
+"""Outputs of one run over time with their derivatives with parameters, as ``pgmp sensitivities`` finds them.
+
+Layout of the file (kind ``sensitivities``; root attributes ``parameters_differentiated`` (JSON, the names, in the order
+of the axis n_parameters) and ``steps_divided`` as of trajectories):
+
+==================================== ================ ================================================================
+dataset                              shape            content
+==================================== ================ ================================================================
+``/time``                            (n_t)            s
+``/outputs/<name>``                  (n_t)            the scene's outputs
+``/derivatives/<output>/<parameter>`` (n_t)           derivative of the output at every instant with the parameter
+``/changes/<parameter>``             ()               change of the parameter that effects are told of: one standard
+                                                      deviation, or where it has no distribution 1 % of its value;
+                                                      attribute ``what`` says which
+``/extremes/<output>/max``, ``min``  ()               largest and smallest value over the run, at an instant of a step
+``.../time_of_max``, ``time_of_min`` ()               s
+``.../max_derivatives``,             (n_parameters)   their derivatives: those of the output at that instant
+``.../min_derivatives``
+==================================== ================ ================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.results.layout import check_shape, put_named, take_named, units_of
+from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
+
+KIND = "sensitivities"
+DEVIATION, PERCENT = "one standard deviation", "1 % of its value"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of an output: its value at one instant of the run, and its derivatives.
+
+    Attributes
+    ----------
+    name
+        ``at the end``, ``largest`` or ``smallest``.
+    value, time
+        In the output's unit; s.
+    derivatives
+        With the parameters, shape (n_parameters,).
+    """
+
+    name: str
+    value: float
+    time: float
+    derivatives: np.ndarray
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of one run.
+
+    Parameters
+    ----------
+    record : RunRecord
+    time : ndarray, shape (n_t,)
+        s.
+    outputs : dict of str to ndarray, shape (n_t,)
+    derivatives : dict of str to dict of str to ndarray, shape (n_t,)
+        By output and parameter.
+    units : dict of str to str
+        Of outputs and parameters.
+    changes : dict of str to (float, str)
+        Change of each parameter that effects are told of, and whether it is `DEVIATION` or `PERCENT`.
+    steps_divided : int
+        By what the scene's step was divided.
+    """
+
+    record: RunRecord
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    derivatives: dict[str, dict[str, np.ndarray]]
+    units: dict[str, str]
+    changes: dict[str, tuple[float, str]]
+    steps_divided: int = 1
+
+    def __post_init__(self) -> None:
+        check_shape("time", self.time, (None,))
+        for output, values in self.outputs.items():
+            check_shape(f"output '{output}'", values, (len(self.time),))
+            if self.derivatives[output].keys() != self.changes.keys():
+                raise ValueError(f"derivatives of '{output}' are not with the parameters of the run")
+            for name, found in self.derivatives[output].items():
+                check_shape(f"derivative of '{output}' with '{name}'", found, (len(self.time),))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of n_parameters."""
+        return tuple(self.changes)
+
+    def unit(self, output: str, parameter: str) -> str:
+        """Return the unit of a derivative."""
+        above, below = (self.units.get(name, "1") for name in (output, parameter))
+        if below == "1":
+            return above
+        return f"{above}/({below})" if set(below) & set("/ *") else f"{above}/{below}"
+
+    def figures(self, output: str) -> Iterator[Figure]:
+        """Yield the figures of an output: at the end, the largest and the smallest."""
+        values, rows = self.outputs[output], np.array(list(self.derivatives[output].values()))
+        for name, at in (("at the end", -1), ("largest", np.argmax(values)), ("smallest", np.argmin(values))):
+            yield Figure(name, float(values[at]), float(self.time[at]), rows[:, at])
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
+        attributes = {"parameters_differentiated": json.dumps(self.parameters), "steps_divided": self.steps_divided}
+        with write_file(path, KIND, attributes) as file:
+            self.record.write(file)
+            put(file, "time", self.time, "s", "time")
+            put_named(file, "outputs", self.outputs, self.units, "output '{name}' over time")
+            for name, (change, what) in self.changes.items():
+                data = put(file, f"changes/{name}", change, self.units.get(name, "1"), f"{what} of '{name}'")
+                data.attrs["what"] = what
+            for output, found in self.derivatives.items():
+                units = {name: self.unit(output, name) for name in found}
+                put_named(file, f"derivatives/{output}", found, units, f"derivative of '{output}' with '{{name}}'")
+                unit = self.units.get(output, "1")
+                for key, figure in zip(("max", "min"), list(self.figures(output))[1:]):
+                    of = f"{figure.name} value of '{output}'"
+                    put(file, f"extremes/{output}/{key}", figure.value, unit, of)
+                    put(file, f"extremes/{output}/time_of_{key}", figure.time, "s", f"when it is the {figure.name}")
+                    put(
+                        file, f"extremes/{output}/{key}_derivatives", figure.derivatives,
+                        ", ".join(units.values()), f"derivatives of the {of} with the parameters",
+                    )  # fmt: skip
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Derivatives:
+        """Read a file; raises `InputError` where it is not a whole one."""
+        with open_file(path, KIND) as file, shapes_of(file):
+            outputs = take_named(file, "outputs", 1)
+            names = json.loads(file.attrs["parameters_differentiated"])
+            changes = {}
+            for name in names:
+                changes[name] = float(take(file, f"changes/{name}", 0)), str(file[f"changes/{name}"].attrs["what"])
+            found = {output: take_named(file, f"derivatives/{output}", 1) for output in outputs}
+            return cls(
+                RunRecord.read(file),
+                take(file, "time", 1),
+                outputs,
+                {output: {name: found[output][name] for name in names} for output in outputs},
+                units_of(file, "outputs", "changes"),
+                changes,
+                int(file.attrs["steps_divided"]),
+            )

@@ -1,0 +1,350 @@
+"""Least squares: parameters of a scene from a measured history.
+
+With outputs y_k at n_k instants, sigma_k the deviation of their noise and p the parameters, the sum of the squares of
+
+    r_ki(p) = (y_k(t_i; p) - measured_ki) / sigma_k
+
+is made as small as it becomes (`scipy.optimize.least_squares`, with bounds: Branch, Coleman and Li, SIAM J. Sci.
+Comput. 21 (1999) 1-23), with the exact Jacobian of the reduced run. Deviations that are not given follow from what is
+left, in turn with p: those of maximum likelihood for independent normal noise. Standard errors and correlations are
+those of the covariance ``(J^T J)^-1`` at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
+from pgmp_petsc.studies.measured_history import MeasuredHistory
+
+MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
+WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
+TIED = 0.98  # correlation beyond which two parameters are hardly told apart
+NO_DIRECTION = 1e-9  # of the largest singular value: smaller ones are rounding
+REMEMBERED = 0.5  # correlation of what is left with the measurement after it, beyond which it is no noise
+LEAST_NOISE = 1e-12  # of the largest measured value
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Where the least squares ended: values, runs and residuals."""
+
+    values: dict[str, float]
+    run: DifferentiatedRun
+    jacobian: np.ndarray
+    converged: bool
+    reason: str
+
+
+def fit(
+    model: ReducedModel, history: MeasuredHistory, asked: Sequence[str], noise: Mapping[str, float], comm: MPI.Comm
+) -> Fit | None:
+    """Fit parameters; one rank does, the others wait. Collective on `comm`.
+
+    Parameters
+    ----------
+    asked
+        Names of the parameters; where there are none, all with a distribution.
+    noise
+        Deviation of the noise of outputs, where it is known.
+
+    Returns
+    -------
+    Fit or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or there are fewer measurements than parameters.
+    RunError
+        If a run stops before its end.
+    """
+    found = None
+    with agreed(comm, "fit"):
+        names = _names(model.scene, asked)
+        _check(history, names, noise)
+        if comm.rank == 0:
+            found = _Fitting(model, history, names, noise).result(comm.size)
+    return found
+
+
+def _names(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
+    for name in asked:
+        if name not in scene.parameters:
+            raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
+    names = tuple(dict.fromkeys(asked)) or tuple(uncertain_names(scene))
+    if not names:
+        raise InputError(
+            "parameters: none has a distribution, so it is not known which to fit; name them, with --parameter NAME"
+        )
+    return names
+
+
+def _check(history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float]) -> None:
+    for output in noise:
+        if output not in history.outputs:
+            raise InputError(f"--noise {output}: it is no column of the history{nearest_name(output, history.outputs)}")
+    n = history.time.size * len(history.outputs)
+    if n <= len(names):
+        raise InputError(
+            f"the history has {n} measurements for {len(names)} parameters ({', '.join(names)}); more are needed than "
+            "parameters"
+        )
+
+
+def limits_of(scene: Scene, name: str) -> tuple[float, float]:
+    """Return between what a parameter is searched: its bounds, else the distribution's span of three deviations, else
+    from a hundredth to a hundred times its value."""
+    parameter, value = scene.parameters[name], scene.values[name]
+    if parameter.bounds is not None:
+        low, high = (float(end) for end in parameter.bounds)
+    elif parameter.distribution is not None:
+        values, _ = spanning_values(scene, [name])
+        low, high = float(values[name].min()), float(values[name].max())
+    else:
+        ends = value / WIDE, value * WIDE
+        low, high = (min(ends), max(ends)) if value else (-1.0, 1.0)
+    if name in scene.positive_parameters:
+        low = max(low, 1e-3 * abs(scene.nominal[name]))
+    return min(low, value), max(high, value)
+
+
+class _Fitting:
+    """One fit."""
+
+    def __init__(
+        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float]
+    ) -> None:
+        self._model, self._history, self._names, self._noise = model, history, tuple(names), noise
+        scene = model.scene
+        self._limits = np.array([limits_of(scene, name) for name in names])
+        self._start = np.array([scene.values[name] for name in names])
+        self._scale = np.where(self._start != 0.0, np.abs(self._start), np.ptp(self._limits, axis=1))
+        self._runs: list[tuple[bytes, DifferentiatedRun]] = []
+        self.n_runs = 0
+
+    def result(self, n_ranks: int) -> Fit:
+        """Fit, and describe what was found."""
+        timings = Timings()
+        with timings.phase("fit"):
+            begin = self._run(self._start)
+            sigma, solution = self._solved()
+        weighted = np.concatenate([solution.jacobian[k] / sigma[k] for k in range(len(sigma))])
+        errors, correlation, blind = uncertainty(weighted, self._scale)
+        estimate = np.array([solution.values[name] for name in self._names])
+        left = self._left(solution.run)
+        scene, history = self._model.scene, self._history
+        remarks = (
+            *history.remarks, *self._of_solution(solution), *self._of_limits(estimate, errors, blind),
+            *_tied(self._names, correlation), *self._of_noise(left, sigma), *scene.remarks,
+        )  # fmt: skip
+        parameters = [
+            FittedParameter(name, scene.parameters[name].unit or "1", *map(float, row))
+            for name, *row in zip(self._names, self._start, estimate, errors, *self._limits.T)
+        ]
+        outputs = {
+            name: FittedOutput(
+                self._model.outputs.units[name], history.outputs[name], self._at(solution.run, name)[0],
+                self._at(begin, name)[0], float(sigma[k]), name in self._noise,
+            )
+            for k, name in enumerate(history.outputs)
+        }  # fmt: skip
+        record = RunRecord(
+            scene_to_toml(scene), scene.values | solution.values, None, n_ranks, timings.as_dict(), remarks
+        )
+        return Fit(record, history.time, outputs, tuple(parameters), correlation, self.n_runs, solution.converged)
+
+    def _solved(self) -> tuple[np.ndarray, _Solution]:
+        """Return the deviations of the noise of every output, and the solution."""
+        history, known = self._history, self._noise
+        largest = np.array([np.abs(values).max() for values in history.outputs.values()])
+        least = LEAST_NOISE * np.maximum(largest, 1e-300)
+        left = self._left(self._run(self._start))
+        sigma = np.array(
+            [known.get(name, np.sqrt(np.mean(left[k] ** 2))) for k, name in enumerate(history.outputs)], dtype=float
+        )
+        sigma, at = np.maximum(sigma, least), self._start
+        for _ in range(1 if len(known) == len(sigma) else MOST_ROUNDS):
+            solution = self._minimum(at, sigma)
+            at = np.array([solution.values[name] for name in self._names])
+            left = self._left(solution.run)
+            share = 1.0 - at.size / left.size  # of freedom that the parameters leave
+            found = np.sqrt(np.mean(left**2, axis=1) / share)
+            found = np.maximum([known.get(name, found[k]) for k, name in enumerate(history.outputs)], least)
+            settled, sigma = np.all(np.abs(found - sigma) <= SETTLED * sigma), found
+            if settled:
+                break
+        return sigma, solution
+
+    def _minimum(self, at: np.ndarray, sigma: np.ndarray) -> _Solution:
+        from scipy.optimize import least_squares  # takes a noticeable time, and other commands have no use for it
+
+        lower, upper = self._limits.T / self._scale
+        room = 1e-10 * (upper - lower)  # the method begins inside
+        done = least_squares(
+            lambda x: (self._left(self._run(x * self._scale)) / sigma[:, None]).ravel(),
+            np.clip(at / self._scale, lower + room, upper - room),
+            lambda x: np.concatenate(list(self._jacobian(self._run(x * self._scale)) / sigma[:, None, None]))
+            * self._scale,
+            bounds=(lower, upper), xtol=1e-10, ftol=1e-10, gtol=1e-12,
+        )  # fmt: skip
+        values = done.x * self._scale
+        run = self._run(values)
+        return _Solution(
+            dict(zip(self._names, map(float, values))), run, self._jacobian(run), done.status > 0, str(done.message)
+        )
+
+    def _run(self, at: np.ndarray) -> DifferentiatedRun:
+        """Return the run at values of the parameters, which is kept for whoever asks again."""
+        key = np.asarray(at, dtype=float).tobytes()
+        for known, run in self._runs:
+            if known == key:
+                return run
+        values = self._model.scene.values | dict(zip(self._names, map(float, at)))
+        try:
+            run = differentiate(self._model, values, self._names)
+        except PgmpError as error:
+            where = ", ".join(f"{name} = {values[name]:.6g}" for name in self._names)
+            raise type(error)(f"at {where}: {error}") from error
+        self.n_runs += 1
+        self._runs = [*self._runs[-3:], (key, run)]
+        return run
+
+    def _at(self, run: DifferentiatedRun, output: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return an output (n,) and its derivatives (n, n_parameters) at the measured instants, by a cubic spline."""
+        from scipy.interpolate import CubicSpline  # as above
+
+        rows = [run.outputs[output], *(run.derivatives[output][name] for name in self._names)]
+        found = CubicSpline(run.time, np.array(rows), axis=1)(np.minimum(self._history.time, run.time[-1]))
+        return found[0], found[1:].T
+
+    def _left(self, run: DifferentiatedRun) -> np.ndarray:
+        """Return what the run differs by from what was measured, shape (n_outputs, n)."""
+        return np.array([self._at(run, name)[0] - values for name, values in self._history.outputs.items()])
+
+    def _jacobian(self, run: DifferentiatedRun) -> np.ndarray:
+        """Return the derivatives of all outputs, shape (n_outputs, n, n_parameters)."""
+        return np.array([self._at(run, name)[1] for name in self._history.outputs])
+
+    def _of_solution(self, solution: _Solution) -> tuple[Remark, ...]:
+        near = note(
+            "the fit is the nearest minimum from where it began (--set); another start may find another one, and "
+            "standard errors know of noise alone, not of what the reduced model is off"
+        )
+        if solution.converged:
+            return (near,)
+        return (warning(f"the fit did not converge: {solution.reason}; begin nearer (--set)"), near)
+
+    def _of_limits(self, estimate: np.ndarray, errors: np.ndarray, blind: np.ndarray) -> list[Remark]:
+        """Return which parameters end at their limits, or are not identifiable, or beyond what the basis spans."""
+        remarks, scene = [], self._model.scene
+        for name, value, error, (low, high), lost in zip(self._names, estimate, errors, self._limits, blind):
+            near = 1e-6 * (high - low)
+            if lost or error > high - low:
+                what = (
+                    "no output depends on it, or only together with others"
+                    if lost
+                    else (f"its standard error, {error:.3g}, is larger than the range that it is searched in")
+                )
+                remarks.append(
+                    warning(
+                        f"{name} is not identifiable from this history: {what}; its value is none, and it is better "
+                        "held (--parameter with the others)"
+                    )
+                )
+            elif value < low + near or value > high - near:
+                end = "lower" if value < low + near else "upper"
+                remarks.append(
+                    warning(
+                        f"{name} ends at the {end} limit of its search, [{low:g}, {high:g}]; standard errors do not "
+                        f"hold there: widen parameters.{name}.bounds if that makes sense"
+                    )
+                )
+            elif scene.parameters[name].distribution is not None:
+                spanned, _ = spanning_values(scene, [name])
+                if not spanned[name].min() <= value <= spanned[name].max():
+                    remarks.append(
+                        warning(
+                            f"{name} = {value:.5g} lies beyond three standard deviations of its distribution, which "
+                            "the reduced basis spans; build again with a nominal value near it, and fit again"
+                        )
+                    )
+        return remarks
+
+    def _of_noise(self, left: np.ndarray, sigma: np.ndarray) -> list[Remark]:
+        """Return in which outputs what is left is no independent noise, or not of the size that was given."""
+        remarks = []
+        for k, (name, row) in enumerate(zip(self._history.outputs, left)):
+            size = float(np.sum(row**2))
+            after = float(np.sum(row[1:] * row[:-1])) / size if size > 0.0 else 0.0
+            if after > REMEMBERED:
+                remarks.append(
+                    warning(
+                        f"what is left of {name} is no independent noise (correlation {after:.2f} from one measurement "
+                        "to the next): the model differs from what was measured, and standard errors are too small"
+                    )
+                )
+            if name in self._noise and size > 2.0 * row.size * sigma[k] ** 2:
+                larger = np.sqrt(size / row.size)
+                remarks.append(
+                    warning(f"what is left of {name}, {larger:.3g}, is more than its noise, {sigma[k]:.3g} (--noise)")
+                )
+        return remarks
+
+
+def uncertainty(jacobian: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return standard errors, correlations, and which parameters are not identifiable.
+
+    Parameters
+    ----------
+    jacobian
+        Of the weighted residuals, shape (n, n_parameters).
+    scale
+        Sizes of the parameters, shape (n_parameters,).
+
+    Returns
+    -------
+    ndarray, shape (n_parameters,)
+        Infinite where a parameter is not identifiable.
+    ndarray, shape (n_parameters, n_parameters)
+        NaN there.
+    ndarray of bool, shape (n_parameters,)
+    """
+    _, sizes, directions = np.linalg.svd(jacobian * scale, full_matrices=False)
+    lost = sizes <= NO_DIRECTION * max(sizes[0], 1e-300)
+    blind = np.any(np.abs(directions[lost]) > 1e-3, axis=0)
+    inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes))
+    root = directions.T * inverse
+    covariance = root @ root.T
+    errors = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / np.outer(errors, errors)
+    correlation[blind], correlation[:, blind] = np.nan, np.nan
+    return np.where(blind, np.inf, errors * scale), correlation, blind
+
+
+def _tied(names: Sequence[str], correlation: np.ndarray) -> list[Remark]:
+    """Return pairs of parameters that are hardly told apart."""
+    return [
+        warning(
+            f"{names[j]} and {names[k]} are hardly told apart (correlation {correlation[j, k]:.4f}): measure more "
+            "outputs, or hold one of them"
+        )
+        for j in range(len(names))
+        for k in range(j)
+        if abs(correlation[j, k]) > TIED
+    ]

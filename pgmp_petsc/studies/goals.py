@@ -1,0 +1,295 @@
+"""Goals and constraints of a design, as users write them, with their derivatives.
+
+    goal        = ("minimise" | "maximise") sum              ("minimize", "maximize" as well)
+    constraint  = sum ("<=" | ">=") sum
+    sum         = product {("+" | "-") product}
+    product     = power {("*" | "/") power}
+    power       = ["-"] factor ["^" number]
+    factor      = number | parameter | figure | "(" sum ")"
+    figure      = ("max" | "min" | "mean" | "rms" | "start" | "end") "(" history ")"
+    history     = output | "abs" "(" output ")"
+
+A figure is that of an output over a run: its largest and smallest value at the ends of steps, the mean and the root of
+the mean square over time (trapezoids), and its values at time zero and at the end. Numbers are in SI units.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+
+_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|([A-Za-z_][A-Za-z0-9_-]*)|(<=|>=|.))")
+SENSES = {"minimise": 1.0, "minimize": 1.0, "maximise": -1.0, "maximize": -1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Dual:
+    """A number and its derivatives with the parameters, shape (n_parameters,)."""
+
+    value: float
+    slope: np.ndarray
+
+    def __add__(self, other: Dual) -> Dual:
+        return Dual(self.value + other.value, self.slope + other.slope)
+
+    def __sub__(self, other: Dual) -> Dual:
+        return Dual(self.value - other.value, self.slope - other.slope)
+
+    def __mul__(self, other: Dual) -> Dual:
+        return Dual(self.value * other.value, self.slope * other.value + self.value * other.slope)
+
+    def __truediv__(self, other: Dual) -> Dual:
+        return Dual(self.value / other.value, (self.slope - self.value / other.value * other.slope) / other.value)
+
+    def __pow__(self, exponent: float) -> Dual:
+        return Dual(self.value**exponent, exponent * self.value ** (exponent - 1.0) * self.slope)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What an expression is evaluated of: a run and the values of the parameters that it is differentiated with."""
+
+    run: DifferentiatedRun
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+
+    def slopes(self, output: str) -> np.ndarray:
+        """Return the derivatives of an output, shape (n_parameters, n_t)."""
+        return np.array([self.run.derivatives[output][name] for name in self.names])
+
+
+Expression = Callable[[Outcome], Dual]
+
+
+def _at(place: Callable[[np.ndarray], int]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]:
+    def figure(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
+        at = place(values)
+        return Dual(float(values[at]), slopes[:, at])
+
+    return figure
+
+
+def _mean(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
+    weights = np.gradient(time)  # of trapezoids, but at the ends
+    weights[[0, -1]] *= 0.5
+    weights /= weights.sum()
+    return Dual(float(values @ weights), slopes @ weights)
+
+
+def _rms(time: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> Dual:
+    square = _mean(time, values**2, 2.0 * values * slopes)
+    root = np.sqrt(square.value)
+    return Dual(float(root), square.slope / (2.0 * root) if root > 0.0 else np.zeros_like(square.slope))
+
+
+FIGURES = {
+    "max": _at(lambda values: int(np.argmax(values))),
+    "min": _at(lambda values: int(np.argmin(values))),
+    "mean": _mean,
+    "rms": _rms,
+    "start": _at(lambda values: 0),
+    "end": _at(lambda values: -1),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A goal: what is made as small as it becomes is ``sense`` times the expression.
+
+    Attributes
+    ----------
+    text
+        As it was written.
+    sense
+        1, or -1 of what is maximised.
+    """
+
+    text: str
+    sense: float
+    expression: Expression
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """A constraint: ``sense (left - right) <= 0``.
+
+    Attributes
+    ----------
+    text
+        As it was written.
+    sense
+        1 of ``<=``, -1 of ``>=``.
+    left, right
+        Both sides.
+    """
+
+    text: str
+    sense: float
+    left: Expression
+    right: Expression
+
+
+def read_goal(text: str, outputs: Collection[str], parameters: Collection[str]) -> Goal:
+    """Read a goal.
+
+    Raises
+    ------
+    InputError
+        With the position marked.
+    """
+    parser = _Parser("goal", text, outputs, parameters)
+    word = parser.token
+    if word not in SENSES:
+        parser.refuse("a goal begins with minimise or maximise")
+    parser.advance()
+    expression = parser.sum()
+    parser.end()
+    return Goal(text, SENSES[word], expression)
+
+
+def read_constraint(text: str, outputs: Collection[str], parameters: Collection[str]) -> Constraint:
+    """Read a constraint; raises as `read_goal`."""
+    parser = _Parser("--subject-to", text, outputs, parameters)
+    left = parser.sum()
+    relation = parser.token
+    if relation not in ("<=", ">="):
+        parser.refuse("<= or >= is needed")
+    parser.advance()
+    right = parser.sum()
+    parser.end()
+    return Constraint(text, 1.0 if relation == "<=" else -1.0, left, right)
+
+
+class _Parser:
+    """Reads one text, token by token."""
+
+    def __init__(self, entry: str, text: str, outputs: Collection[str], parameters: Collection[str]) -> None:
+        self._entry, self._text, self._outputs, self._parameters = entry, text, outputs, parameters
+        self._end = 0
+        self.advance()
+
+    def advance(self) -> None:
+        """Go to the next token; an empty one is the end."""
+        found = _TOKEN.match(self._text, self._end)
+        if found is None:
+            self._begin = self._end = len(self._text)
+            self.token, self._kind = "", "end"
+            return
+        place = next(k for k in (1, 2, 3) if found[k] is not None)
+        self.token, self._kind = found[place], ("", "number", "name", "sign")[place]
+        self._begin, self._end = found.start(place), found.end(place)
+
+    def refuse(self, reason: str) -> None:
+        """Raise an error with the position of this token marked."""
+        raise InputError(f"{self._entry}: {reason}\n  {self._text}\n  {' ' * self._begin}^")
+
+    def end(self) -> None:
+        """Check that all was read."""
+        if self.token:
+            self.refuse(f"'{self.token}' is too much; an operator or the end is needed")
+
+    def sum(self) -> Expression:
+        """Read products that are added."""
+        total = self._product()
+        while self.token in ("+", "-"):
+            sign = self.token
+            self.advance()
+            total = _joined(sign, total, self._product())
+        return total
+
+    def _product(self) -> Expression:
+        total = self._power()
+        while self.token in ("*", "/"):
+            sign = self.token
+            self.advance()
+            total = _joined(sign, total, self._power())
+        return total
+
+    def _power(self) -> Expression:
+        if self.token == "-":
+            self.advance()
+            return _joined("-", _number(0.0), self._power())
+        base = self._factor()
+        if self.token != "^":
+            return base
+        self.advance()
+        sign = 1.0
+        if self.token == "-":
+            sign = -1.0
+            self.advance()
+        if self._kind != "number":
+            self.refuse("a number is needed as exponent")
+        exponent = sign * float(self.token)
+        self.advance()
+        return lambda outcome: base(outcome) ** exponent
+
+    def _factor(self) -> Expression:
+        if self._kind == "number":
+            value = float(self.token)
+            self.advance()
+            return _number(value)
+        if self.token == "(":
+            self.advance()
+            inner = self.sum()
+            self._expect(")")
+            return inner
+        if self._kind != "name":
+            self.refuse("a number, a parameter, a figure such as max(...) or ( is needed")
+        name = self.token
+        if name in FIGURES and self._text[self._end :].lstrip().startswith("("):
+            self.advance()
+            return self._figure(FIGURES[name])
+        if name in self._outputs:
+            self.refuse(f"{name} is an output over time; take a figure of it, such as max({name}) or end({name})")
+        if name not in self._parameters:
+            self.refuse(f"there is no such parameter or figure{nearest_name(name, [*self._parameters, *FIGURES])}")
+        self.advance()
+        return lambda outcome: Dual(outcome.values[name], np.array([float(name == other) for other in outcome.names]))
+
+    def _figure(self, figure: Callable[[np.ndarray, np.ndarray, np.ndarray], Dual]) -> Expression:
+        self._expect("(")
+        absolute = self.token == "abs"
+        if absolute:
+            self.advance()
+            self._expect("(")
+        output = self.token
+        if output not in self._outputs:
+            self.refuse(f"there is no such output{nearest_name(output, self._outputs)}")
+        self.advance()
+        self._expect(")")
+        if absolute:
+            self._expect(")")
+
+        def of(outcome: Outcome) -> Dual:
+            values, slopes = outcome.run.outputs[output], outcome.slopes(output)
+            if absolute:
+                values, slopes = np.abs(values), np.sign(values) * slopes
+            return figure(outcome.run.time, values, slopes)
+
+        return of
+
+    def _expect(self, sign: str) -> None:
+        if self.token != sign:
+            self.refuse(f"{sign} is needed")
+        self.advance()
+
+
+def _number(value: float) -> Expression:
+    return lambda outcome: Dual(value, np.zeros(len(outcome.names)))
+
+
+def _joined(sign: str, left: Expression, right: Expression) -> Expression:
+    operations: dict[str, Callable[[Dual, Dual], Dual]] = {
+        "+": Dual.__add__,
+        "-": Dual.__sub__,
+        "*": Dual.__mul__,
+        "/": Dual.__truediv__,
+    }
+    operation = operations[sign]
+    return lambda outcome: operation(left(outcome), right(outcome))

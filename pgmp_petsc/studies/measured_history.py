@@ -1,0 +1,117 @@
+"""A measured history: a table of instants and outputs in a CSV file.
+
+The first line has the names: ``time`` (s) and outputs of the scene, in their SI units. Other columns have no part.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError, nearest_name, plain_reason, shortened
+from pgmp_petsc.runtime.remarks import Remark, note
+
+TIME = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredHistory:
+    """What was measured.
+
+    Attributes
+    ----------
+    time
+        Increasing, shape (n,), s.
+    outputs
+        By name, each of shape (n,).
+    remarks
+        What is to be said of the file.
+    """
+
+    time: np.ndarray
+    outputs: dict[str, np.ndarray]
+    remarks: tuple[Remark, ...] = ()
+
+
+def read_history(path: Path, outputs: OutputSet, duration: float) -> MeasuredHistory:
+    """Read a file, and check that it fits the outputs of a scene and a run of some duration (s).
+
+    Raises
+    ------
+    InputError
+        Naming line and column.
+    """
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as stream:
+            rows = csv.reader(stream, skipinitialspace=True)
+            names = [name.strip() for name in next(rows, [])]
+            used = _used(path, names, outputs)
+            places = {name: names.index(name) for name in used}
+            table, lines = [], []
+            for row in rows:
+                if not row:
+                    continue
+                where = f"'{path}': line {rows.line_num}"
+                if len(row) != len(names):
+                    raise InputError(f"{where} has {len(row)} entries; the first line names {len(names)} columns")
+                table.append([_number(row[place], where, name) for name, place in places.items()])
+                lines.append(rows.line_num)
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise InputError(f"measured history '{path}' cannot be read: {plain_reason(error) or error}") from error
+    if not table:
+        raise InputError(f"'{path}': there are no measurements in it, only a first line of names")
+    columns = dict(zip(used, np.array(table).T))
+    time = columns.pop(TIME)
+    _check_times(path, time, lines, duration)
+    others = [name for name in names if name not in used]
+    remarks = (note(f"columns of '{path}' that are no outputs have no part: {', '.join(others)}"),) if others else ()
+    return MeasuredHistory(time, columns, remarks)
+
+
+def _used(path: Path, names: list[str], outputs: OutputSet) -> list[str]:
+    """Return the columns to read: the time and outputs."""
+    if TIME not in names:
+        hint = nearest_name(TIME, names) if names else "; it has none at all"
+        raise InputError(f"'{path}': there is no column '{TIME}' (s) in its first line{hint}")
+    used = [TIME, *(name for name in dict.fromkeys(names) if name in outputs.functions)]
+    if len(used) == 1:
+        raise InputError(
+            f"'{path}': none of its columns is an output of the scene{nearest_name('', outputs.functions)}"
+        )
+    for name in used:
+        if names.count(name) > 1:
+            raise InputError(f"'{path}': {names.count(name)} columns are called '{name}'; one is needed")
+    return used
+
+
+def _number(text: str, where: str, name: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        shown = f"'{shortened(text.strip(), 40)}'" if text.strip() else "nothing"
+        raise InputError(f"{where}: {name} = {shown}; a finite number is needed")
+    return value
+
+
+def _check_times(path: Path, time: np.ndarray, lines: list[int], duration: float) -> None:
+    """Refuse times that do not increase or are not in the run."""
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise InputError(
+            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s comes after {time[row - 1]:g} s; times must "
+            "increase"
+        )
+    outside = np.flatnonzero((time < 0.0) | (time > duration * (1.0 + 1e-12)))
+    if outside.size:
+        row = int(outside[0])
+        raise InputError(
+            f"'{path}': line {lines[row]}: {TIME} = {time[row]:g} s is not in the run, [0, {duration:g}] s; give a "
+            "longer one (--override simulation.duration=...), or leave these lines out"
+        )

@@ -1,0 +1,122 @@
+"""Sensitivities of a reduced run: derivatives of its outputs with parameters of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.derivatives import DEVIATION, PERCENT, Derivatives
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, nearest_name
+from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.progress import progress
+from pgmp_petsc.runtime.remarks import Remark, note
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+
+SHARE = 0.01  # of the value of a parameter without a distribution
+
+
+def chosen_parameters(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
+    """Return the parameters that are asked for, each once, all of the scene where none is.
+
+    Raises
+    ------
+    InputError
+        If there is no parameter, or none of a name.
+    """
+    for name in asked:
+        if name not in scene.parameters:
+            raise InputError(f"--parameter {name}: there is no such parameter{nearest_name(name, scene.parameters)}")
+    if not scene.parameters:
+        raise InputError(
+            "parameters: the scene has none; give a number a name, such as [parameters.r1] nominal = 5.6e-3, and the "
+            "name in its place"
+        )
+    return tuple(dict.fromkeys(asked)) or tuple(scene.parameters)
+
+
+def sensitivities(model: ReducedModel, asked: Sequence[str], comm: MPI.Comm) -> Derivatives | None:
+    """Run a sample, and differentiate it; one rank does, the others wait. Collective on `comm`.
+
+    Parameters
+    ----------
+    asked
+        Names of parameters, all where there are none.
+
+    Returns
+    -------
+    Derivatives or None
+        On the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError, RunError
+        As `differentiate` and `chosen_parameters`.
+    """
+    found = None
+    with agreed(comm, "sensitivities"):
+        names = chosen_parameters(model.scene, asked)
+        if comm.rank == 0:
+            found = _on_one_rank(model, names, comm)
+    return found
+
+
+def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> Derivatives:
+    scene, timings = model.scene, Timings()
+    n_steps = count_steps(scene.simulation.duration, scene.simulation.step)
+    with timings.phase("run and derivatives"), progress(n_steps, "reduced", comm) as bar:
+        run = differentiate(model, scene.values, names, bar.update)
+    units = {name: scene.parameters[name].unit or "1" for name in names} | dict(model.outputs.units)
+    return Derivatives(
+        RunRecord(
+            scene_to_toml(scene), scene.values, None, comm.size, timings.as_dict(),
+            (*run_remarks(model, run), *_without_effect(run, names), *scene.remarks),
+        ),
+        run.time,
+        run.outputs,
+        run.derivatives,
+        units,
+        {name: _change(scene, name) for name in names},
+        run.steps_divided,
+    )  # fmt: skip
+
+
+def _change(scene: Scene, name: str) -> tuple[float, str]:
+    """Return the change of a parameter that effects are told of, and what it is."""
+    parameter = scene.parameters[name]
+    if parameter.distribution is not None:
+        return parameter.deviation, DEVIATION
+    return SHARE * abs(scene.values[name]), PERCENT
+
+
+def run_remarks(model: ReducedModel, run: DifferentiatedRun) -> tuple[Remark, ...]:
+    """Return what is to be said of the derivatives of a run."""
+    remarks = [
+        note(
+            "derivatives are those of the reduced model with its time step; their own errors are not estimated, those "
+            "of the run are by pgmp simulate"
+        )
+    ]
+    if run.steps_divided > 1:
+        step = f"simulation.step = {model.scene.simulation.step:g} s"
+        remarks.append(note(f"{step} is large for this run: it was integrated with 1/{run.steps_divided} of it"))
+    if model.outputs.stresses:
+        names = ", ".join(stress.name for stress in model.outputs.stresses)
+        remarks.append(
+            note(
+                f"derivatives of stresses ({names}) follow from central differences along the exact derivatives of the "
+                "motion; where a largest value changes its place they have a corner"
+            )
+        )
+    return tuple(remarks)
+
+
+def _without_effect(run: DifferentiatedRun, names: Sequence[str]) -> list[Remark]:
+    """Return which parameters have no part in any output."""
+    idle = [name for name in names if not any(found[name].any() for found in run.derivatives.values())]
+    return [note(f"no output depends on {', '.join(idle)} in this run")] if idle else []

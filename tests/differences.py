@@ -1,0 +1,55 @@
+"""Derivatives of runs by central differences, of runs whose iterations are carried to round-off."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pgmp_petsc.dynamics.generalised_alpha import integrate
+from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.models import ReducedModel
+
+CORRECTIONS = 8  # in place of one
+
+
+class ToRoundOff:
+    """A reduced system whose every correction is several, and which takes one step at a time."""
+
+    def __init__(self, system: ReducedSystem) -> None:
+        self._system = system
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "advance":
+            raise AttributeError(name)
+        return getattr(self._system, name)
+
+    def correct(self, *arguments: Any) -> np.ndarray:
+        """Correct a state, always with a new matrix."""
+        for _ in range(CORRECTIONS):
+            size = self._system.correct(*arguments[:-1], True)
+        return size
+
+
+def outputs_of(model: ReducedModel, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """Return the outputs of a run, each of shape (n_t,)."""
+    system = model.batch({name: np.array([value]) for name, value in values.items()}, 1)
+    rows = []
+
+    def keep(number: int, time: float, state: State) -> None:
+        rows.append(state.q[0].copy())
+
+    integrate(ToRoundOff(system), model.scene.simulation, observer=keep)
+    return model.outputs.evaluate(model.observed_of(np.array(rows), values))
+
+
+def differences(model: ReducedModel, name: str, share: float) -> dict[str, np.ndarray]:
+    """Return the derivatives of all outputs with a parameter, of fourth order in the share of its value."""
+    value = model.scene.values[name]
+    runs = [outputs_of(model, model.scene.values | {name: value * (1.0 + k * share)}) for k in (-2, -1, 1, 2)]
+    far, near, ahead, further = runs
+    return {
+        output: (far[output] - 8.0 * near[output] + 8.0 * ahead[output] - further[output]) / (12.0 * share * value)
+        for output in far
+    }

@@ -1,0 +1,95 @@
+"""Goals and constraints as users write them: values, derivatives, and errors with their position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.gradients.differentiated import DifferentiatedRun
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.studies.goals import Outcome, read_constraint, read_goal
+
+OUTPUTS, PARAMETERS = ("angle", "bend"), ("r1", "max", "c-2")
+TIME = np.linspace(0.0, 2.0, 201)
+
+
+def outcome(r1: float = 2.0, c: float = 3.0) -> Outcome:
+    """Return a run with ``angle = r1 sin t`` and ``bend = - c t``."""
+    zero = np.zeros_like(TIME)
+    run = DifferentiatedRun(
+        TIME,
+        {"angle": r1 * np.sin(TIME), "bend": -c * TIME},
+        {"angle": {"r1": np.sin(TIME), "c-2": zero}, "bend": {"r1": zero, "c-2": -TIME}},
+        np.zeros((TIME.size, 1)),
+        np.zeros((TIME.size, 2, 1)),
+    )
+    return Outcome(run, {"r1": r1, "c-2": c, "max": 7.0}, ("r1", "c-2"))
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("max(angle)", 2.0 * np.sin(TIME).max()),
+        ("max(abs(bend))", 6.0),
+        ("min(bend)", -6.0),
+        ("start(bend) + end(bend)", -6.0),
+        ("mean(bend)", -3.0),
+        ("rms(bend)", 6.0 / np.sqrt(3.0)),
+        ("2 * r1 ^ 2 - c-2 / 4", 8.0 - 0.75),
+        ("-r1^-2 + 1e-1", -0.25 + 0.1),
+        ("(r1 + c-2) * (r1 - 1.5)", 2.5),
+        ("max + .5", 7.5),
+        ("- - r1", 2.0),
+    ],
+)
+def test_expressions_have_their_values_and_derivatives(text: str, value: float) -> None:
+    expression = read_goal(f"minimise {text}", OUTPUTS, PARAMETERS).expression
+    found = expression(outcome())
+    # the mean square of a line by trapezoids: 1/(6 n^2) too much of it
+    assert found.value == pytest.approx(value, rel=1e-5)
+    h = 1e-5
+    for k, moved in enumerate(((h, 0.0), (0.0, h))):
+        ahead, behind = (expression(outcome(2.0 + s * moved[0], 3.0 + s * moved[1])).value for s in (1.0, -1.0))
+        assert found.slope[k] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-8, abs=1e-9)
+
+
+@pytest.mark.parametrize(("word", "sense"), [("minimise", 1.0), ("minimize", 1.0), ("maximise", -1.0)])
+def test_goals_have_a_sense(word: str, sense: float) -> None:
+    assert read_goal(f"{word} r1", OUTPUTS, PARAMETERS).sense == sense
+
+
+@pytest.mark.parametrize(("relation", "sense"), [("<=", 1.0), (">=", -1.0)])
+def test_constraints_have_two_sides(relation: str, sense: float) -> None:
+    constraint = read_constraint(f"max(angle) {relation} 2*r1", OUTPUTS, PARAMETERS)
+    assert constraint.sense == sense
+    assert constraint.right(outcome()).value == 4.0
+
+
+@pytest.mark.parametrize(
+    ("text", "reason", "position"),
+    [
+        ("max(angle)", "a goal begins with minimise or maximise", 0),
+        ("", "a goal begins with minimise or maximise", 0),
+        ("minimise", "a number, a parameter, a figure such as max", 8),
+        ("minimise max(angel)", "there is no such output; did you mean 'angle'?", 13),
+        ("minimise max(abs(angle)", ") is needed", 23),
+        ("minimise angle", "angle is an output over time; take a figure of it, such as max(angle)", 9),
+        ("minimise c-3", "there is no such parameter or figure; did you mean 'c-2'?", 9),
+        ("minimise r1 r1", "'r1' is too much; an operator or the end is needed", 12),
+        ("minimise r1 +* 2", "a number, a parameter, a figure such as max", 13),
+        ("minimise r1 ^ r1", "a number is needed as exponent", 14),
+        ("minimise r1 <= 2", "'<=' is too much", 12),
+        ("minimise r1 ; 2", "';' is too much", 12),
+    ],
+)
+def test_errors_mark_their_position(text: str, reason: str, position: int) -> None:
+    with pytest.raises(InputError) as caught:
+        read_goal(text, OUTPUTS, PARAMETERS)
+    first, shown, mark = str(caught.value).split("\n")
+    assert first.startswith("goal: ") and reason in first
+    assert shown == f"  {text}" and mark.index("^") == 2 + position
+
+
+def test_a_constraint_needs_a_relation() -> None:
+    with pytest.raises(InputError, match="--subject-to: <= or >= is needed"):
+        read_constraint("max(angle) = 2", OUTPUTS, PARAMETERS)

@@ -1,0 +1,61 @@
+"""Measured histories: what is read, and what is refused with its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pgmp_petsc.outputs.outputs import OutputSet
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.studies.measured_history import read_history
+
+OUTPUTS = OutputSet((), {"angle": "rad", "bend": "m"}, 3, {"angle": None, "bend": None})
+DURATION = 1.0
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "measured.csv"
+    path.write_bytes(text.encode("utf-8"))
+    return path
+
+
+def test_columns_are_read_by_their_names(tmp_path: Path) -> None:
+    path = written(tmp_path, "\ufeffbend, time,  load\n1e-3, 0.0, 7\n\n2e-3, 0.5, x\n3e-3, 1.0, 9\n")
+    found = read_history(path, OUTPUTS, DURATION)
+    np.testing.assert_array_equal(found.time, [0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(found.outputs["bend"], [1e-3, 2e-3, 3e-3])
+    assert list(found.outputs) == ["bend"]
+    assert [remark.text for remark in found.remarks] == [f"columns of '{path}' that are no outputs have no part: load"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "there is no column 'time' (s) in its first line; it has none at all"),
+        ("t,angle\n0,1\n", "there is no column 'time' (s) in its first line; known: angle, t"),
+        ("time,angel\n0,1\n", "none of its columns is an output of the scene; known: angle, bend"),
+        ("time,angle,angle\n0,1,2\n", "2 columns are called 'angle'; one is needed"),
+        ("time,angle\n", "there are no measurements in it, only a first line of names"),
+        ("time,angle\n0,1\n0.1\n", "line 3 has 1 entries; the first line names 2 columns"),
+        ("time,angle\n0,1\n0.1,x\n", "line 3: angle = 'x'; a finite number is needed"),
+        ("time,angle\n0,1\n0.1,\n", "line 3: angle = nothing; a finite number is needed"),
+        ("time,angle\n0,nan\n", "line 2: angle = 'nan'; a finite number is needed"),
+        ("time,angle\n0,1\n0.2,1\n0.2,1\n", "line 4: time = 0.2 s comes after 0.2 s; times must increase"),
+        ("time,angle\n0.5,1\n1.5,1\n", "line 3: time = 1.5 s is not in the run, [0, 1] s; give a longer one"),
+        ("time,angle\n-0.5,1\n", "line 2: time = -0.5 s is not in the run"),
+    ],
+)
+def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_history(written(tmp_path, text), OUTPUTS, DURATION)
+    assert message in str(caught.value) and "measured.csv" in str(caught.value)
+
+
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="measured history .* cannot be read: .*No such file"):
+        read_history(tmp_path / "none.csv", OUTPUTS, DURATION)
+    (tmp_path / "binary.csv").write_bytes(b"time,angle\n\xff\xfe\n")
+    with pytest.raises(InputError, match="cannot be read: a text or a name is not valid in its encoding"):
+        read_history(tmp_path / "binary.csv", OUTPUTS, DURATION)

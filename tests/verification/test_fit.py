@@ -1,0 +1,156 @@
+"""Parameters from measured histories: recovered within their standard errors, and said where they cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import full_model, history, reduced_model, samples
+from scenes import slider_crank
+
+from pgmp_petsc.gradients.differentiated import differentiate
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.fit import Fit, FittedParameter
+from pgmp_petsc.studies.fitting import fit, uncertainty
+from pgmp_petsc.studies.measured_history import MeasuredHistory
+
+MODES = (
+    "reduction.modes=3", "reduction.static_modes=true", "reduction.inertia_modes=true", "reduction.angles=32",
+    'reduction.interpolation="spline"', "reduction.second_order=true",
+)  # fmt: skip
+SCENE = (
+    'parameters.r1={nominal=5.6e-3,bounds=[3e-3,9e-3],distribution={name="norm",loc=5.6e-3,scale=0.56e-3}}',
+    "parameters.c={nominal=0.02,bounds=[1e-3,0.1]}",
+    'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient="c"}',
+    "effects.motor.table=[[0.0,0.0],[0.05,1.5],[1.0,1.5]]",
+    "simulation.duration=0.3",
+    "simulation.step=1e-3",
+    'outputs.angle={type="angle",joint="crank_hinge"}',
+    'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
+)
+TRUE = {"r1": 6.1e-3, "c": 0.03}
+NOISE = {"angle": 2e-3, "bend": 2e-6}
+EVERY = 3
+
+
+@pytest.fixture(scope="module")
+def model() -> ReducedModel:
+    return reduced_model(slider_crank(*MODES, *SCENE))
+
+
+@pytest.fixture(scope="module")
+def of_full() -> dict[str, np.ndarray]:
+    """Return the full-order history of the true values."""
+    full = full_model(slider_crank(*MODES, *SCENE))
+    time, outputs = history(full, samples(full.scene, 1, **TRUE), 1)
+    return {"time": time, **{name: values[:, 0] for name, values in outputs.items()}}
+
+
+def measured(exact: dict[str, np.ndarray], seed: int, *names: str) -> MeasuredHistory:
+    random, chosen = np.random.default_rng(seed), slice(2, None, EVERY)
+    found = {name: exact[name][chosen] for name in names or NOISE}
+    noisy = {name: values + NOISE[name] * random.normal(size=values.size) for name, values in found.items()}
+    return MeasuredHistory(exact["time"][chosen], noisy)
+
+
+def of(found: Fit) -> dict[str, FittedParameter]:
+    return {parameter.name: parameter for parameter in found.parameters}
+
+
+def test_a_radius_and_a_damping_are_recovered_from_a_full_order_history(model, of_full) -> None:
+    found = fit(model, measured(of_full, 5), ["r1", "c"], {}, MPI.COMM_SELF)
+    assert found.converged
+    for name, parameter in of(found).items():
+        # three standard errors: a chance of 0.3 % each
+        assert abs(parameter.estimate - TRUE[name]) < 3.0 * parameter.error
+        assert abs(parameter.estimate - parameter.start) > 10.0 * parameter.error
+    for name, output in found.outputs.items():
+        # the deviation of 100 numbers is known to 7 %
+        assert output.noise == pytest.approx(NOISE[name], rel=0.25)
+
+
+def test_standard_errors_are_the_spread_of_estimates(model) -> None:
+    """Of 8 histories of the reduced model itself: errors over standard errors have a mean square of 1."""
+    run = differentiate(model, model.scene.values | TRUE, ["r1"])
+    exact, squares = {"time": run.time, **run.outputs}, []
+    for seed in range(8):
+        for name, parameter in of(fit(model, measured(exact, seed), ["r1", "c"], NOISE, MPI.COMM_SELF)).items():
+            squares.append(((parameter.estimate - TRUE[name]) / parameter.error) ** 2)
+    assert 0.3 < np.mean(squares) < 2.2  # of 16: within 3.4 deviations
+
+
+def test_a_parameter_without_effect_is_named(of_full) -> None:
+    scene = slider_crank(*MODES, *SCENE, "parameters.idle={nominal=1.0,bounds=[0.5,2.0]}")
+    model = reduced_model(scene)
+    found = fit(model, measured(of_full, 5), ["r1", "idle"], {}, MPI.COMM_SELF)
+    assert np.isinf(of(found)["idle"].error) and np.isfinite(of(found)["r1"].error)
+    texts = [str(remark) for remark in found.record.remarks]
+    assert any("warning: idle is not identifiable" in text and "no output depends on it" in text for text in texts)
+    # the damping was left at a wrong value: what is left is no noise
+    assert any("what is left of angle is no independent noise" in text for text in texts)
+
+
+def test_a_limit_that_is_met_is_said(model, of_full) -> None:
+    narrow = model.scene.parameters["r1"].model_copy(update={"bounds": (5.0e-3, 5.9e-3)})
+    scene = model.scene.model_copy(update={"parameters": model.scene.parameters | {"r1": narrow}})
+    other = ReducedModel(scene, model.rom)
+    found = fit(other, measured(of_full, 5), ["r1"], {}, MPI.COMM_SELF)
+    assert of(found)["r1"].estimate == pytest.approx(5.9e-3, rel=1e-5)
+    assert any("r1 ends at the upper limit of its search" in remark.text for remark in found.record.remarks)
+
+
+def test_noise_that_is_exceeded_is_said(model, of_full) -> None:
+    found = fit(model, measured(of_full, 5), ["r1", "c"], {"angle": 1e-4, "bend": 2e-6}, MPI.COMM_SELF)
+    assert any("what is left of angle, 0.00" in remark.text for remark in found.record.remarks)
+
+
+def test_a_fit_that_does_not_converge_says_so(model, of_full, monkeypatch) -> None:
+    import scipy.optimize
+
+    whole = scipy.optimize.least_squares
+    monkeypatch.setattr(scipy.optimize, "least_squares", lambda *a, **k: whole(*a, **k, max_nfev=1))
+    found = fit(model, measured(of_full, 5), ["r1", "c"], {}, MPI.COMM_SELF)
+    assert not found.converged
+    assert any("the fit did not converge" in remark.text for remark in found.record.remarks)
+
+
+def test_a_file_gives_back_what_it_was_given(model, of_full, tmp_path) -> None:
+    found = fit(model, measured(of_full, 5), ["r1", "c"], {"bend": 2e-6}, MPI.COMM_SELF)
+    found.write(tmp_path / "fit.h5")
+    again = Fit.read(tmp_path / "fit.h5")
+    assert again.parameters == found.parameters and again.n_runs == found.n_runs
+    np.testing.assert_array_equal(again.correlation, found.correlation)
+    for name, output in found.outputs.items():
+        for what in ("measured", "fitted", "begun"):
+            np.testing.assert_array_equal(getattr(again.outputs[name], what), getattr(output, what))
+        assert again.outputs[name].noise_given == (name == "bend")
+
+
+def test_uncertainty_is_that_of_linear_regression() -> None:
+    random = np.random.default_rng(2)
+    jacobian, scale = random.normal(size=(40, 3)) * [1.0, 1e6, 1e-3], np.array([1.0, 1e-6, 1e3])
+    errors, correlation, blind = uncertainty(jacobian, scale)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(covariance)), rtol=1e-9)
+    np.testing.assert_allclose(correlation, covariance / np.outer(errors, errors), atol=1e-9)
+    assert not blind.any()
+
+
+def test_parameters_that_only_act_together_are_not_identifiable() -> None:
+    column = np.random.default_rng(2).normal(size=40)
+    jacobian = np.stack([column, 2.0 * column, np.arange(40.0)], axis=1)
+    errors, _, blind = uncertainty(jacobian, np.ones(3))
+    assert blind.tolist() == [True, True, False] and np.isinf(errors[:2]).all() and np.isfinite(errors[2])
+
+
+def test_parameters_that_are_hardly_told_apart_are_named(model, of_full) -> None:
+    """Mass and torque of a motion without deformation act as their quotient."""
+    scene = slider_crank(
+        *MODES, *SCENE, "parameters.push={nominal=1.0,bounds=[0.5,2.0]}", "parameters.rho={nominal=7800.0}",
+        'effects.motor.scale="push"', 'materials.steel.rho="rho"',
+    )  # fmt: skip
+    other = replace(measured(of_full, 5, "angle"))
+    found = fit(reduced_model(scene), other, ["push", "rho"], {}, MPI.COMM_SELF)
+    assert any("rho and push are hardly told apart" in remark.text for remark in found.record.remarks)

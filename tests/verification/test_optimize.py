@@ -1,0 +1,135 @@
+"""Designs against closed forms: the sag of a cantilever, and a spring that a torque winds up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from runs import reduced_model
+from scenes import PENDULUM, STEEL, slider_crank
+
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.design import Design
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.goals import read_constraint, read_goal
+from pgmp_petsc.studies.optimization import Question, designed_parameters, optimize
+
+G, LENGTH, N_CELLS = 9.81, 1.0, 20
+SAG = 4e-3
+# held at its hinge, the pendulum is a cantilever; of circles of radius r its tip sags by rho g L^4 / (2 E r^2)
+CANTILEVER = (
+    PENDULUM.replace('"0.0:1.0:10"', f'"0.0:1.0:{N_CELLS}"').replace("radius = 2e-4", 'radius = "r"').replace(
+        "modes = 2\nangles = 6", 'modes = 3\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
+    )
+    + "[parameters.r]\nnominal = 5e-3\nbounds = [2e-3, 20e-3]\n"
+    + '[effects.weight]\ntype = "gravity"\n[initial]\nequilibrium = true\n'
+    + '[outputs.sag]\ntype = "deformation"\npoint = "arm:tip"\naxis = "y"\n'
+    + "[simulation]\nduration = 2e-3\nstep = 1e-3\n"
+)  # fmt: skip
+STIFFNESS, LEAST = 40.0, 0.05
+# a torque of `push` times an uncertain factor winds up a spring in the hinge: angle = push factor / k
+WOUND = (
+    PENDULUM.replace("radius = 2e-4", "radius = 2e-2").replace(
+        "modes = 2\nangles = 6", 'modes = 2\nangles = 16\nstatic_modes = true\ninterpolation = "spline"'
+    )
+    + '[parameters.push]\nnominal = 1.0\nbounds = [0.1, 20.0]\n'
+    + 'distribution = { name = "norm", loc = 1.0, scale = 0.1 }\n'
+    + f'[effects.spring]\ntype = "spring_damper"\njoint = "hinge"\nstiffness = {STIFFNESS}\n'
+    + '[effects.motor]\ntype = "torque"\njoint = "hinge"\ntable = [[0.0, 1.0], [1.0, 1.0]]\nscale = "push"\n'
+    + '[initial]\nequilibrium = true\ncoordinates = "free"\n'
+    + '[outputs.angle]\ntype = "angle"\njoint = "hinge"\n[simulation]\nduration = 2e-3\nstep = 1e-3\n'
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cantilever() -> ReducedModel:
+    return reduced_model(scene_from_toml(CANTILEVER, "."))
+
+
+@pytest.fixture(scope="module")
+def wound() -> ReducedModel:
+    return reduced_model(scene_from_toml(WOUND, "."))
+
+
+def design_of(model: ReducedModel, goal: str, *constraints: str, **robust: float) -> Design:
+    known = model.outputs.functions, model.scene.parameters
+    read = tuple(read_constraint(text, *known) for text in constraints)
+    names = designed_parameters(model.scene, ())
+    return optimize(model, Question(read_goal(goal, *known), read, names, **robust), MPI.COMM_SELF)
+
+
+def test_the_thinnest_cantilever_that_sags_by_no_more(cantilever: ReducedModel) -> None:
+    found = design_of(cantilever, "minimise r", f"start(sag) >= -{SAG}")
+    expected = np.sqrt(STEEL["rho"] * G * LENGTH**4 / (2.0 * STEEL["E"] * SAG))
+    # the mesh leaves 1 / n^2 or so of the sag, and half of it of the radius
+    assert found.parameters[0].value == pytest.approx(expected, rel=0.5 / N_CELLS**2 + 1e-3)
+    assert found.converged and found.constraints[0].active
+    # the model's own optimum: the sag is exactly what is allowed
+    assert -found.designed["sag"][0] == pytest.approx(SAG, rel=1e-6)
+
+
+def test_a_goal_at_its_limit_ends_there(cantilever: ReducedModel) -> None:
+    """A thicker bar sags less: the least sag is at the largest radius."""
+    found = design_of(cantilever, "minimise max(abs(sag))")
+    assert found.parameters[0].value == pytest.approx(20e-3, rel=1e-6)
+    assert any("r ends at the upper limit" in remark.text for remark in found.record.remarks)
+
+
+def test_what_cannot_be_met_is_said(wound: ReducedModel) -> None:
+    found = design_of(wound, "minimise push", "start(angle) >= 2")
+    assert not found.converged
+    assert any("is missed by" in remark.text and remark.kind == "warning" for remark in found.record.remarks)
+
+
+def test_a_robust_design_keeps_its_distance(wound: ReducedModel) -> None:
+    """The angle is linear in the torque: ``(push mean - K std) / k = least`` with the drawn samples' own moments."""
+    found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}", deviations=3.0, n_samples=12, seed=4)
+    offsets = draw(wound.scene, 4, 0, 12)["push"] - 1.0
+    expected = LEAST * STIFFNESS - offsets.mean() + 3.0 * offsets.std(ddof=1)
+    # the angle of the node, which the modes turn a little
+    assert found.parameters[0].value == pytest.approx(expected, rel=1e-4)
+    nominal = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
+    assert nominal.parameters[0].value == pytest.approx(LEAST * STIFFNESS, rel=1e-4)
+    assert found.n_samples == 12 and nominal.n_samples == 1
+
+
+def test_more_of_a_figure_is_wanted(wound: ReducedModel) -> None:
+    """``angle (10 - push)`` is largest at 5."""
+    found = design_of(wound, "maximise start(angle) * (10 - push)")
+    assert found.parameters[0].value == pytest.approx(5.0, rel=1e-4)
+    assert found.goal_value > found.goal_start and found.goals[-1] <= found.goals.max()
+
+
+def test_samples_keep_within_the_bounds(wound: ReducedModel) -> None:
+    found = design_of(wound, "minimise push", deviations=0.0, n_samples=8, seed=4)
+    offsets = draw(wound.scene, 4, 0, 8)["push"] - 1.0
+    assert found.parameters[0].lower == pytest.approx(0.1 - offsets.min(), rel=1e-12)
+    assert found.parameters[0].value == found.parameters[0].lower
+
+
+def test_limits_without_room_for_samples_are_refused(cantilever: ReducedModel) -> None:
+    law = {"distribution": {"name": "uniform", "loc": -20e-3, "scale": 40e-3}}
+    wide = type(cantilever.scene.parameters["r"])(nominal=5e-3, **law)
+    scene = cantilever.scene.model_copy(update={"parameters": {"r": wide}})
+    with pytest.raises(InputError, match="parameters.r: its samples vary .* which leaves no room"):
+        design_of(ReducedModel(scene, cantilever.rom), "minimise r", deviations=3.0, n_samples=64, seed=4)
+
+
+def test_nothing_to_design_is_refused() -> None:
+    scene = slider_crank("simulation.duration=0.01", 'outputs.angle={type="angle",joint="crank_hinge"}')
+    with pytest.raises(InputError, match="parameters: none has bounds or a distribution"):
+        designed_parameters(scene, ())
+    with pytest.raises(InputError, match="--parameter r2: there is no such parameter; known: r1"):
+        designed_parameters(scene, ("r2",))
+
+
+def test_a_file_gives_back_what_it_was_given(wound: ReducedModel, tmp_path) -> None:
+    found = design_of(wound, "minimise push", f"start(angle) >= {LEAST}")
+    found.write(tmp_path / "design.h5")
+    again = Design.read(tmp_path / "design.h5")
+    assert (again.parameters, again.constraints, again.goal) == (found.parameters, found.constraints, found.goal)
+    assert again.deviations is None and again.converged
+    np.testing.assert_array_equal(again.tried, found.tried)
+    np.testing.assert_array_equal(again.designed["angle"], found.designed["angle"])
