@@ -35,6 +35,7 @@ INTERRUPTED = 130
 GRACE_SECONDS = 20.0
 
 COMMANDS = {
+    "new": LazyCommand("pgmp_petsc.cli.new:new", "Write a commented scene that runs, to begin with.", False),
     "check": LazyCommand("pgmp_petsc.cli.check:check", "Validate a scene and say what is in it."),
     "build": LazyCommand("pgmp_petsc.cli.build:build", "Build the reduced model of a scene (offline)."),
     "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
