@@ -46,6 +46,7 @@ COMMANDS = {
         "pgmp_petsc.cli.tradeoff:tradeoff", "What accuracy costs in time, and which setting to take."
     ),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
+    "report": LazyCommand("pgmp_petsc.cli.page:report", "Write results as one page that needs no network.", False),
     "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
 }
