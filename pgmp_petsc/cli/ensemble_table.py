@@ -16,6 +16,7 @@ from pgmp_petsc.results.numbers import percent as _percent
 from pgmp_petsc.results.statistics import Statistics
 from pgmp_petsc.runtime.remarks import Remark
 
+
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
     """Return what is known of the outputs and parameters, what is not, and the estimated errors."""
     lines = [f"{path}: {ensemble.model} model, {len(ensemble.status)} samples", *lines_of(ensemble)]

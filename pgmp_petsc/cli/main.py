@@ -36,6 +36,7 @@ GRACE_SECONDS = 20.0
 
 COMMANDS = {
     "new": LazyCommand("pgmp_petsc.cli.new:new", "Write a commented scene that runs, to begin with.", False),
+    "run": LazyCommand("pgmp_petsc.cli.run:run", "Everything from the check of a scene to a report."),
     "check": LazyCommand("pgmp_petsc.cli.check:check", "Validate a scene and say what is in it."),
     "build": LazyCommand("pgmp_petsc.cli.build:build", "Build the reduced model of a scene (offline)."),
     "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),

@@ -22,10 +22,13 @@ class Session:
         All ranks of the run.
     petsc_options : sequence of str
         What stood after ``--`` on the command line.
+    quiet : bool
+        Whether `cli.report.say` prints nothing.
     """
 
     comm: MPI.Comm
     petsc_options: Sequence[str] = ()
+    quiet: bool = False
     petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:

@@ -122,7 +122,13 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             place = int(np.nanargmax(values))
             unit = result.units.get(name, "1")
             largest = Datum(known.max(), f"{known.max():.2g}", source.name, f"/errors/{name}", str(place))
-            size = ["median ", Datum(float(np.median(known)), f"{np.median(known):.2g}"), ", largest ", largest, f" {unit}"]
+            size = [
+                "median ",
+                Datum(float(np.median(known)), f"{np.median(known):.2g}"),
+                ", largest ",
+                largest,
+                f" {unit}",
+            ]
             yield Line(f"model, in samples: {name}", size, f"estimated for {known.size} of {len(values)} samples")
 
 
@@ -138,7 +144,9 @@ def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
             continue
         last = tried[-1]
         allowed = f", allowed {share_text(limit)}" if np.isfinite(limit) else ""
-        yield Line(words, [Datum(last.largest, share_text(last.largest))], f"measured at the build{allowed}: {last.where}")
+        yield Line(
+            words, [Datum(last.largest, share_text(last.largest))], f"measured at the build{allowed}: {last.where}"
+        )
 
 
 def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
@@ -198,7 +206,10 @@ def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
         for name, value in result.validity.items():
             if np.isfinite(value):
                 unit, about = VALIDITY[name]
-                size = [Datum(value, f"{value:.2g}", source.name, f"/validity/{name}"), "" if unit == "1" else f" {unit}"]
+                size = [
+                    Datum(value, f"{value:.2g}", source.name, f"/validity/{name}"),
+                    "" if unit == "1" else f" {unit}",
+                ]
                 limit = limits[name]
                 beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
                 yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")

@@ -80,7 +80,12 @@ def chart(
     figure = _drawn(draw, height)
     stream = io.StringIO()
     with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
-        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
+        figure.savefig(
+            stream,
+            format="svg",
+            transparent=True,
+            metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
+        )
     axis = ()
     if over_time:
         axes = figure.axes[0]
@@ -118,7 +123,9 @@ def output_over_time(
             axes.plot(band.time, factor * band.mean, color=COLOURS[model], linestyle=":", label="mean of the samples")
         for number, curve in enumerate(curves):
             dashed = number > 0
-            colour = COLOURS[curve.model] if number < 3 and _first_of(curves, number) else PALETTE[number % len(PALETTE)]
+            colour = (
+                COLOURS[curve.model] if number < 3 and _first_of(curves, number) else PALETTE[number % len(PALETTE)]
+            )
             style = (0, (4, 2.5)) if dashed else "-"
             axes.plot(
                 curve.time, factor * curve.values, color=colour, linestyle=style, linewidth=1.3, label=curve.label
@@ -181,13 +188,22 @@ def ranking(name: str, found: Sensitivity) -> Chart:
 
     def draw(axes: Axes) -> None:
         places = np.arange(order.size)
-        kinds = [(found.first, found.first_interval, PALETTE[0], "first: by itself", 0.0 if found.total is None else 0.19)]
+        kinds = [
+            (found.first, found.first_interval, PALETTE[0], "first: by itself", 0.0 if found.total is None else 0.19)
+        ]
         if found.total is not None:
             kinds.append((found.total, found.total_interval, PALETTE[4], "total: with all others", -0.19))
         for values, ends, colour, label, shift in kinds:
             errors = np.abs(ends.T - values)[:, order]
             axes.barh(
-                places + shift, values[order], 0.36, xerr=errors, color=colour, ecolor="#333333", capsize=2.0, label=label
+                places + shift,
+                values[order],
+                0.36,
+                xerr=errors,
+                color=colour,
+                ecolor="#333333",
+                capsize=2.0,
+                label=label,
             )
         axes.set_yticks(places, [found.parameters[k].replace("_", " ") for k in order])
         axes.grid(axis="y", visible=False)
@@ -249,8 +265,8 @@ def _keys(axes: Axes) -> None:
         widest = max(map(len, labels))
         columns = max(1, min(len(handles), int(58 / (widest + 8))))
         axes.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.0, handlelength=1.6,
-            columnspacing=1.2, borderaxespad=0.1, labelspacing=0.25,
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.0,
+            handlelength=1.6, columnspacing=1.2, borderaxespad=0.1, labelspacing=0.25,
         )  # fmt: skip
 
 

@@ -81,7 +81,7 @@ def film_of(run: Trajectory) -> Film | None:
     bodies, first, largest = [], [], 0.0
     for number, (body, cells) in enumerate(frames.cells.items()):
         at = placed(shapes.positions[body][chosen])
-        extra = (placed(twice[body][chosen]) - at)
+        extra = placed(twice[body][chosen]) - at
         reach = float(np.abs(extra).max(initial=0.0))
         largest = max(largest, reach)
         step = reach / SIZE

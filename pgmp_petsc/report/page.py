@@ -1,7 +1,7 @@
 """The page: one HTML file that needs no network, with a section a scene.
 
-Figures that stand in a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles, script,
-pictures and data are within the page, and its content policy lets it load nothing else.
+Figures that stand in a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
+script, pictures and data are within the page, and its content policy lets it load nothing else.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def write_report(files: Sequence[Path], output: Path) -> list[str]:
     bare = [sources[0] for sources in scenes if all(hasattr(source.result, "selection") for source in sources)]
     if bare:
         raise InputError(
-            f"file '{bare[0].path}' holds a reduced model, and no results of its scene are here: add a trajectory or an "
-            "ensemble of it"
+            f"file '{bare[0].path}' holds a reduced model, and no results of its scene are here: add a trajectory or "
+            "an ensemble of it"
         )
     text = page_of(scenes, lines)
     with replacing(output, "report") as partial:

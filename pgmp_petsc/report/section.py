@@ -199,7 +199,9 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
 def _ranked(source: Source) -> str:
     found = next(iter(source.result.sobol.values()))
     total = "" if found.total is not None else "; total indices need the sampler saltelli"
-    return f"{source.name}: Sobol indices, {100 * found.confidence:g} % intervals, from {found.count} of {found.method}{total}"
+    what = "blocks of samples" if found.method == "saltelli" else "samples"
+    level = f"{100 * found.confidence:g} % intervals"
+    return f"{source.name}: Sobol indices from {found.count} {what}, {level}{total}"
 
 
 def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
@@ -233,7 +235,15 @@ def _failures(source: Source) -> Table:
     rows = []
     for k in failed[:MOST_FAILED]:
         values = [
-            [Datum(ensemble.parameters[n][k], f"{ensemble.parameters[n][k]:.5g}", source.name, f"/parameters/{n}", str(k))]
+            [
+                Datum(
+                    ensemble.parameters[n][k],
+                    f"{ensemble.parameters[n][k]:.5g}",
+                    source.name,
+                    f"/parameters/{n}",
+                    str(k),
+                )
+            ]
             for n in names
         ]
         time = Datum(ensemble.failure_time[k], f"{ensemble.failure_time[k]:.4g}", source.name, "/failure_time", str(k))

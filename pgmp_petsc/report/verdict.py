@@ -57,9 +57,7 @@ def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
         figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
         low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
         spread = percent(float(s.probabilities[high] - s.probabilities[low]))
-        ends = [
-            place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)
-        ]
+        ends = [place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)]
         yield [
             f"{ahead}{in_words(name)} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
             ends[0], " and ", ends[1], f"{unit}.",
@@ -84,7 +82,11 @@ def _of_error(error: ModelError | None, sources: Sequence[Source]) -> Iterator[S
     models = {source.result.model for source in sources}
     if error is not None and error.worst is not None:
         of = in_words(error.worst)
-        yield ["Model error ", error.datums[error.worst], f" of the largest {of}, the worst of the outputs; {error.how}."]
+        yield [
+            "Model error ",
+            error.datums[error.worst],
+            f" of the largest {of}, the worst of the outputs; {error.how}.",
+        ]
     elif "reduced" in models:
         yield ["Model error: not known; the error budget says why."]
     elif models == {"full"}:

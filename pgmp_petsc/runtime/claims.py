@@ -99,7 +99,8 @@ def check_output(
     output
         The file to be written.
     kind
-        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``scaling``, ``beams``).
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``scaling``,
+        ``beams``).
     inputs
         Files that are read for it.
 
