@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgmp_petsc.figures.style import MODELS, scene_of
+from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
 from pgmp_petsc.figures.trajectories import Comparison
 from pgmp_petsc.report.datum import Datum, Sentence, share_text
 from pgmp_petsc.report.sources import Build, Source
 from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
 from pgmp_petsc.results.errors import VALIDITY, limits_of
+from pgmp_petsc.results.numbers import percent
 
 PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
 
@@ -120,15 +121,11 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
             if not known.size:
                 continue
             place = int(np.nanargmax(values))
-            unit = result.units.get(name, "1")
-            largest = Datum(known.max(), f"{known.max():.2g}", source.name, f"/errors/{name}", str(place))
-            size = [
-                "median ",
-                Datum(float(np.median(known)), f"{np.median(known):.2g}"),
-                ", largest ",
-                largest,
-                f" {unit}",
-            ]
+            factor, unit = axis_unit(result.units.get(name, "1"), known)
+            median = float(np.median(known))
+            largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
+            size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
+            size.append("" if unit == "1" else f" {unit}")
             yield Line(f"model, in samples: {name}", size, f"estimated for {known.size} of {len(values)} samples")
 
 
@@ -170,18 +167,18 @@ def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
         result = source.result
         if not isinstance(result, Ensemble):
             continue
-        level = next((f"{100 * s.confidence:g} %" for s in result.statistics.values()), "")
         for label, chance in result.probabilities.items():
             half = 0.5 * float(chance.interval[1] - chance.interval[0])
             size = [Datum(half, f"± {100 * half:.2g} percentage points")] if np.isfinite(half) else []
-            yield Line(f"sampling: P({label})", size, f"{level} interval of {chance.n} samples")
+            yield Line(f"sampling: P({label})", size, f"{percent(chance.confidence)} interval of {chance.n} samples")
         for name in result.outputs:
             s = result.statistics.get(name)
             if s is not None and np.isfinite(s.mean_interval).all():
                 half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
-                unit = result.units.get(name, "1")
-                size = [Datum(half, f"± {half:.2g}"), f" {unit}" if unit != "1" else ""]
-                yield Line(f"sampling: mean of {name}", size, f"{level} interval of {s.count} samples")
+                factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
+                size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]
+                how = f"{percent(s.confidence)} interval of {s.count} samples"
+                yield Line(f"sampling: mean of {name}", size, how)
 
 
 def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:

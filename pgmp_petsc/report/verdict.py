@@ -25,9 +25,9 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     if not sentences:
         for source in runs[:1]:
             sentences += _of_run(source)
-    for source in sources:
-        if isinstance(source.result, Tradeoff):
-            sentences += [[line] for line in source.result.advice[:1]]
+    if not sentences:
+        studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
+        sentences += [[line] for study in studies for line in study.advice[:1]]
     sentences += _of_error(error, runs or ensembles)
     sentences += _of_failures(ensembles, runs)
     return sentences
