@@ -9,6 +9,7 @@ import click
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import say, say_remarks
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.components.trial import try_largest
@@ -22,6 +23,7 @@ from pgmp_petsc.studies.assembly import assembly_of
 from pgmp_petsc.studies.check import describe_scene, describe_trial
 from pgmp_petsc.studies.effect_sizes import estimate_effects
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.scene_summary import summary_of_scene
 
 
 @click.command()
@@ -40,6 +42,7 @@ from pgmp_petsc.studies.inputs import read_scene
     type=click.Path(path_type=Path),
     help="Also draw the assembled mechanism with the names of bodies, joints and points.",
 )
+@output_form
 @click.option("--strict", is_flag=True, help="End with status 2 if there are warnings.")
 @scene_options
 @click.pass_context
@@ -70,13 +73,18 @@ def check(
     say_remarks(context, loaded)
     if picture is not None:
         say(context, f"  picture       {on_root(comm, draw_assembly, loaded, meshes, picture)}")
+    figures = on_root(comm, summary_of_scene, loaded, meshes) if context.obj.json else {}
     if trial:
         found = try_largest(loaded, meshes, comm)
+        figures["trial"] = found
         say(context, "  trial         no continuum bodies: nothing to try" if found is None else describe_trial(found))
     if sizes:
         with RankGroup.split(comm, 1) as group:
             shapes = condensed(loaded, meshes, group, large=True)
-        say(context, on_root(comm, lambda: "\n".join(estimate_effects(loaded, meshes, shapes=shapes).lines())))
+        estimated = on_root(comm, lambda: estimate_effects(loaded, meshes, shapes=shapes))
+        say(context, "\n".join(estimated.lines()))
+        figures["sizes_of_effects"] = estimated
+    say_figures(context, figures)
     if strict and loaded.remarks:
         n = len(loaded.remarks)
         raise InputError(f"{scene}: {n} warning{'s' if n > 1 else ''}, see above, and --strict takes none")

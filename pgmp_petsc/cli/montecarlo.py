@@ -11,12 +11,14 @@ import numpy as np
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
 from pgmp_petsc.results.shard import KIND, ShardSamples
+from pgmp_petsc.results.summary import origin_of, summary_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
@@ -54,6 +56,7 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     "--shard", metavar="I/K", help="Integrate part I of K parts alone; pgmp merge joins their files to the whole."
 )
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
+@output_form
 @scene_options
 @click.pass_context
 def montecarlo(
@@ -116,6 +119,7 @@ def montecarlo(
         failed = int(np.sum(result.status != 0))
         is_part = isinstance(result, ShardSamples)
         say(context, _report_shard(result, plan, failed) if is_part else report(result, output, loaded.remarks))
+        say_figures(context, {"file": output, **(_figures_of_shard(result, plan) if is_part else summary_of(result))})
         remove_checkpoint(plan)
     if comm.bcast(failed):
         context.exit(1)
@@ -139,6 +143,13 @@ def _report_shard(shard: ShardSamples, plan: Plan, failed: int) -> str:
     lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in shard.record.timings.items()]
     return "\n".join(lines)
+
+
+def _figures_of_shard(shard: ShardSamples, plan: Plan) -> dict[str, object]:
+    """Return which samples are there."""
+    first, last = plan.samples
+    place = {"shard": str(plan.shard), "first": first, "last": last - 1, "of": shard.place.n_samples}
+    return {"kind": KIND, "model": shard.model, **place, **origin_of(shard.record)}
 
 
 def _one_source(n_samples: int | None, sampler: str | None, table: Path | None) -> None:

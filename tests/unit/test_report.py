@@ -1,4 +1,4 @@
-"""The page of results: its figures are those of the files, it needs nothing from outside, and it says what is not known."""
+"""The page of results: its figures are those of the files, nothing comes from outside, and what is not known is said."""
 
 from __future__ import annotations
 
@@ -246,7 +246,9 @@ def test_a_build_with_a_tolerance_tells_the_parts_of_the_error(folder: Path) -> 
 def test_a_reduced_model_alone_is_no_report(folder: Path) -> None:
     with write_file(folder / "alone.h5", "rom") as file:
         synthetic.record().write(file)
-    with pytest.raises(InputError, match="holds a reduced model, and no results of its scene are here: add a trajectory"):
+    with pytest.raises(
+        InputError, match="holds a reduced model, and no results of its scene are here: add a trajectory"
+    ):
         write_report([folder / "alone.h5"], folder / "alone.html")
     assert not (folder / "alone.html").exists()
 
@@ -273,7 +275,9 @@ def test_the_film_has_the_shapes_of_the_run() -> None:
         at = np.array(entry["at"]).reshape(20, -1, 2)
         spread = np.ptp(positions[..., 0]) if body == "rod" else unit
         unit = np.ptp(at[..., 0]) / spread if body == "rod" else None
-        scale = np.linalg.norm(at[:, -1] - at[:, 0], axis=1) / np.linalg.norm(positions[:, -1] - positions[:, 0], axis=1)
+        scale = np.linalg.norm(at[:, -1] - at[:, 0], axis=1) / np.linalg.norm(
+            positions[:, -1] - positions[:, 0], axis=1
+        )
         # whole numbers are off by half a unit at each end
         assert np.ptp(scale) < 4.0 / np.linalg.norm(positions[:, -1] - positions[:, 0], axis=1).min()
         across = np.array(entry["extra"]).reshape(20, -1, 2) * entry["step"]
