@@ -193,7 +193,7 @@ class Job:
         try:
             better = self._better()
         except InputError as error:
-            self._say("compare", f"left out: {error}")
+            self._say("compare", f"left out: {str(error).removeprefix('compare: ')}")
             return
         if better is None:
             return
@@ -215,7 +215,7 @@ class Job:
     def _better(self) -> Reference | None:
         """Return the model to compare with; None, after saying why, where the mesh is too dear for component runs."""
         comm, demand = self.context.obj.comm, Demand(
-            "compare", self.n_steps, "one run", "or shorten simulation.duration", self.scene.reduction.modes
+            "compare", self.n_steps, "all runs", "or shorten simulation.duration", self.scene.reduction.modes
         )  # fmt: skip
         if self.model == "reduced":
             return choose_reference(self.scene, self.meshes, self.kinematics, demand, comm)
@@ -278,18 +278,19 @@ class Job:
         key = self._key(name, known)
         resume = not self.force and on_root(comm, self.steps.was_begun, name, key)
         on_root(comm, self.steps.begin, name, key)
+        failure = ""
         try:
             make(target, resume)
         except RunError as error:
             # a run that stopped early has its file, which the report shows
             if not on_root(comm, self._is_written, target):
                 raise
-            self.failures.append(str(error))
+            failure = str(error)
         except click.exceptions.Exit as end:
             if end.exit_code != 1:
                 raise
-            self.failures.append(f"some samples failed; {target} says which")
-        on_root(comm, self.steps.finish, name, key)
+            failure = f"some samples failed; {target} says which"
+        on_root(comm, self.steps.finish, name, key, failure)
         self._take(title, name, headline, again=False)
 
     def _key(self, name: str, known: tuple) -> str:
@@ -304,6 +305,8 @@ class Job:
         """Keep a file for the report, and say in a line what is in it."""
         target = self._of(name)
         self.files.append(target)
+        failure = on_root(self.context.obj.comm, self.steps.failure, name)
+        self.failures += [failure] if failure else []
         ahead = " (finished before; --force does it again)" if again else ""
         self._say(title, f"{on_root(self.context.obj.comm, headline, target)} -> {target}{ahead}")
 

@@ -14,14 +14,15 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from pgmp_petsc.figures.bands import COLOURS, pairs_of
 from pgmp_petsc.figures.style import PALETTE, PLAIN, QUIET, axis_label, axis_unit, new_figure, span, styled
 from pgmp_petsc.report.datum import in_words
 from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
 
-WIDTH, HEIGHT = 4.9, 2.7  # inches: on a phone type is then as large as in the text
+WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
+ROW = 58  # characters that keys above a picture may take in a row
 FAILED = "#A32A00"
 LEVEL = "#A32A00"
 _SVG = {"svg.fonttype": "none", "axes.titlesize": 9.5, "figure.facecolor": "none"}
@@ -106,13 +107,36 @@ def _element(text: str, title: str) -> str:
     return f'<svg class="chart" role="img" aria-label="{label}" {box}>{rest.strip()}'
 
 
+@dataclass(frozen=True)
+class Level:
+    """The level of an event: its label, the value (the output's unit), whether above it, and ``end`` or ``ever``."""
+
+    label: str
+    value: float
+    above: bool
+    when: str
+
+
+def _seen(event: Level | None, factor: float, unit: str, *arrays: np.ndarray) -> tuple[float | None, str]:
+    """Return the level where it is within the picture, or as far beyond as the data reach; else what to say."""
+    if event is None:
+        return None, ""
+    low, high = min(np.nanmin(values) for values in arrays), max(np.nanmax(values) for values in arrays)
+    room = high - low
+    if low - room <= event.value <= high + room:
+        return event.value, ""
+    shown = "" if unit in ("", "1") else f" {unit}"
+    return None, f"The level of {event.label}, {factor * event.value:.4g}{shown}, is far beyond this picture."
+
+
 def output_over_time(
-    name: str, unit: str, curves: Sequence[Curve], band: Band | None, model: str, level: tuple[str, float] | None
+    name: str, unit: str, curves: Sequence[Curve], band: Band | None, model: str, event: Level | None
 ) -> Chart:
     """Return an output over time: runs as lines, an ensemble as areas between quantiles and its mean."""
     arrays = [curve.values for curve in curves]
     arrays += [] if band is None else [band.quantiles, band.mean]
     factor, shown = axis_unit(unit, *arrays)
+    level, beyond = _seen(event, factor, shown, *arrays)
 
     def draw(axes: Axes) -> None:
         if band is not None:
@@ -131,18 +155,18 @@ def output_over_time(
                 curve.time, factor * curve.values, color=colour, linestyle=style, linewidth=1.3, label=curve.label
             )
         if level is not None:
-            axes.axhline(factor * level[1], color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=level[0])
+            axes.axhline(factor * level, color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=event.label)
         axes.set_ylabel(axis_label(name, shown))
         axes.set_xlabel("time (s)")
         _ends(axes, [*(curve.time for curve in curves), *([] if band is None else [band.time])])
         if len(axes.get_legend_handles_labels()[0]) > 1:
             _keys(axes)
 
-    caption = ""
+    caption = beyond
     if band is not None:
         pairs, _ = pairs_of(band.probabilities)
         ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
-        caption = f"Areas: {ends} of {band.count} samples."
+        caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
     return chart(draw, in_words(name), caption, over_time=True, output=name)
 
 
@@ -151,10 +175,11 @@ def _first_of(curves: Sequence[Curve], number: int) -> bool:
 
 
 def distribution(
-    name: str, unit: str, s: Statistics, model: str, level: float | None, failed: np.ndarray, of_input: bool
+    name: str, unit: str, s: Statistics, model: str, event: Level | None, failed: np.ndarray, of_input: bool
 ) -> Chart:
     """Return the density of a quantity with its mean, and where the samples lie that failed."""
     factor, shown = axis_unit(unit, s.edges)
+    level, beyond = _seen(event, factor, shown, s.edges)
 
     def draw(axes: Axes) -> None:
         edges = factor * s.edges
@@ -164,7 +189,7 @@ def distribution(
         if np.isfinite(s.mean):
             axes.axvline(factor * s.mean, color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
         if level is not None:
-            axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label="level of an event")
+            axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label=event.label)
         if failed.size:
             places = np.full(failed.size, 0.04)
             axes.plot(
@@ -179,7 +204,7 @@ def distribution(
         axes.set_xlabel(axis_label(name.replace(".", ", "), shown))
         _keys(axes)
 
-    return chart(draw, in_words(name), height=2.3)
+    return chart(draw, in_words(name), beyond, height=2.2)
 
 
 def ranking(name: str, found: Sensitivity) -> Chart:
@@ -249,6 +274,9 @@ def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
                 axes.loglog(1e3 * times[chosen], 100 * errors[chosen], "o", color=colour, markersize=4, label=label)
         axes.set_xlabel("time of a sample (ms)")
         axes.set_ylabel("largest error (%)")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(PLAIN)
+            axis.set_minor_formatter(NullFormatter())
         _keys(axes)
 
     return chart(draw, in_words(output))
@@ -262,19 +290,20 @@ def _keys(axes: Axes) -> None:
     """Put the keys above the axes, where they hide nothing."""
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        widest = max(map(len, labels))
-        columns = max(1, min(len(handles), int(58 / (widest + 8))))
+        needed = [len(label) + 6 for label in labels]
+        columns = len(labels) if sum(needed) <= ROW else max(1, min(len(labels), ROW // max(needed)))
         axes.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.0,
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.5,
             handlelength=1.6, columnspacing=1.2, borderaxespad=0.1, labelspacing=0.25,
         )  # fmt: skip
 
 
-def levels_of(events: Mapping[str, Mapping[str, object]]) -> dict[str, tuple[str, float, str]]:
-    """Return the level of the first event of each output: label, level and when, by the output's name."""
-    found: dict[str, tuple[str, float, str]] = {}
+def levels_of(events: Mapping[str, Mapping[str, object]]) -> dict[str, Level]:
+    """Return the level of the first event of each output, by the output's name."""
+    found: dict[str, Level] = {}
     for label, event in events.items():
-        level = event.get("above", event.get("below"))
-        if isinstance(level, (int, float)):
-            found.setdefault(str(event.get("output")), (label.replace("_", " "), float(level), str(event.get("when"))))
+        value = event.get("above", event.get("below"))
+        if isinstance(value, (int, float)):
+            level = Level(label.replace("_", " "), float(value), "above" in event, str(event.get("when")))
+            found.setdefault(str(event.get("output")), level)
     return found

@@ -20,6 +20,7 @@ MOST_FRAMES = 241
 # What is left of 16 MB for shapes on a page: more nodes mean fewer frames.
 MOST_NUMBERS = 1_500_000
 TALLEST, FLATTEST = 1.1, 0.28  # of the picture over its width
+FOOT = 600  # below the mechanism, for the bar of the scale
 # An enlarged deformation may reach this share of the mechanism's size.
 LARGEST_SHOWN = 0.3
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
@@ -105,7 +106,7 @@ def film_of(run: Trajectory) -> Film | None:
         for body, node in _moving(shapes, high - low)
     ]
     ground = [tuple(placed(point).round().astype(int).tolist()) for point in still]
-    return Film(SIZE, height, first, paths, ground, _scale(unit), data, note)
+    return Film(SIZE, height + FOOT, first, paths, ground, _scale(unit), data, note)
 
 
 def _whole(points: np.ndarray) -> list[list[int]]:

@@ -56,7 +56,8 @@ def headline_of_ensemble(path: Path) -> str:
     parts = [f"{len(ensemble.status)} samples, {failed} failed"]
     for chance in list(ensemble.probabilities.values())[:1]:
         ends = 100.0 * chance.interval
-        parts.append(f"P({chance.event}) = {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}")
+        known = f"= {number_text(100 * chance.estimate, ends, 6)} % {interval_text(ends)}"
+        parts.append(f"P({chance.event}) {'is not known' if np.isnan(chance.estimate) else known}")
     if not ensemble.probabilities:
         for name in list(ensemble.outputs)[-1:]:
             s = ensemble.statistics[name]

@@ -24,6 +24,7 @@ from pgmp_petsc.runtime.files import KINDS
 
 MOST_CURVES = 7
 MOST_FAILED = 20
+SAME = 1e-12  # share of a quantity within which its samples count as equal: some digits above round-off
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         energies=[charts.energies(s.result, s.result.balance) for s in runs[:1] if s.result.balance is not None],
         tradeoffs=[_tradeoff(source) for source in studies],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
-        remarks=[(source.name, r.kind, r.text) for source in sources for r in source.record.remarks],
+        remarks=_remarks(sources),
         cost=_cost(sources),
         origins=_origins(sources),
         commands=_commands(sources),
@@ -143,7 +144,8 @@ def _outputs(
         units = [run.units.get(name, "1") for run, _ in runs if name in run.outputs]
         unit = (units or [banded.units.get(name, "1") if banded is not None else "1"])[0]
         model = "full" if banded is None else banded.model
-        level = levels[name][:2] if name in levels and levels[name][2] == "ever" else None
+        level = levels.get(name)
+        level = level if level is not None and level.when == "ever" else None
         if curves or band is not None:
             found.append(charts.output_over_time(name, unit, curves, band, model, level))
     return found
@@ -160,7 +162,8 @@ def _statistics(source: Source, several: bool) -> Table:
     for name in (*names, *ensemble.parameters):
         s = ensemble.statistics.get(name)
         if s is None or not s.count:
-            rows.append([[in_words(name)], ["not known: no sample tells"], *([[]] * (len(head) - 2))])
+            never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
+            rows.append([[in_words(name)], [never], *([[]] * (len(head) - 2))])
             continue
         factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
         place = Place(source.name, f"/statistics/{name}")
@@ -186,13 +189,15 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
         names = [name for name in ensemble.statistics if name not in ensemble.parameters]
         for name in (*names, *ensemble.parameters):
             s = ensemble.statistics.get(name)
-            if s is None or not s.edges.size or s.edges[-1] <= s.edges[0]:
+            # of what is the same in all samples there is no density
+            if s is None or not s.edges.size or not np.ptp(s.quantiles) > SAME * np.abs(s.quantiles).max():
                 continue
             of_input = name in ensemble.parameters
             lost = ensemble.parameters[name][failed] if of_input else np.empty(0)
             output, _, which = name.partition(".")
-            when = "ever" if which else "end"
-            level = levels[output][1] if output in levels and levels[output][2] == when else None
+            level = levels.get(output)
+            if level is not None and which != {"end": "", "ever": "max" if level.above else "min"}[level.when]:
+                level = None
             yield charts.distribution(name, ensemble.units.get(name, "1"), s, ensemble.model, level, lost, of_input)
 
 
@@ -253,6 +258,16 @@ def _failures(source: Source) -> Table:
     left = len(failed) - len(rows)
     note = f"{source.name}: {len(failed)} of {len(ensemble.status)} samples failed"
     return Table(head, rows, f"{note}; {left} more are in its data." if left else f"{note}.")
+
+
+def _remarks(sources: Sequence[Source]) -> list[tuple[str, str, str]]:
+    """Return the files, kind and text of every remark, once, warnings first."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for source in sources:
+        for remark in source.record.remarks:
+            found.setdefault((remark.kind, remark.text), []).append(source.name)
+    rows = [(", ".join(dict.fromkeys(names)), kind, text) for (kind, text), names in found.items()]
+    return sorted(rows, key=lambda row: row[1] != "warning")
 
 
 def _cost(sources: Sequence[Source]) -> Table:

@@ -72,10 +72,14 @@ class Steps:
         """Note what a step begins with."""
         self._write({**self._read(), name: {"key": key}})
 
-    def finish(self, name: str, key: str) -> None:
-        """Note that a step's file is written."""
+    def finish(self, name: str, key: str, failure: str) -> None:
+        """Note that a step's file is written, and what failed although it is; empty where nothing did."""
         sha = check_seal(self.folder / name).sha256
-        self._write({**self._read(), name: {"key": key, "sha256": sha}})
+        self._write({**self._read(), name: {"key": key, "sha256": sha, "failure": failure}})
+
+    def failure(self, name: str) -> str:
+        """Return what failed in a step that is finished; empty where nothing did."""
+        return str(self._read()[name].get("failure", ""))
 
     def checksum(self, name: str) -> str:
         """Return the checksum of a file that is finished."""

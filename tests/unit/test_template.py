@@ -51,7 +51,7 @@ def test_every_number_has_its_unit_in_a_comment_or_an_entry(name: str, tmp_path:
     """Lines with numbers that are no counts and no shares say in which unit they are."""
     text = write_template(name, tmp_path / "mine.toml")[0].read_text()
     for line in text.splitlines():
-        if re.match(r"(E|rho|duration|step|range|above|below|table|stiffness|pivot) = ", line):
+        if re.match(r"(E|rho|duration|step|range|above|below|table|stiffness|pivot) = [^\"]", line):
             assert "#" in line, line
     assert "pgmp run mine.toml" in text and f"{name}.toml" not in text
 
