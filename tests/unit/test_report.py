@@ -1,4 +1,4 @@
-"""The page of results: its figures are those of the files, nothing comes from outside, and what is not known is said."""
+"""The page of results: its figures are those of the files, it needs no network, and says what is not known."""
 
 from __future__ import annotations
 
