@@ -1,6 +1,6 @@
 """Figures of a page: what is read, and where it comes from, so that a program can compare the two.
 
-A sentence is a list of texts and of :class:`Datum`; the page writes the latter as ``<data value=... data-file=...
+A sentence is a list of texts, figures and intervals; the page writes figures as ``<data value=... data-file=...
 data-path=... data-index=...>``, with all digits of the file.
 """
 
@@ -36,7 +36,15 @@ class Datum:
     index: str = ""
 
 
-Sentence = Sequence[str | Datum]
+@dataclass(frozen=True)
+class Interval:
+    """Both ends of a confidence interval, which the page writes in brackets."""
+
+    low: Datum
+    high: Datum
+
+
+Sentence = Sequence[str | Datum | Interval]
 
 
 @dataclass(frozen=True)
@@ -52,8 +60,8 @@ class Place:
 
     def figure(
         self, name: str, value: float, interval_name: str, ends: np.ndarray, factor: float, index: str = ""
-    ) -> list[str | Datum]:
-        """Return a figure with its interval, ``5.8 [4.5, 7.4]``, in a unit of which the file's has `factor`."""
+    ) -> list[str | Datum | Interval]:
+        """Return a figure and its interval, ``5.8 [4.5, 7.4]``, in a unit of which the file's has `factor`."""
         row = f"{index}," if index else ""
         shown = self.datum(name, value, number_text(factor * float(value), factor * ends, 6), index)
         if np.isnan(ends).any() or np.isinf(ends).all():
@@ -62,7 +70,7 @@ class Place:
             self.datum(interval_name, end, text, f"{row}{k}")
             for k, (end, text) in enumerate(zip(ends, end_texts(factor * ends)))
         )
-        return [shown, " [", low, ", ", high, "]"]
+        return [shown, Interval(low, high)]
 
 
 def share_text(share: float) -> str:

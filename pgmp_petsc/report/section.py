@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ def _statistics(source: Source, several: bool) -> Table:
         s = ensemble.statistics.get(name)
         if s is None or not s.count:
             never = "no sample has one" if name in ensemble.first_passages else "not known: no sample tells"
-            rows.append([[in_words(name)], [never], *([[]] * (len(head) - 2))])
+            rows.append([[_title(ensemble, name)], [never], *([[]] * (len(head) - 2))])
             continue
         factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles, np.array([s.mean]))
         place = Place(source.name, f"/statistics/{name}")
@@ -171,7 +171,7 @@ def _statistics(source: Source, several: bool) -> Table:
             place.figure("quantiles", q, "quantile_intervals", ends, factor, str(k))
             for k, (q, ends) in enumerate(zip(s.quantiles, s.quantile_intervals))
         ]
-        title = in_words(name) + ("" if unit in ("", "1") else f" ({unit})")
+        title = _title(ensemble, name) + ("" if unit in ("", "1") else f" ({unit})")
         mean = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
         std = place.figure("std", s.std, "std_interval", s.std_interval, factor)
         rows.append([[title], mean, std, [place.datum("count", s.count, str(s.count))], *quantiles])
@@ -198,7 +198,14 @@ def _distributions(scene: Mapping[str, Any], ensembles: Sequence[Source]) -> Ite
             level = levels.get(output)
             if level is not None and which != {"end": "", "ever": "max" if level.above else "min"}[level.when]:
                 level = None
-            yield charts.distribution(name, ensemble.units.get(name, "1"), s, ensemble.model, level, lost, of_input)
+            unit = ensemble.units.get(name, "1")
+            found = charts.distribution(name, unit, s, ensemble.model, level, lost, of_input)
+            yield replace(found, title=_title(ensemble, name))
+
+
+def _title(ensemble: Ensemble, name: str) -> str:
+    """Return a quantity of an ensemble in words."""
+    return in_words(name) + (", first passage" if name in ensemble.first_passages else "")
 
 
 def _ranked(source: Source) -> str:
