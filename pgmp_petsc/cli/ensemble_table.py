@@ -10,10 +10,11 @@ import numpy as np
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.report import remark_lines
 from pgmp_petsc.results import Ensemble
+from pgmp_petsc.results.numbers import interval_text as _interval
+from pgmp_petsc.results.numbers import number_text as _number
+from pgmp_petsc.results.numbers import percent as _percent
 from pgmp_petsc.results.statistics import Statistics
 from pgmp_petsc.runtime.remarks import Remark
-
-DIGITS = 2  # of an interval's width that are shown
 
 
 def report(ensemble: Ensemble, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -127,37 +128,6 @@ def _bounds(s: Statistics, k: int) -> str:
     lower = "no bound below" if np.isinf(low) else f"at least {low:.6g}"
     upper = "no bound above" if np.isinf(high) else f"at most {high:.6g}"
     return f"{lower}, {upper}"
-
-
-def _number(value: float, interval: np.ndarray, most: int) -> str:
-    """Return a figure with as many digits as its interval leaves it, `most` at most; 5 where that says nothing."""
-    if np.isnan(value):
-        return "unknown"
-    return f"{value:.{_digits(value, interval, most)}g}"
-
-
-def _interval(ends: np.ndarray) -> str:
-    """Return ``[1.234, 1.256]``."""
-    if np.isnan(ends).any():
-        return "unknown"
-    if np.isinf(ends).all():
-        return "[too few samples]"
-    texts = [
-        ("-" if end < 0 else "") + "infinite" if np.isinf(end) else f"{end:.{_digits(end, ends, 8)}g}" for end in ends
-    ]
-    return f"[{texts[0]}, {texts[1]}]"
-
-
-def _digits(value: float, interval: np.ndarray, most: int) -> int:
-    """Return how many digits of a figure its interval leaves it, and two more for sums; 3 at least."""
-    width = float(interval[1] - interval[0]) if np.isfinite(interval).all() else 0.0
-    if not width > 0.0 or value == 0.0:
-        return min(most, 5)
-    return int(np.clip(np.floor(np.log10(abs(value))) - np.floor(np.log10(width)) + DIGITS, 3, most))
-
-
-def _percent(level: float) -> str:
-    return f"{100 * level:g} %"
 
 
 def _unit(ensemble: Ensemble, name: str) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import say
 from pgmp_petsc.runtime.agreement import on_root
 
@@ -16,9 +17,13 @@ from pgmp_petsc.runtime.agreement import on_root
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--scene", is_flag=True, help="Print the scene that the file was made from, as TOML.")
+@output_form
 @click.pass_context
 def info(context: click.Context, file: Path, scene: bool) -> None:
     """Say what FILE holds: its origin, parameters, timings and datasets."""
+    if context.obj.json:
+        say_figures(context, on_root(context.obj.comm, figures_of, file, scene))
+        return
     say(context, on_root(context.obj.comm, _scene if scene else describe, file))
 
 
@@ -58,6 +63,43 @@ def describe(path: Path) -> str:
         if file.attrs["kind"] == "tradeoff":
             lines += ["", "summary", _indented(_tradeoff(path))]
         return "\n".join(lines)
+
+
+def figures_of(path: Path, scene: bool) -> dict[str, object]:
+    """Return what a file holds as plain data; with `scene` its scene's tables alone."""
+    from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Selection, Tradeoff, Trajectory
+    from pgmp_petsc.results.rare_event import RareEvent
+    from pgmp_petsc.results.summary import origin_of, summary_of
+    from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file, shapes_of
+
+    with open_file(path, KINDS) as file, shapes_of(file):
+        record, kind = RunRecord.read(file), str(file.attrs["kind"])
+        if scene:
+            return tomllib.loads(record.scene_toml)
+        about = {"file": path, "kind": kind, "program_version": file.attrs["program_version"], **origin_of(record)}
+        selection = Selection.read(file)
+        about["chosen"] = None if selection is None else selection.chosen
+        about["datasets"] = _shapes(file)
+    readers = {
+        "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "modes": ModesTable,
+        "rare_event": RareEvent, "sensitivities": Derivatives, "fit": Fit, "design": Design,
+    }  # fmt: skip
+    return about if kind not in readers else {**about, **summary_of(readers[kind].read(path))}
+
+
+def _shapes(file) -> dict[str, dict[str, object]]:
+    """Return shape, unit and description of every dataset."""
+    import h5py
+
+    found = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            unit, about = (str(item.attrs.get(key, "")) for key in ("unit", "description"))
+            found[f"/{name}"] = {"shape": list(item.shape), "unit": unit, "description": about}
+
+    file.visititems(visit)
+    return found
 
 
 def _estimates(file, path: Path) -> list[str]:

@@ -35,6 +35,8 @@ INTERRUPTED = 130
 GRACE_SECONDS = 20.0
 
 COMMANDS = {
+    "new": LazyCommand("pgmp_petsc.cli.new:new", "Write a commented scene that runs, to begin with.", False),
+    "run": LazyCommand("pgmp_petsc.cli.run:run", "Everything from the check of a scene to a report."),
     "check": LazyCommand("pgmp_petsc.cli.check:check", "Validate a scene and say what is in it."),
     "build": LazyCommand("pgmp_petsc.cli.build:build", "Build the reduced model of a scene (offline)."),
     "modes": LazyCommand("pgmp_petsc.cli.modes:modes", "Eigenfrequencies over the configurations."),
@@ -50,6 +52,7 @@ COMMANDS = {
     "fit": LazyCommand("pgmp_petsc.cli.fit:fit", "Fit parameters to a measured history."),
     "optimize": LazyCommand("pgmp_petsc.cli.optimize:optimize", "Find the parameters that meet a goal best."),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
+    "report": LazyCommand("pgmp_petsc.cli.page:report", "Write results as one page that needs no network.", False),
     "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
 }

@@ -15,6 +15,7 @@ from pgmp_petsc.cli.better import Wanted, better_models, read_wanted
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
@@ -29,6 +30,7 @@ from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import KIND, ShardSamples
+from pgmp_petsc.results.summary import origin_of, summary_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
@@ -85,6 +87,7 @@ LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the fi
     help="Try the failed samples of an ensemble's FILE further, with smaller steps; take the others from it.",
 )  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take up the checkpoint that a killed run left beside FILE.")
+@output_form
 @scene_options
 @click.pass_context
 def montecarlo(
@@ -183,6 +186,7 @@ def montecarlo(
         is_part = isinstance(result, ShardSamples)
         status = int(failed > 0) if is_part else exit_status(result)
         say(context, _report_shard(result, plan, failed) if is_part else report(result, output, loaded.remarks))
+        say_figures(context, {"file": output, **(_figures_of_shard(result, plan) if is_part else summary_of(result))})
         remove_checkpoint(plan)
     if comm.bcast(status):
         context.exit(1)
@@ -206,6 +210,13 @@ def _report_shard(shard: ShardSamples, plan: Plan, failed: int) -> str:
     lines.append(f"  pgmp merge joins the files of all {place.count} shards and describes the samples")
     lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in shard.record.timings.items()]
     return "\n".join(lines)
+
+
+def _figures_of_shard(shard: ShardSamples, plan: Plan) -> dict[str, object]:
+    """Return which samples are there."""
+    first, last = plan.samples
+    place = {"shard": str(plan.shard), "first": first, "last": last - 1, "of": shard.place.n_samples}
+    return {"kind": KIND, "model": shard.model, **place, **origin_of(shard.record)}
 
 
 def exit_status(ensemble: Ensemble) -> int:

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from pgmp_petsc.cli.output_form import say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.errors import InputError, nearest_name, shortened
 
 if TYPE_CHECKING:
@@ -85,6 +87,7 @@ def run_rare(context: click.Context, model: Model, text: str, n_samples: int, se
         lines += remark_lines(result.record, said)
         lines += [f"  {phase:24s}{seconds:14.2f} s" for phase, seconds in result.record.timings.items()]
         say(context, "\n".join(lines))
+        say_figures(context, {"file": output, **summary_of(result)})
     return int(comm.bcast(None if result is None else not result.reached or result.n_failed > 0))
 
 

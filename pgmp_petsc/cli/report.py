@@ -29,8 +29,8 @@ class Writable(Protocol):
 
 
 def say(context: click.Context, text: str) -> None:
-    """Print ``text`` on rank 0, at once; not collective."""
-    if context.obj.comm.rank == 0:
+    """Print ``text`` on rank 0, at once, unless the session is quiet; not collective."""
+    if context.obj.comm.rank == 0 and not context.obj.quiet:
         click.echo(text)
 
 

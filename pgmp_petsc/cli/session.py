@@ -22,10 +22,16 @@ class Session:
         All ranks of the run.
     petsc_options : sequence of str
         What stood after ``--`` on the command line.
+    quiet : bool
+        Whether `cli.report.say` prints nothing.
+    json : bool
+        Whether the command prints its figures as JSON, and nothing else.
     """
 
     comm: MPI.Comm
     petsc_options: Sequence[str] = ()
+    quiet: bool = False
+    json: bool = False
     petsc_started: bool = field(default=False, init=False)
 
     def start_petsc(self) -> None:

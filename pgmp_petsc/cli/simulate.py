@@ -10,8 +10,10 @@ import click
 from pgmp_petsc.cli import estimates
 from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
@@ -23,6 +25,7 @@ from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
 @click.argument("source", metavar="ROM.h5|SCENE", type=click.Path(path_type=Path))
 @output_option
 @model_options
+@output_form
 @scene_options
 @click.pass_context
 def simulate(
@@ -52,6 +55,7 @@ def simulate(
     save(context, trajectory, output)
     if trajectory is not None:
         say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))
+        say_figures(context, {"file": output, **summary_of(trajectory)})
     stopped = comm.bcast("" if trajectory is None else why_stopped(trajectory))
     if stopped:
         raise RunError(f"{stopped}; {output} holds the run up to there")

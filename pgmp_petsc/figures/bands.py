@@ -44,7 +44,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
     first = next(iter(shown.values()))
     span(panels[-1], first.time[0], first.time[-1])
     panels[-1].set_xlabel("time (s)")
-    pairs, middle = _pairs(first.probabilities)
+    pairs, middle = pairs_of(first.probabilities)
     keys = [Line2D([], [], color=colour, label=f"mean of {first.count} samples")]
     if middle is not None:
         text = f"{100 * first.probabilities[middle]:g} % quantile"
@@ -60,7 +60,7 @@ def bands(ensemble: Ensemble, label: str = "") -> Figure:
 
 def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
     """Draw one output."""
-    pairs, middle = _pairs(band.probabilities)
+    pairs, middle = pairs_of(band.probabilities)
     for low, high in pairs:
         ends = factor * band.quantiles[:, [low, high]]
         axes.fill_between(band.time, *ends.T, color=colour, alpha=OPACITY / len(pairs), linewidth=0)
@@ -69,7 +69,7 @@ def _draw(axes: Axes, band: Band, factor: float, colour: str) -> None:
     axes.plot(band.time, factor * band.mean, color=colour, linewidth=1.2)
 
 
-def _pairs(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | None]:
+def pairs_of(probabilities: np.ndarray) -> tuple[list[tuple[int, int]], int | None]:
     """Return pairs of places from the outermost probabilities inwards, and the place of the one that is left."""
     order = [int(place) for place in np.argsort(probabilities)]
     n = len(order)

@@ -39,6 +39,7 @@ KINDS = {
 _OTHERS = {
     "xdmf": ("XDMF description", (".xdmf", ".xmf"), b"pgmp_petsc"),
     "picture": ("picture", (".png",), b"pgmp_petsc"),
+    "report": ("report", (".html", ".htm"), b'name="generator" content="pgmp_petsc'),
     "scaling": ("record of a scaling study", (".json",), b'"factorisations"'),
     "beams": ("record of fine beams", (".json",), b'"differences"'),
 }
@@ -102,7 +103,8 @@ def check_output(
     output
         The file to be written.
     kind
-        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``scaling``, ``beams``).
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``scaling``,
+        ``beams``).
     inputs
         Files that are read for it.
 

@@ -35,6 +35,7 @@ ORDER = (
     "studies",
     "figures",
     "export",
+    "report",
     "cli",
 )
 FREE = ("runtime", "")  # "" is the package itself: its version
@@ -51,8 +52,9 @@ NEEDS = {
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
     "figures": {"results"},
     "export": {"results"},
+    "report": {"results", "figures"},
 }
-WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "results")
+WITHOUT_PETSC = ("scene", "mesh", "figures", "export", "report", "results")
 
 
 def imports_of(path: Path, for_types: bool = True) -> set[str]:

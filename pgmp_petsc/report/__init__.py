@@ -1,0 +1,1 @@
+"""One self-contained page of results: files in, HTML out; no PETSc."""

@@ -1,0 +1,212 @@
+"""The error budget of a scene's results: every source of error with its size and how it is known, or that it is not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
+from pgmp_petsc.figures.trajectories import Comparison
+from pgmp_petsc.report.datum import Datum, Sentence, share_text
+from pgmp_petsc.report.sources import Build, Source
+from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.results.errors import VALIDITY, limits_of
+from pgmp_petsc.results.numbers import percent
+
+PARTS = {"basis": "basis", "interpolation": "interpolation", "step": "time step"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the budget.
+
+    Attributes
+    ----------
+    what
+        Source of error.
+    size
+        How large it is; empty where that is not known.
+    how
+        How it is known, or what would tell.
+    """
+
+    what: str
+    size: Sentence
+    how: str
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """How far reduced outputs are from those of a better model.
+
+    Attributes
+    ----------
+    shares
+        Of every output, as a share of its largest value; NaN where it is not known.
+    how
+        How it is known.
+    datums
+        The same as figures of the page.
+    """
+
+    shares: dict[str, float]
+    how: str
+    datums: dict[str, Datum]
+
+    @property
+    def worst(self) -> str | None:
+        """The output with the largest error; None where none is known."""
+        known = {name: share for name, share in self.shares.items() if np.isfinite(share)}
+        return max(known, key=known.__getitem__) if known else None
+
+
+def model_error(sources: Sequence[Source], comparisons: Sequence[Comparison]) -> ModelError | None:
+    """Return the error of the reduced model: measured where runs of a better one are there, else estimated."""
+    for comparison in comparisons:
+        if comparison.full is not None and comparison.reduced is not None:
+            shares = {}
+            for name in comparison.reduced.outputs:
+                found = comparison.error_percent(name) if name in comparison.full.outputs else None
+                shares[name] = float("nan") if found is None else float(np.max(found[1]) / 100.0)
+            how = f"measured: {MODELS[comparison.reduced.model]} against {MODELS[comparison.full.model]}, over the run"
+            return ModelError(shares, how, {name: Datum(v, share_text(v)) for name, v in shares.items()})
+    for source in sources:
+        if isinstance(source.result, Trajectory) and source.result.errors is not None:
+            errors = source.result.errors
+            shares = {name: errors.share(name) for name in errors.outputs}
+            how = "estimated from residuals of the full-order equations, over the run"
+            datums = {
+                name: Datum(share, share_text(share), source.name, f"/errors/{name}@share")
+                for name, share in shares.items()
+            }
+            return ModelError(shares, how, datums)
+    return None
+
+
+def error_budget(sources: Sequence[Source], error: ModelError | None) -> list[Line]:
+    """Return the lines of the budget of one scene."""
+    studies = [source for source in sources if isinstance(source.result, Tradeoff)]
+    builds = [source.result for source in sources if isinstance(source.result, Build)]
+    return [
+        *_of_model(sources, error),
+        *_of_parts(builds),
+        *_of_mesh(studies),
+        *_of_sampling(sources),
+        *_of_balance(sources),
+        *_of_small_deformations(sources),
+    ]
+
+
+def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[Line]:
+    """Yield what reduction and step do to outputs, in single runs and in ensembles."""
+    models = {source.result.model for source in sources if isinstance(source.result, (Trajectory, Ensemble))}
+    if error is not None and error.worst is not None:
+        for name, share in sorted(error.shares.items(), key=lambda item: -np.nan_to_num(item[1], nan=-1.0)):
+            yield Line(f"model: {name}", [error.datums[name]] if np.isfinite(share) else [], error.how)
+    elif "reduced" in models:
+        how = "not known: no run of a better model is here, and errors were not estimated; see the notes for the reason"
+        yield Line("model", [], f"{how}, or run pgmp simulate SCENE --full and add its file")
+    elif models:
+        kinds = " and ".join(MODELS[model] for model in sorted(models))
+        yield Line("model", ["none"], f"{kinds}: nothing was reduced" if models == {"full"} else
+                   f"not known of {kinds}: add a full-order run of the same scene")  # fmt: skip
+    for source in sources:
+        result = source.result
+        if not isinstance(result, Ensemble):
+            continue
+        for name, values in result.errors.items():
+            known = values[np.isfinite(values)]
+            if not known.size:
+                continue
+            place = int(np.nanargmax(values))
+            factor, unit = axis_unit(result.units.get(name, "1"), known)
+            median = float(np.median(known))
+            largest = Datum(known.max(), f"{factor * known.max():.2g}", source.name, f"/errors/{name}", str(place))
+            size = ["median ", Datum(median, f"{factor * median:.2g}"), ", largest ", largest]
+            size.append("" if unit == "1" else f" {unit}")
+            yield Line(f"model, in samples: {name}", size, f"estimated for {known.size} of {len(values)} samples")
+
+
+def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
+    """Yield what was measured when the reduction was chosen by a tolerance, part by part."""
+    chosen = next((build.selection for build in builds if build.selection is not None), None)
+    for part, words in PARTS.items():
+        limit = np.inf if chosen is None else chosen.allowed.get(part, np.inf)
+        tried = [] if chosen is None else [a for a in chosen.attempts if a.part == part and a.largest <= limit]
+        if not tried:
+            how = "not known apart from the others: build with reduction.tolerance, or add a file of pgmp tradeoff"
+            yield Line(words, [], how)
+            continue
+        last = tried[-1]
+        allowed = f", allowed {share_text(limit)}" if np.isfinite(limit) else ""
+        yield Line(
+            words, [Datum(last.largest, share_text(last.largest))], f"measured at the build{allowed}: {last.where}"
+        )
+
+
+def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:
+    """Yield the discretisation error."""
+    for source in studies:
+        mesh = source.result.mesh
+        own = np.flatnonzero(mesh.refinement == 1)
+        if own.size and len(mesh.refinement) > 1:
+            for column, name in enumerate(source.result.outputs):
+                value = float(mesh.errors[own[0], column])
+                datum = Datum(value, share_text(value), source.name, "/mesh/errors", f"{own[0]},{column}")
+                how = f"measured: {mesh.cells[own[0]]} cells against {mesh.cells[-1]}"
+                yield Line(f"mesh: {name}", [datum], how)
+            return
+    yield Line("mesh", [], "not known: pgmp tradeoff measures it for meshes of lines; compare solids with a finer mesh")
+
+
+def _of_sampling(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield the half widths of intervals."""
+    for source in sources:
+        result = source.result
+        if not isinstance(result, Ensemble):
+            continue
+        for label, chance in result.probabilities.items():
+            half = 0.5 * float(chance.interval[1] - chance.interval[0])
+            size = [Datum(half, f"± {100 * half:.2g} percentage points")] if np.isfinite(half) else []
+            yield Line(f"sampling: P({label})", size, f"{percent(chance.confidence)} interval of {chance.n} samples")
+        for name in result.outputs:
+            s = result.statistics.get(name)
+            if s is not None and np.isfinite(s.mean_interval).all():
+                half = 0.5 * float(s.mean_interval[1] - s.mean_interval[0])
+                factor, unit = axis_unit(result.units.get(name, "1"), np.array([half]))
+                size = [Datum(half, f"± {factor * half:.2g}"), "" if unit == "1" else f" {unit}"]
+                how = f"{percent(s.confidence)} interval of {s.count} samples"
+                yield Line(f"sampling: mean of {name}", size, how)
+
+
+def _of_balance(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield what is left over of the balances of energy."""
+    for source in sources:
+        balance = source.result.balance if isinstance(source.result, Trajectory) else None
+        if balance is not None and balance.exchanged > 0.0:
+            largest = float(np.abs(balance.residual).max()) / balance.exchanged
+            size = [Datum(largest, share_text(largest)), " of what is moved around"]
+            yield Line(f"balance of energy: {source.name}", size, "of the time step; numerical damping is a part of it")
+
+
+def _of_small_deformations(sources: Sequence[Source]) -> Iterator[Line]:
+    """Yield how far single runs left small deformations, for which the models are made."""
+    for source in sources:
+        result = source.result
+        if not isinstance(result, Trajectory):
+            continue
+        scene = scene_of(result.record)
+        stiffened = any(effect.get("type") == "geometric_stiffening" for effect in scene.get("effects", {}).values())
+        limits = limits_of(stiffened or bool(scene.get("reduction", {}).get("second_order")))
+        for name, value in result.validity.items():
+            if np.isfinite(value):
+                unit, about = VALIDITY[name]
+                size = [
+                    Datum(value, f"{value:.2g}", source.name, f"/validity/{name}"),
+                    "" if unit == "1" else f" {unit}",
+                ]
+                limit = limits[name]
+                beyond = "no limit" if np.isinf(limit) else f"worth a warning beyond {limit:g}"
+                yield Line(f"small deformations: {name.replace('_', ' ')}", size, f"{about}; {beyond}")

@@ -1,0 +1,309 @@
+"""Charts of a page: small SVG pictures that read as well on a phone as on paper, drawn by matplotlib.
+
+Texts stay texts. A chart over time says where its axis is, so that the page can mark an instant in it.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter
+
+from pgmp_petsc.figures.bands import COLOURS, pairs_of
+from pgmp_petsc.figures.style import PALETTE, PLAIN, QUIET, axis_label, axis_unit, new_figure, span, styled
+from pgmp_petsc.report.datum import in_words
+from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff, Trajectory
+
+WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
+ROW = 58  # characters that keys above a picture may take in a row
+FAILED = "#A32A00"
+LEVEL = "#A32A00"
+_SVG = {"svg.fonttype": "none", "axes.titlesize": 9.5, "figure.facecolor": "none"}
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A picture.
+
+    Attributes
+    ----------
+    svg
+        Its element.
+    title, caption
+        Above and below it.
+    axis
+        Of charts over time: left and right end of the axis and its lower and upper end in the SVG's own unit, and the
+        instants (s) at both ends; empty for others.
+    output
+        Name of the output that it shows, where it shows one over time.
+    """
+
+    svg: str
+    title: str
+    caption: str = ""
+    axis: tuple[float, ...] = ()
+    output: str = ""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A run in a chart: its label, model, instants (s), and values."""
+
+    label: str
+    model: str
+    time: np.ndarray
+    values: np.ndarray
+
+
+@styled
+def _drawn(draw: Callable[[Axes], None], height: float) -> Figure:
+    figure = new_figure(WIDTH, height)
+    draw(figure.subplots())
+    return figure
+
+
+def chart(
+    draw: Callable[[Axes], None],
+    title: str,
+    caption: str = "",
+    height: float = HEIGHT,
+    over_time: bool = False,
+    output: str = "",
+) -> Chart:
+    """Return what `draw` draws on axes of its own."""
+    figure = _drawn(draw, height)
+    stream = io.StringIO()
+    with matplotlib.rc_context({**_SVG, "svg.hashsalt": title + output}):
+        figure.savefig(
+            stream,
+            format="svg",
+            transparent=True,
+            metadata={"Date": None, "Creator": None, "Type": None, "Format": None},
+        )
+    axis = ()
+    if over_time:
+        axes = figure.axes[0]
+        box, (width, tall) = axes.get_position(), (72.0 * WIDTH, 72.0 * figure.get_figheight())
+        ends = (box.x0 * width, box.x1 * width, (1.0 - box.y1) * tall, (1.0 - box.y0) * tall)
+        axis = tuple(round(float(value), 6) for value in (*ends, *axes.get_xlim()))
+    return Chart(_element(stream.getvalue(), title), title, caption, axis, output)
+
+
+def _element(text: str, title: str) -> str:
+    """Return the SVG element alone, of any size, without addresses, which a page does not need."""
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r' xmlns(:xlink)?="[^"]*"', "", text).replace("xlink:href", "href")
+    label = title.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    head, rest = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)[0]
+    return f'<svg class="chart" role="img" aria-label="{label}" {box}>{rest.strip()}'
+
+
+@dataclass(frozen=True)
+class Level:
+    """The level of an event: its label, the value (the output's unit), whether above it, and ``end`` or ``ever``."""
+
+    label: str
+    value: float
+    above: bool
+    when: str
+
+
+def _seen(event: Level | None, factor: float, unit: str, *arrays: np.ndarray) -> tuple[float | None, str]:
+    """Return the level where it is within the picture, or as far beyond as the data reach; else what to say."""
+    if event is None:
+        return None, ""
+    low, high = min(np.nanmin(values) for values in arrays), max(np.nanmax(values) for values in arrays)
+    room = high - low
+    if low - room <= event.value <= high + room:
+        return event.value, ""
+    shown = "" if unit in ("", "1") else f" {unit}"
+    return None, f"The level of {event.label}, {factor * event.value:.4g}{shown}, is far beyond this picture."
+
+
+def output_over_time(
+    name: str, unit: str, curves: Sequence[Curve], band: Band | None, model: str, event: Level | None
+) -> Chart:
+    """Return an output over time: runs as lines, an ensemble as areas between quantiles and its mean."""
+    arrays = [curve.values for curve in curves]
+    arrays += [] if band is None else [band.quantiles, band.mean]
+    factor, shown = axis_unit(unit, *arrays)
+    level, beyond = _seen(event, factor, shown, *arrays)
+
+    def draw(axes: Axes) -> None:
+        if band is not None:
+            pairs, _ = pairs_of(band.probabilities)
+            for low, high in pairs:
+                ends = factor * band.quantiles[:, [low, high]]
+                axes.fill_between(band.time, *ends.T, color=COLOURS[model], alpha=0.4 / len(pairs), linewidth=0)
+            axes.plot(band.time, factor * band.mean, color=COLOURS[model], linestyle=":", label="mean of the samples")
+        for number, curve in enumerate(curves):
+            dashed = number > 0
+            colour = (
+                COLOURS[curve.model] if number < 3 and _first_of(curves, number) else PALETTE[number % len(PALETTE)]
+            )
+            style = (0, (4, 2.5)) if dashed else "-"
+            axes.plot(
+                curve.time, factor * curve.values, color=colour, linestyle=style, linewidth=1.3, label=curve.label
+            )
+        if level is not None:
+            axes.axhline(factor * level, color=LEVEL, linewidth=0.9, linestyle=(0, (1, 1.5)), label=event.label)
+        axes.set_ylabel(axis_label(name, shown))
+        axes.set_xlabel("time (s)")
+        _ends(axes, [*(curve.time for curve in curves), *([] if band is None else [band.time])])
+        if len(axes.get_legend_handles_labels()[0]) > 1:
+            _keys(axes)
+
+    caption = beyond
+    if band is not None:
+        pairs, _ = pairs_of(band.probabilities)
+        ends = ", ".join(f"{100 * band.probabilities[a]:g} to {100 * band.probabilities[b]:g} %" for a, b in pairs)
+        caption = f"Areas: {ends} of {band.count} samples. {beyond}".rstrip()
+    return chart(draw, in_words(name), caption, over_time=True, output=name)
+
+
+def _first_of(curves: Sequence[Curve], number: int) -> bool:
+    return all(curve.model != curves[number].model for curve in curves[:number])
+
+
+def distribution(
+    name: str, unit: str, s: Statistics, model: str, event: Level | None, failed: np.ndarray, of_input: bool
+) -> Chart:
+    """Return the density of a quantity with its mean, and where the samples lie that failed."""
+    factor, shown = axis_unit(unit, s.edges)
+    level, beyond = _seen(event, factor, shown, s.edges)
+
+    def draw(axes: Axes) -> None:
+        edges = factor * s.edges
+        colour = QUIET if of_input else COLOURS[model]
+        axes.stairs(s.pdf / factor, edges, fill=True, color=colour, alpha=0.3)
+        axes.stairs(s.pdf / factor, edges, color=colour, linewidth=1.1)
+        if np.isfinite(s.mean):
+            axes.axvline(factor * s.mean, color=colour, linestyle=(0, (4, 3)), linewidth=1.1, label="mean")
+        if level is not None:
+            axes.axvline(factor * level, color=LEVEL, linewidth=1.1, label=event.label)
+        if failed.size:
+            places = np.full(failed.size, 0.04)
+            axes.plot(
+                factor * failed, places, "|", color=FAILED, markersize=9, transform=axes.get_xaxis_transform(),
+                label="samples that failed",
+            )  # fmt: skip
+        axes.set_ylim(bottom=0.0)
+        axes.set_yticks([])
+        axes.grid(axis="y", visible=False)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(PLAIN)
+        axes.set_xlabel(axis_label(name.replace(".", ", "), shown))
+        _keys(axes)
+
+    return chart(draw, in_words(name), beyond, height=2.2)
+
+
+def ranking(name: str, found: Sensitivity) -> Chart:
+    """Return Sobol indices of an output with their intervals, the largest on top."""
+    order = np.argsort(found.first if found.total is None else found.total)
+
+    def draw(axes: Axes) -> None:
+        places = np.arange(order.size)
+        kinds = [
+            (found.first, found.first_interval, PALETTE[0], "first: by itself", 0.0 if found.total is None else 0.19)
+        ]
+        if found.total is not None:
+            kinds.append((found.total, found.total_interval, PALETTE[4], "total: with all others", -0.19))
+        for values, ends, colour, label, shift in kinds:
+            errors = np.abs(ends.T - values)[:, order]
+            axes.barh(
+                places + shift,
+                values[order],
+                0.36,
+                xerr=errors,
+                color=colour,
+                ecolor="#333333",
+                capsize=2.0,
+                label=label,
+            )
+        axes.set_yticks(places, [found.parameters[k].replace("_", " ") for k in order])
+        axes.grid(axis="y", visible=False)
+        axes.set_xlabel("share of the variance")
+        _keys(axes)
+
+    return chart(draw, in_words(name), height=1.2 + 0.42 * order.size)
+
+
+def energies(run: Trajectory, balance: Balance) -> Chart:
+    """Return the energies of a run and the work of each effect."""
+    curves = {"kinetic": balance.kinetic, "strain": balance.strain, "potential": balance.potential}
+    curves = {name: values for name, values in curves.items() if values.any()}
+    curves |= {f"work of {name.replace('_', ' ')}": values for name, values in balance.work.items() if values.any()}
+    curves["residual"] = balance.residual
+    factor, unit = axis_unit("J", *curves.values())
+
+    def draw(axes: Axes) -> None:
+        for number, (name, values) in enumerate(curves.items()):
+            style = "-" if number < len(PALETTE) else (0, (4, 2))
+            colour = "#A32A00" if name == "residual" else PALETTE[number % len(PALETTE)]
+            axes.plot(run.time, factor * values, color=colour, linestyle=style, linewidth=1.2, label=name)
+        axes.set_ylabel(f"energy ({unit})")
+        axes.set_xlabel("time (s)")
+        span(axes, run.time[0], run.time[-1])
+        _keys(axes)
+
+    return chart(draw, "Energy", height=HEIGHT + 0.13 * len(curves), over_time=True)
+
+
+def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
+    """Return the errors of an output over the time of a sample, one colour a family of settings."""
+    column = study.outputs.index(output)
+    errors, times = study.errors[:, column], study.times.batch
+    families = [("reduced", PALETTE[1]), ("components", PALETTE[0]), ("full", "#4D4D4D"), ("surface", PALETTE[2])]
+    names = {"full": "full order", "surface": "response surface", "components": "component modes"}
+
+    def draw(axes: Axes) -> None:
+        for family, colour in families:
+            chosen = (np.array(study.families) == family) & (errors > 0.0) & np.isfinite(times)
+            if chosen.any():
+                label = names.get(family, family)
+                axes.loglog(1e3 * times[chosen], 100 * errors[chosen], "o", color=colour, markersize=4, label=label)
+        axes.set_xlabel("time of a sample (ms)")
+        axes.set_ylabel("largest error (%)")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter(PLAIN)
+            axis.set_minor_formatter(NullFormatter())
+        _keys(axes)
+
+    return chart(draw, in_words(output))
+
+
+def _ends(axes: Axes, times: Sequence[np.ndarray]) -> None:
+    span(axes, min(time[0] for time in times), max(time[-1] for time in times))
+
+
+def _keys(axes: Axes) -> None:
+    """Put the keys above the axes, where they hide nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        needed = [len(label) + 6 for label in labels]
+        columns = len(labels) if sum(needed) <= ROW else max(1, min(len(labels), ROW // max(needed)))
+        axes.legend(
+            handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncol=columns, fontsize=8.5,
+            handlelength=1.6, columnspacing=1.2, borderaxespad=0.1, labelspacing=0.25,
+        )  # fmt: skip
+
+
+def levels_of(events: Mapping[str, Mapping[str, object]]) -> dict[str, Level]:
+    """Return the level of the first event of each output, by the output's name."""
+    found: dict[str, Level] = {}
+    for label, event in events.items():
+        value = event.get("above", event.get("below"))
+        if isinstance(value, (int, float)):
+            level = Level(label.replace("_", " "), float(value), "above" in event, str(event.get("when")))
+            found.setdefault(str(event.get("output")), level)
+    return found

@@ -1,0 +1,70 @@
+"""The page: one HTML file that needs no network, with a section a scene.
+
+Figures that stand in a file are ``<data>`` elements with the file's own number, its name and its dataset. Styles,
+script, pictures and data are within the page, and its content policy lets it load nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+
+from pgmp_petsc import __version__
+from pgmp_petsc.report.section import section_of
+from pgmp_petsc.report.sources import compact_json, read_sources
+from pgmp_petsc.runtime.claims import check_output
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import replacing
+
+
+def write_report(files: Sequence[Path], output: Path) -> list[str]:
+    """Write the page of result files, and return lines on what it is and on files given twice; by one process only.
+
+    Files of different scenes get sections of their own, with the scenes' names.
+
+    Raises
+    ------
+    InputError
+        If a file is damaged or none that a page shows, if nothing but reduced models is given, or if the output cannot
+        be written, is one of the files, or is another file than a page of this program.
+    RunError
+        If the system fails to write.
+    """
+    check_output(output, "report", files)
+    scenes, lines = read_sources(files)
+    bare = [sources[0] for sources in scenes if all(hasattr(source.result, "selection") for source in sources)]
+    if bare:
+        raise InputError(
+            f"file '{bare[0].path}' holds a reduced model, and no results of its scene are here: add a trajectory or "
+            "an ensemble of it"
+        )
+    text = page_of(scenes, lines)
+    with replacing(output, "report") as partial:
+        partial.write_text(text, encoding="utf-8", errors="replace")
+    size = len(text.encode("utf-8", "replace")) / 1e6
+    n_files = sum(map(len, scenes))
+    about = f"{n_files} file{'s' if n_files > 1 else ''}"
+    if len(scenes) > 1:
+        about += f" of {len(scenes)} scenes, each in a section of its own"
+    return [f"{output}: {about}, {size:.2g} MB", *lines]
+
+
+def page_of(scenes: Sequence[Sequence], lines: Sequence[str]) -> str:
+    """Return the page's text."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # only this command needs it
+
+    environment = Environment(
+        loader=PackageLoader("pgmp_petsc.report", "page"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["compact"] = compact_json
+    sections = [section_of(sources) for sources in scenes]
+    title = sections[0].name if len(sections) == 1 else ", ".join(section.name for section in sections)
+    folder = resources.files("pgmp_petsc.report") / "page"
+    parts = {name: (folder / f"page.{name}").read_text(encoding="utf-8") for name in ("css", "js")}
+    text = environment.get_template("page.html").render(
+        title=title, sections=sections, lines=lines, version=__version__, css=parts["css"], script=parts["js"]
+    )
+    return re.sub(r"\n{2,}", "\n", text).lstrip()

@@ -1,0 +1,107 @@
+"""The verdict of a scene's results in words: what happens how surely, how far off the model is, and what went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.style import MODELS, axis_unit
+from pgmp_petsc.report.budget import ModelError
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words
+from pgmp_petsc.report.sources import Source
+from pgmp_petsc.results import Ensemble, Tradeoff, Trajectory
+from pgmp_petsc.results.numbers import percent
+
+
+def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentence]:
+    """Return the sentences, the most telling one first."""
+    ensembles = [source for source in sources if isinstance(source.result, Ensemble)]
+    runs = [source for source in sources if isinstance(source.result, Trajectory)]
+    sentences: list[Sentence] = []
+    for source in ensembles:
+        sentences += _of_ensemble(source, len(ensembles) > 1)
+    if not sentences:
+        for source in runs[:1]:
+            sentences += _of_run(source)
+    if not sentences:
+        studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
+        sentences += [[line] for study in studies for line in study.advice[:1]]
+    sentences += _of_error(error, runs or ensembles)
+    sentences += _of_failures(ensembles, runs)
+    return sentences
+
+
+def _of_ensemble(source: Source, several: bool) -> Iterator[Sentence]:
+    """Yield probabilities of events; where the scene has none, the means and where most samples lie."""
+    ensemble = source.result
+    ahead = f"{source.name}: " if several else ""
+    for label, chance in ensemble.probabilities.items():
+        place = Place(source.name, f"/probabilities/{label}")
+        if np.isnan(chance.estimate):
+            yield [f"{ahead}P({chance.event}) is not known: no sample tells."]
+            continue
+        level = percent(chance.confidence)
+        parts = place.figure("estimate", chance.estimate, "interval", chance.interval, 100.0)
+        yield [f"{ahead}P({chance.event}) = ", parts[0], " %", *parts[1:], f", {level} interval of {chance.n} samples."]
+    if ensemble.probabilities:
+        return
+    for name in ensemble.outputs:
+        s = ensemble.statistics.get(name)
+        if s is None or not s.count:
+            continue
+        factor, unit = axis_unit(ensemble.units.get(name, "1"), s.quantiles)
+        unit = "" if unit == "1" else f" {unit}"
+        place = Place(source.name, f"/statistics/{name}")
+        figure = place.figure("mean", s.mean, "mean_interval", s.mean_interval, factor)
+        low, high = int(np.argmin(s.probabilities)), int(np.argmax(s.probabilities))
+        spread = percent(float(s.probabilities[high] - s.probabilities[low]))
+        ends = [place.datum("quantiles", s.quantiles[k], f"{factor * s.quantiles[k]:.4g}", str(k)) for k in (low, high)]
+        yield [
+            f"{ahead}{in_words(name)} at the end: mean ", *figure, f"{unit}; {spread} of the samples lie between ",
+            ends[0], " and ", ends[1], f"{unit}.",
+        ]  # fmt: skip
+
+
+def _of_run(source: Source) -> Iterator[Sentence]:
+    """Yield the largest size of every output of a run, and when it has it."""
+    run = source.result
+    for name, values in run.outputs.items():
+        known = np.abs(np.where(np.isfinite(values), values, 0.0))
+        place = int(np.argmax(known))
+        factor, unit = axis_unit(run.units.get(name, "1"), values)
+        largest = Datum(values[place], f"{factor * values[place]:.4g}", source.name, f"/outputs/{name}", str(place))
+        unit = "" if unit == "1" else f" {unit}"
+        yield [f"{in_words(name)} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
+
+
+def _of_error(error: ModelError | None, sources: Sequence[Source]) -> Iterator[Sentence]:
+    if not sources:
+        return
+    models = {source.result.model for source in sources}
+    if error is not None and error.worst is not None:
+        of = in_words(error.worst)
+        yield [
+            "Model error ",
+            error.datums[error.worst],
+            f" of the largest {of}, the worst of the outputs; {error.how}.",
+        ]
+    elif "reduced" in models:
+        yield ["Model error: not known; the error budget says why."]
+    elif models == {"full"}:
+        yield ["All runs are full-order: nothing was reduced."]
+    else:
+        yield [f"Model error: not known of {' and '.join(MODELS[model] for model in sorted(models))}."]
+
+
+def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterator[Sentence]:
+    for source in ensembles:
+        failed = int(np.count_nonzero(source.result.status))
+        if failed:
+            n = len(source.result.status)
+            yield [f"{source.name}: {failed} of {n} samples failed, and are in no figure above, which may bias them."]
+    for source in runs:
+        if cautions.ended_early(source.result):
+            end = cautions.planned_end(source.result)
+            yield [f"{source.name}: the run stopped at {source.result.time[-1]:.4g} s of {end:.4g} s."]

@@ -1,0 +1,187 @@
+"""`pgmp run`: every step, what a later run takes, what it leaves out, and the figures as JSON."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT
+from runs import PGMP, overridden, pgmp
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.scene.template import write_template
+
+# without extremes: fewer pictures on the page
+SHORT = overridden(
+    "simulation.duration=0.03", "simulation.step=1e-3", "reduction.modes=2", "reduction.angles=12", "ensemble.bins=10",
+    "ensemble.extremes=false",
+)  # fmt: skip
+STEPS = ("check", "build", "simulate", "compare", "ensemble", "report")
+
+
+def run(capfd: pytest.CaptureFixture[str], *arguments: object, status: int = 0) -> tuple[str, str]:
+    """Run a command in this process; return what it printed."""
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    out, err = capfd.readouterr()
+    assert (end.value.code or 0) == status, out + err
+    return out, err
+
+
+def told(out: str) -> dict[str, list[str]]:
+    """Return the lines by their steps."""
+    lines: dict[str, list[str]] = {}
+    for line in out.splitlines():
+        name, _, text = line.partition(" ")
+        if name in STEPS:
+            lines.setdefault(name, []).append(text.strip())
+    return lines
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_template("slider_crank", tmp_path_factory.mktemp("run") / "mine.toml")[0]
+
+
+@pytest.fixture(scope="module")
+def first(scene: Path) -> str:
+    """Return what the first run says; its trajectory is kept as first.h5."""
+    out = pgmp("run", scene, "-n", 32, *SHORT).stdout
+    shutil.copy(scene.with_name("mine_results") / "run.h5", scene.with_name("first.h5"))
+    return out
+
+
+def test_every_step_says_a_line_and_leaves_a_file(scene: Path, first: str) -> None:
+    lines, folder = told(first), scene.with_name("mine_results")
+    assert list(lines) == list(STEPS)
+    assert lines["check"][0].startswith("slider_crank: 2 bodies, 3 joints, 2 effects, ")
+    assert lines["simulate"][0].startswith("reduced, 30 steps to 0.03 s; estimated error at most ")
+    predicted, measured = lines["compare"]
+    assert "is predicted to take" in predicted or "are predicted to take" in predicted
+    assert measured.startswith("differs from full order by at most ")
+    assert lines["ensemble"][-1].startswith("32 samples, 0 failed; P(slider_deformation above ")
+    assert lines["report"][0].startswith(f"{folder / 'report.html'}: 4 files, ")
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+    assert names == {"rom.h5", "run.h5", "better.h5", "samples.h5", "report.html", "steps.json"}
+
+
+def test_a_later_run_takes_what_is_finished(scene: Path, first: str, capfd: pytest.CaptureFixture[str]) -> None:
+    folder = scene.with_name("mine_results")
+    before = {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")}
+    lines = told(run(capfd, "run", scene, "-n", 32, *SHORT)[0])
+    for name in ("build", "simulate", "compare", "ensemble"):
+        assert lines[name][-1].endswith("(finished before; --force does it again)"), lines
+    assert {path.name: path.stat().st_mtime_ns for path in folder.glob("*.h5")} == before
+    # another number of samples is another ensemble, of the same reduced model
+    page = folder / "other.html"
+    lines = told(run(capfd, "run", scene, "-n", 24, "--report", page, *SHORT)[0])
+    again = [name for name in lines if "(finished before" in lines[name][-1]]
+    assert again == ["build", "simulate", "compare"] and "24 samples" in lines["ensemble"][-1] and page.exists()
+
+
+def test_another_scene_is_done_anew(scene: Path, first: str, capfd: pytest.CaptureFixture[str]) -> None:
+    out, _ = run(capfd, "run", scene, "-n", 8, *SHORT, *overridden("materials.steel.rho=7900.0"))
+    assert "(finished before" not in out
+
+
+RIGID = overridden(
+    "bodies.crank.flexible=false", "bodies.rod.flexible=false", "bodies.crank.section.radius=5e-3", "parameters={}",
+    'effects={motor={type="torque", joint="bearing", table=[[0.0, 0.0], [1.0, 1.0]]}}',
+)  # fmt: skip
+
+
+def test_what_is_left_out_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    scene = write_template("slider_crank", tmp_path / "rigid.toml")[0]
+    lines = told(run(capfd, "run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)[0])
+    assert lines["build"] == ["left out: no reduced model (all bodies are rigid); runs are of the full-order model"]
+    assert lines["compare"] == ["left out: the run is full-order; there is no better model"]
+    assert lines["ensemble"] == ["left out: no parameter has a distribution"]
+    assert (tmp_path / "out" / "report.html").exists()
+    again = ("run", scene, "-o", tmp_path / "out", *SHORT, *RIGID)
+    assert run(capfd, *again)[0].count("(finished before") == 1
+    assert "(finished before" not in run(capfd, *again, "--force")[0]
+
+
+def test_what_fails_is_in_the_report(scene: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A strong motor drives the crank out of its range: the run stops, samples fail, the job ends with status 1."""
+    narrow = overridden(
+        "coordinates.theta.range=[-0.2, 0.02]", "coordinates.theta.periodic=false",
+        "effects.motor.table=[[0.0, 0.0], [0.005, 20.0], [1.0, 20.0]]", "reference.budget=1e-9",
+    )  # fmt: skip
+    out, err = run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
+    assert "simulation stopped at" in err and "some samples failed" in err and err.count("pgmp: error") == 1
+    assert told(out)["compare"][0].startswith("left out: no reference is within reference.budget = 1e-09 s")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Samples that failed" in page and "run.h5: the run stopped at" in page
+    # what failed counts as done: it would fail again
+    again, err = run(capfd, "run", scene, "-o", tmp_path / "out", "-n", 8, *SHORT, *narrow, status=1)
+    assert again.count("(finished before") == 3
+
+
+@pytest.mark.parametrize(
+    ("prepare", "arguments", "message"),
+    [
+        ("mine.txt", (), "holds files and is none of pgmp run (steps.json is missing); give another with -o"),
+        (None, ("--report", "page.pdf"), "a report is written as HTML: name it"),
+        (None, ("-n", "0"), "'-n'"),
+    ],
+)
+def test_refusals(
+    scene: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], prepare: str | None, arguments: tuple, message: str
+) -> None:
+    folder = tmp_path / "out"
+    if prepare is not None:
+        folder.mkdir()
+        (folder / prepare).write_text("mine")
+    out, err = run(capfd, "run", scene, "-o", folder, *arguments, status=2)
+    assert message in err and err.count("\n") == 1 and out == ""
+
+
+def test_two_ranks_give_the_same_figures(scene: Path, first: str, tmp_path: Path, mpirun: Callable) -> None:
+    done = mpirun(2, *PGMP, "run", scene, "-o", tmp_path / "two", "-n", 8, *SHORT)
+    assert told(done.stdout)["report"]
+    with h5py.File(scene.with_name("first.h5")) as one, h5py.File(tmp_path / "two" / "run.h5") as two:
+        for name, values in one["outputs"].items():
+            # bases of several ranks differ in their last digits
+            np.testing.assert_allclose(two["outputs"][name], values, rtol=1e-6, atol=1e-9 * np.abs(values).max())
+
+
+def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_path: Path, capfd) -> None:
+    folder = scene.with_name("mine_results")
+    out, err = run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--json")
+    figures = json.loads(out)
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert figures["outputs"]["slider_position"]["at_end"] == file["outputs/slider_position"][-1]
+        assert figures["errors"]["crank_angle"]["share"] == file["errors/crank_angle"].attrs["share"]
+    out, err = run(capfd, "montecarlo", folder / "rom.h5", "-n", 8, "-o", tmp_path / "many.h5", "--json")
+    figures = json.loads(out)
+    with h5py.File(tmp_path / "many.h5") as file:
+        mean = figures["statistics"]["slider_deformation"]["mean"]
+        assert mean == file["statistics/slider_deformation/mean"][()]
+        assert figures["probabilities"]["bends_too_far"]["interval"] == list(
+            file["probabilities/bends_too_far/interval"][()]
+        )
+    assert json.loads(run(capfd, "info", tmp_path / "many.h5", "--json")[0])["statistics"] == figures["statistics"]
+    checked = json.loads(run(capfd, "check", scene, "--json")[0])
+    assert set(checked["bodies"]) == {"crank", "rod"} and checked["outputs"]["slider_position"] == {"unit": "m"}
+    assert run(capfd, "check", scene, "--quiet") == ("", "")
+    assert run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--quiet") == ("", "")
+
+
+def test_bad_input_leaves_no_json(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out, err = run(capfd, "info", tmp_path / "none.h5", "--json", status=2)
+    assert out == "" and "does not exist" in err
+
+
+def test_scenes_of_many_coordinates_run_as_component_models(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    short = overridden("simulation.duration=0.01", "simulation.step=1e-3", "simulation.frames=3")
+    arm = ROOT / "scenes" / "six_joint_arm.toml"
+    lines = told(run(capfd, "run", arm, "-o", tmp_path / "arm", "-n", 4, *short)[0])
+    assert lines["build"] == ["left out: no reduced model (6 coordinates); runs are of the component model"]
+    assert "predicted to take" in lines["compare"][0] and lines["compare"][1].startswith("differs from full order")
+    assert "predicted to take" in lines["ensemble"][0] and "4 samples, 0 failed" in lines["ensemble"][1]

@@ -1,0 +1,72 @@
+"""The picture of an assembled mechanism: everything has its name, and no name hides another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from matplotlib.text import Annotation
+from mpi4py import MPI
+from pictures import assert_inside, texts
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.figures.assembly import assembly
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.results.assembly import Assembly
+from pgmp_petsc.studies.assembly import assembly_of
+from pgmp_petsc.studies.inputs import read_scene
+
+SCENES = {"plane": "slider_crank", "many bodies": "platform_3rrr", "space": "six_joint_arm", "solids": "spatial_mixed"}
+
+
+def assembled(name: str, *overrides: str) -> Assembly:
+    return assembly_of(*read_scene(ROOT / "scenes" / f"{name}.toml", overrides, (), MPI.COMM_SELF, Purpose.CHECK))
+
+
+@pytest.mark.parametrize("name", SCENES.values(), ids=SCENES.keys())
+def test_everything_has_its_name_and_none_hides_another(name: str) -> None:
+    shown = assembled(name)
+    figure = assembly(shown)
+    assert_inside(figure)
+    notes = [item for item in figure.axes[0].texts if isinstance(item, Annotation)]
+    written = {word for note in notes for line in note.get_text().splitlines() for word in line.split(", ")}
+    named = {point for point in shown.points if point != "ground:origin"}
+    assert written >= {*shown.frames.nodes, *shown.joints, *named}
+    renderer = figure.canvas.get_renderer()
+    boxes = [super(Annotation, note).get_window_extent(renderer) for note in notes]
+    for number, box in enumerate(boxes):
+        for other in boxes[:number]:
+            apart = box.x0 >= other.x1 or other.x0 >= box.x1 or box.y0 >= other.y1 or other.y0 >= box.y1
+            assert apart, [note.get_text() for note in notes]
+
+
+def test_bodies_stand_where_their_joints_hold_them() -> None:
+    shown = assembled("slider_crank", "simulation.initial.theta.position=0.5")
+    crank, rod = (shown.frames.positions[body][0] for body in ("crank", "rod"))
+    elbow = 0.3 * np.array([np.cos(0.5), np.sin(0.5)])
+    slider = np.array([elbow[0] + np.sqrt(0.7**2 - elbow[1] ** 2), 0.0])
+    # the loop is closed to round-off of metres
+    for found, wanted in ((crank[0], [0.0, 0.0]), (crank[-1], elbow), (rod[0], elbow), (rod[-1], slider)):
+        np.testing.assert_allclose(found, wanted, atol=1e-9)
+    np.testing.assert_allclose(shown.joints["slider"], slider, atol=1e-9)  # of what slides the point that moves
+    np.testing.assert_allclose(shown.points["rod:tip"], slider, atol=1e-9)
+    assert texts(assembly(shown))[0] == "slider crank: assembled at theta = 0.5 rad"
+
+
+def test_too_many_points_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pgmp_petsc.figures.assembly.MOST_POINTS", 2)
+    lines = texts(assembly(assembled("platform_3rrr")))
+    assert any("more names of points are left out" in line for line in lines)
+
+
+def test_the_command_draws_and_says_where(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    target, scene = tmp_path / "mechanism.png", str(ROOT / "scenes" / "slider_crank.toml")
+    with pytest.raises(SystemExit) as end:
+        main(["check", scene, "--plot", str(target)])
+    assert end.value.code == 0 and f"  picture       {target}" in capfd.readouterr().out
+    assert target.read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(SystemExit) as end:
+        main(["check", scene, "--plot", str(tmp_path / "mechanism.pdf")])
+    assert end.value.code == 2 and "a picture is written as PNG" in capfd.readouterr().err

@@ -1,0 +1,341 @@
+"""The page of results: its figures are those of the files, it needs no network, and says what is not known."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import io
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import h5py
+import html5lib
+import numpy as np
+import pytest
+import synthetic
+
+from pgmp_petsc.cli.main import main
+from pgmp_petsc.report.budget import error_budget
+from pgmp_petsc.report.downloads import downloads_of
+from pgmp_petsc.report.film import film_of
+from pgmp_petsc.report.page import write_report
+from pgmp_petsc.report.sources import read_sources
+from pgmp_petsc.results import Attempt, Balance, Selection
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import write_file
+from pgmp_petsc.runtime.remarks import note, warning
+
+pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
+
+EVENT = """
+[parameters.push]
+nominal = 1.0
+[ensemble.probabilities.late]
+output = "crank_angle"
+above = 5.0
+when = "ever"
+"""
+
+
+def parsed(text: str) -> Element:
+    """Return the page's tree; raises where the page is not well-formed HTML."""
+    return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
+
+
+def words(element: Element) -> str:
+    """Return what is read in an element, with single blanks."""
+    return " ".join("".join(element.itertext()).split())
+
+
+def with_class(tree: Element, name: str) -> Iterator[Element]:
+    return (item for item in tree.iter() if isinstance(item.tag, str) and name in item.get("class", "").split())
+
+
+def stored(folder: Path, item: Element) -> float:
+    """Return the number of a file that a figure of the page claims to be."""
+    path, _, attribute = item.get("data-path").partition("@")
+    with h5py.File(folder / item.get("data-file")) as file:
+        if attribute.startswith("parameters/"):
+            return json.loads(file.attrs["parameters"])[attribute.partition("/")[2]]
+        if attribute:
+            return float(file[path].attrs[attribute])
+        index = item.get("data-index")
+        return float(file[path][tuple(int(k) for k in index.split(","))] if index else file[path][()])
+
+
+def shown(tree: Element) -> list[Element]:
+    return [item for item in tree.iter("data") if item.get("data-path")]
+
+
+def csv_of(tree: Element, name: str) -> dict[str, list[str]]:
+    """Return the columns of a table that the page hands out."""
+    link = next(item for item in tree.iter("a") if item.get("download") == name)
+    content = base64.b64decode(link.get("href").partition("base64,")[2]).decode()
+    head, *rows = csv.reader(io.StringIO(content))
+    return dict(zip(head, zip(*rows)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a directory with results of one scene, and of another one."""
+    folder = tmp_path_factory.mktemp("report")
+    run = synthetic.trajectory("reduced")
+    stored_energy = np.linspace(0.0, 2.0, run.time.size)
+    balance = Balance(stored_energy, 0.01 * stored_energy, 0.0 * stored_energy, {"motor": 1.0099 * stored_energy})
+    of_run = replace(run.record, remarks=(warning("the rod bends <far>"), note("nothing else")))
+    replace(run, record=of_run, balance=balance, validity={"elastic_rotation": 0.02}).write(folder / "run.h5")
+    synthetic.trajectory("full").write(folder / "full.h5")
+    many = synthetic.described()
+    many.write(folder / "many.h5")
+    synthetic.tradeoff().write(folder / "study.h5")
+    other = synthetic.SCENE.replace("slider_crank", "x<script>alert(1)</script>")
+    replace(run, record=replace(run.record, scene_toml=other), frames=None).write(folder / "other.h5")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    """Return the page of all results of the scene."""
+    files = [folder / name for name in ("run.h5", "full.h5", "many.h5", "study.h5")]
+    lines = write_report(files, folder / "report.html")
+    assert lines[0].startswith(f"{folder / 'report.html'}: 4 files, ") and lines[0].endswith(" MB")
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def tree(page: str) -> Element:
+    return parsed(page)
+
+
+def test_every_figure_is_that_of_its_file(folder: Path, tree: Element) -> None:
+    figures = shown(tree)
+    paths = {item.get("data-path").split("/")[1] for item in figures if not item.get("data-path").startswith("@")}
+    assert paths >= {"statistics", "probabilities", "errors", "mesh", "timings", "parameters", "validity"}
+    for item in figures:
+        np.testing.assert_array_equal(float(item.get("value")), stored(folder, item), err_msg=str(item.attrib))
+
+
+def test_what_is_read_is_what_is_stored(tree: Element) -> None:
+    """Texts have the values' leading digits, in per cent or with a prefix of the unit."""
+    for item in shown(tree):
+        value, text = float(item.get("value")), "".join(item.itertext())
+        number = re.search(r"-?\d+\.?\d*(e[+-]?\d+)?", text)
+        if number is None or value == 0.0:
+            assert text in ("nan", "infinite", "-infinite", "not known", "0", "0 %", "0.0"), (text, value)
+            continue
+        power = np.log10(abs(float(number[0]) / value))
+        scaled = power - (2.0 if abs(power - 2.0) < 0.1 else 3.0 * round(power / 3.0))
+        # two digits are off by 5 % at most
+        assert abs(scaled) < np.log10(1.05) and (float(number[0]) < 0.0) == (value < 0.0), (text, value)
+
+
+def test_the_verdict_says_how_sure_and_how_far_off(tree: Element) -> None:
+    first, *others = [words(item) for item in next(with_class(tree, "verdict")).iter("p")]
+    assert first == "P(crank_angle above 5 rad at any time) = 5.26 % [1, 20], 90 % interval of 57 samples."
+    # the made-up error is 4 % cos(9 t) of the deformation, measured against the full-order one
+    assert any(re.match(r"Model error 3\.4 % of the largest slider deformation, .* measured", text) for text in others)
+    assert "many.h5: 3 of 60 samples failed, and are in no figure above, which may bias them." in others
+    assert "1 warning" in others
+
+
+def test_nothing_comes_from_outside(page: str, tree: Element) -> None:
+    assert "http:" not in page and "https:" not in page and "@import" not in page and "url(" not in re.sub(
+        r'url\(#[\w-]+\)', "", page)  # fmt: skip
+    for item in tree.iter():
+        for name in ("src", "href", "action", "data"):
+            target = item.get(name) if isinstance(item.tag, str) else None
+            assert target is None or target.startswith(("#", "data:")), target
+    policy = next(item for item in tree.iter("meta") if item.get("http-equiv") == "Content-Security-Policy")
+    assert policy.get("content").startswith("default-src 'none'")
+
+
+def test_ids_are_unique_and_references_hold(tree: Element) -> None:
+    ids = [item.get("id") for item in tree.iter() if isinstance(item.tag, str) and item.get("id")]
+    within = re.findall(r'(?:href="#|url\(#)([^")]+)', html5lib.serialize(tree, quote_attr_values="always"))
+    assert set(within) <= set(ids)
+    outside_of_charts = [name for name in ids if name.startswith(("scene-", "remarks-"))]
+    assert len(outside_of_charts) == len(set(outside_of_charts))
+
+
+def test_texts_of_files_are_no_markup(folder: Path) -> None:
+    write_report([folder / "other.h5"], folder / "other.html")
+    tree = parsed((folder / "other.html").read_text(encoding="utf-8"))
+    assert words(next(tree.iter("h1"))) == "x<script>alert(1)</script>"
+    assert all("alert" not in words(script) for script in tree.iter("script"))
+    assert "no picture of the mechanism" in words(tree) and "no probabilities and no intervals" in words(tree)
+
+
+def test_scenes_have_sections_of_their_own(folder: Path) -> None:
+    lines = write_report([folder / name for name in ("run.h5", "other.h5", "run.h5")], folder / "two.html")
+    assert "2 files of 2 scenes, each in a section of its own" in lines[0]
+    assert lines[1] == f"{folder / 'run.h5'} is given twice and shown once"
+    tree = parsed((folder / "two.html").read_text(encoding="utf-8"))
+    sections = list(with_class(tree, "scene"))
+    assert [words(item) for item in tree.iter("h2") if "scene" in item.get("class", "")] == [
+        "slider crank", "x<script>alert(1)</script>"]  # fmt: skip
+    assert len([item for item in sections if item.tag == "section"]) == 2
+    assert {item.get("data-file") for item in shown(sections[0])} == {"run.h5"}
+
+
+def test_data_are_handed_out_with_all_digits(folder: Path, tree: Element) -> None:
+    table = csv_of(tree, "run.csv")
+    with h5py.File(folder / "run.h5") as file:
+        assert [float(v) for v in table["time (s)"]] == file["time"][()].tolist()
+        assert [float(v) for v in table["slider_deformation (m)"]] == file["outputs/slider_deformation"][()].tolist()
+    table = csv_of(tree, "many.csv")
+    with h5py.File(folder / "many.h5") as file:
+        np.testing.assert_array_equal([float(v) for v in table["r1 (m)"]], file["parameters/r1"][()])
+        np.testing.assert_array_equal(
+            [float(v) for v in table["crank_angle.max (rad)"]], file["extremes/crank_angle/max"][()]
+        )
+    assert {"many_crank_angle.csv", "study.csv", "run.toml"} <= {item.get("download") for item in tree.iter("a")}
+
+
+def test_tables_that_are_cut_say_so(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pgmp_petsc.report.downloads.MOST_NUMBERS", 400)
+    [[source]], _ = read_sources([folder / "run.h5"])
+    table = downloads_of(source)[0]
+    assert table.about == "outputs over time, the first 100 of 1001 rows: the file has all"
+    assert base64.b64decode(table.address.partition("base64,")[2]).count(b"\n") == 101
+
+
+def rows_of(tree: Element, title: str) -> list[list[str]]:
+    """Return the rows of the table below a heading."""
+    section = next(item for item in tree.iter("section") if any(words(h) == title for h in item.findall("h2")))
+    return [[words(cell) for cell in row] for row in next(section.iter("tbody"))]
+
+
+def test_the_error_budget_says_what_is_known_and_what_is_not(tree: Element) -> None:
+    budget = {row[0]: row[1:] for row in rows_of(tree, "Error budget")}
+    assert budget["basis"][0] == budget["time step"][0] == "not known"
+    assert "reduction.tolerance" in budget["basis"][1]
+    assert budget["mesh: slider_deformation"] == ["1 %", "measured: 10 cells against 40"]
+    assert budget["model: slider_deformation"][1].startswith("measured: reduced against full order")
+    assert budget["sampling: P(late)"] == ["± 9.5 percentage points", "90 % interval of 57 samples"]
+    assert budget["small deformations: elastic rotation"][0] == "0.02 rad"
+
+
+def test_samples_that_failed_are_listed(folder: Path, tree: Element) -> None:
+    rows = rows_of(tree, "Samples that failed")
+    assert [row[0] for row in rows] == ["57", "58", "59"]
+    assert all(row[-1] == "Newton's method did not converge" for row in rows)
+
+
+def test_a_build_with_a_tolerance_tells_the_parts_of_the_error(folder: Path) -> None:
+    attempts = tuple(
+        Attempt(part, {"modes": 4}, 100, np.array([share]), share, "crank_angle at r1 = 5 mm")
+        for part, share in (("basis", 4e-3), ("interpolation", 2e-3), ("step", 0.5), ("step", 1e-3))
+    )
+    allowed = {"basis": 5e-3, "interpolation": 5e-3, "step": 2e-3}
+    selection = Selection({}, allowed, {"reduction.modes": 4}, {}, {}, attempts, ("crank_angle",), {}, {}, ())
+    with write_file(folder / "rom.h5", "rom") as file:
+        synthetic.record().write(file)
+        selection.write_into(file)
+    [sources], _ = read_sources([folder / "run.h5", folder / "rom.h5"])
+    budget = {line.what: line for line in error_budget(sources, None)}
+    assert [part.text for part in budget["basis"].size] == ["0.4 %"]
+    assert budget["basis"].how == "measured at the build, allowed 0.5 %: crank_angle at r1 = 5 mm"
+    # the last attempt that keeps what is allowed
+    assert [part.value for part in budget["time step"].size] == [1e-3]
+
+
+def test_a_reduced_model_alone_is_no_report(folder: Path) -> None:
+    with write_file(folder / "alone.h5", "rom") as file:
+        synthetic.record().write(file)
+    with pytest.raises(
+        InputError, match="holds a reduced model, and no results of its scene are here: add a trajectory"
+    ):
+        write_report([folder / "alone.h5"], folder / "alone.html")
+    assert not (folder / "alone.html").exists()
+
+
+def test_results_with_little_in_them_are_shown(folder: Path) -> None:
+    """No samples that are fine, no errors, no frames: the page says so instead of failing."""
+    lost = synthetic.ensemble("reduced", 10, 10)
+    short = synthetic.trajectory("reduced", n_frames=0, n_times=2)
+    replace(lost, errors={}, errors_at_end={}, validity={}).write(folder / "lost.h5")
+    replace(short, errors=None, status=3).write(folder / "short.h5")
+    write_report([folder / "lost.h5", folder / "short.h5"], folder / "little.html")
+    tree = parsed((folder / "little.html").read_text(encoding="utf-8"))
+    verdict = words(next(with_class(tree, "verdict")))
+    assert "lost.h5: 10 of 10 samples failed" in verdict and "Model error: not known" in verdict
+    assert "not known: no sample tells" in words(tree)
+
+
+def test_the_film_has_the_shapes_of_the_run() -> None:
+    run = synthetic.trajectory("full", n_frames=20)
+    film = film_of(run)
+    assert film.data["time"] == run.frames.time.tolist()
+    unit = None
+    for entry, (body, positions) in zip(film.data["bodies"], run.frames.positions.items()):
+        at = np.array(entry["at"]).reshape(20, -1, 2)
+        spread = np.ptp(positions[..., 0]) if body == "rod" else unit
+        unit = np.ptp(at[..., 0]) / spread if body == "rod" else None
+        scale = np.linalg.norm(at[:, -1] - at[:, 0], axis=1) / np.linalg.norm(
+            positions[:, -1] - positions[:, 0], axis=1
+        )
+        # whole numbers are off by half a unit at each end
+        assert np.ptp(scale) < 4.0 / np.linalg.norm(positions[:, -1] - positions[:, 0], axis=1).min()
+        across = np.array(entry["extra"]).reshape(20, -1, 2) * entry["step"]
+        assert np.abs(across[:, [0, -1]]).max() < 1.0  # ends stay where they are
+        middle = np.linalg.norm(across, axis=-1).max()
+        bend = 2e-3 * np.abs(np.sin(12.0 * run.frames.time)).max() * np.sin(np.pi * 0.4)
+        assert middle == pytest.approx(bend * scale.mean(), rel=0.02)
+    assert film.data["factors"][0] == 1 and len(film.data["factors"]) > 1
+
+
+def test_there_is_no_film_without_frames() -> None:
+    assert film_of(synthetic.trajectory("full", n_frames=0)) is None
+
+
+def refusal(capfd: pytest.CaptureFixture[str], *arguments: object) -> str:
+    with pytest.raises(SystemExit) as end:
+        main(["report", *map(str, arguments)])
+    out, err = capfd.readouterr()
+    assert end.value.code == 2 and out == "" and err.startswith("pgmp: error: ") and err.count("\n") == 1, err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("files", "output", "message"),
+    [
+        (["none.h5"], "x.html", "none.h5' does not exist; needed: a trajectory or an ensemble or a trade-off study"),
+        (["damaged.h5"], "x.html", "is damaged"),
+        (["foreign.h5"], "x.html", "is not an HDF5 file"),
+        (["run.h5", "modes.h5"], "x.html", "holds a table of modes; needed: a trajectory or an ensemble"),
+        (["run.h5"], "run.h5", "is what the command reads"),
+        (["run.h5"], "x.pdf", "a report is written as HTML: name it"),
+        (["run.h5"], "mine.html", "exists and is not a report of this program"),
+        (["run.h5"], "none/x.html", "does not exist; create it first"),
+    ],
+)
+def test_refusals(
+    folder: Path, capfd: pytest.CaptureFixture[str], files: Sequence[str], output: str, message: str
+) -> None:
+    (folder / "foreign.h5").write_text("no result")
+    (folder / "mine.html").write_text("<p>mine</p>")
+    (folder / "damaged.h5").write_bytes((folder / "run.h5").read_bytes()[:-100])
+    synthetic.modes_table().write(folder / "modes.h5")
+    assert message in refusal(capfd, *(folder / name for name in files), "-o", folder / output)
+    assert not (folder / "x.html").exists() and (folder / "mine.html").read_text() == "<p>mine</p>"
+
+
+def test_a_report_replaces_an_older_one(folder: Path, page: str) -> None:
+    target = folder / "again.html"
+    for _ in range(2):
+        write_report([folder / "full.h5"], target)
+    assert "All runs are full-order: nothing was reduced." in target.read_text(encoding="utf-8")
+
+
+def test_charts_show_the_level_of_an_event(folder: Path) -> None:
+    many = synthetic.described()
+    crank = synthetic.SCENE + EVENT
+    replace(many, sobol={}, statistics={}, record=replace(many.record, scene_toml=crank)).write(folder / "event.h5")
+    write_report([folder / "event.h5"], folder / "event.html")
+    tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
+    charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
+    assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]

@@ -1,0 +1,70 @@
+"""The ledger of a job of several steps: what counts as finished, begun, or failed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import synthetic
+
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.steps import LABEL, Steps
+
+
+@pytest.fixture
+def steps(tmp_path: Path) -> Steps:
+    """Return the ledger of a folder with one finished file."""
+    steps = Steps(tmp_path / "job")
+    steps.make()
+    steps.begin("run.h5", "key")
+    synthetic.trajectory(n_frames=0, n_times=5).write(steps.folder / "run.h5")
+    steps.finish("run.h5", "key", "it stopped early")
+    return steps
+
+
+def test_a_file_is_finished_with_its_own_key_alone(steps: Steps) -> None:
+    assert steps.is_finished("run.h5", "key") and not steps.is_finished("run.h5", "other")
+    assert not steps.is_finished("none.h5", "key")
+    assert steps.failure("run.h5") == "it stopped early"
+    Steps(steps.folder).make()  # a later job keeps what is known
+    assert steps.is_finished("run.h5", "key")
+
+
+def test_a_file_that_is_another_or_damaged_is_not_finished(steps: Steps) -> None:
+    path = steps.folder / "run.h5"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-7])
+    assert not steps.is_finished("run.h5", "key")
+    synthetic.trajectory("reduced", n_frames=0, n_times=5).write(steps.folder / "other.h5")
+    os.replace(steps.folder / "other.h5", path)
+    assert not steps.is_finished("run.h5", "key")
+    path.write_bytes(whole)
+    assert steps.is_finished("run.h5", "key")
+    path.unlink()
+    assert not steps.is_finished("run.h5", "key")
+
+
+def test_what_was_begun_is_taken_up_where_pieces_are_left(steps: Steps) -> None:
+    steps.begin("rom.h5", "key")
+    assert not steps.was_begun("rom.h5", "key")
+    (steps.folder / "rom.h5.partial").mkdir()
+    assert steps.was_begun("rom.h5", "key") and not steps.was_begun("rom.h5", "other")
+
+
+@pytest.mark.parametrize("text", ["", "no JSON", "[]", '{"format": 99, "files": {"run.h5": {"key": "key"}}}'])
+def test_a_damaged_ledger_knows_nothing(steps: Steps, text: str) -> None:
+    (steps.folder / LABEL).write_text(text)
+    assert not steps.is_finished("run.h5", "key")
+    steps.make()
+    assert not steps.is_finished("run.h5", "key")
+
+
+def test_folders_of_others_and_impossible_ones_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds files and is none of pgmp run"):
+        Steps(tmp_path).make()
+    for folder in (tmp_path / "mine.txt", tmp_path / "none" / "job"):
+        with pytest.raises(InputError, match="cannot be made: .*; give another with -o"):
+            Steps(folder).make()
+    assert (tmp_path / "mine.txt").read_text() == "mine"
