@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
@@ -17,6 +18,7 @@ from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results.summary import origin_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
@@ -35,6 +37,7 @@ from pgmp_petsc.studies.inputs import read_scene
 @output_option
 @ranks_per_angle_option
 @click.option("--resume", is_flag=True, help="Take up a build of the same file that was stopped.")
+@output_form
 @scene_options
 @click.pass_context
 def build(
@@ -90,6 +93,9 @@ def build(
         say(context, report(rom, output, loaded.remarks))
     if choice is not None:
         say(context, "\n".join(choice.selection.lines(attempts=False)))
+    if rom is not None:
+        chosen = None if choice is None else choice.selection.chosen
+        say_figures(context, {"file": output, **figures_of(rom), "chosen": chosen})
 
 
 def with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
@@ -119,6 +125,22 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     lines += remark_lines(rom.record, said)
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
+
+
+def figures_of(rom: ReducedOrderModel) -> dict[str, object]:
+    """Return the figures of a model as plain data."""
+    tables, frequencies = rom.tables, rom.frequencies_hz
+    return {
+        "kind": "rom",
+        "configurations": len(frequencies),
+        "modes": frequencies.shape[1],
+        "parameter_modes": rom.n_parameter,
+        "other_modes": tables.n_modes - frequencies.shape[1] - rom.n_parameter,
+        "frequencies_hz": {"min": frequencies.min(axis=0), "max": frequencies.max(axis=0)},
+        "terms": {"mass": tables.mass.shape[1], "stiffness": tables.stiffness.shape[1], "load": tables.load.shape[1]},
+        "least_cosine": rom.cosines.min(),
+        **origin_of(rom.record),
+    }
 
 
 def beside_modes(rom: ReducedOrderModel) -> str:

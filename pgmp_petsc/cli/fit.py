@@ -10,9 +10,11 @@ import click
 from pgmp_petsc.cli.gradient_tables import fit_lines
 from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, say
 from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
 from pgmp_petsc.results.fit import Fit
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError, RunError
@@ -33,6 +35,7 @@ from pgmp_petsc.studies.measured_history import read_history
     metavar="OUTPUT=NUMBER",
     help="Standard deviation of an output's noise; found from what is left where it is not given. Repeatable.",
 )
+@output_form
 @scene_options
 @click.pass_context
 def fit(
@@ -63,6 +66,7 @@ def fit(
     keep(context, found, output, plot)
     if found is not None:
         say(context, report(found, output or measured, model.scene.remarks))
+        say_figures(context, {"file": output, **summary_of(found)})
     if not comm.bcast(found is None or found.converged):
         raise RunError("the fit did not converge")
 

@@ -10,10 +10,12 @@ import numpy as np
 
 from pgmp_petsc.cli.ensemble_table import report
 from pgmp_petsc.cli.options import output_option
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.shards import Shards
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import read_shard
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.claims import claimed
 
@@ -21,6 +23,7 @@ from pgmp_petsc.runtime.claims import claimed
 @click.command()
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @output_option
+@output_form
 @click.pass_context
 def merge(context: click.Context, files: tuple[Path, ...], output: Path) -> None:
     """Join all shards of an ensemble (pgmp montecarlo --shard) to the file that one run would have written.
@@ -37,6 +40,7 @@ def merge(context: click.Context, files: tuple[Path, ...], output: Path) -> None
         if ensemble is not None:
             failed = int(np.sum(ensemble.status != 0))
             say(context, report(ensemble, output))
+            say_figures(context, {"file": output, **summary_of(ensemble)})
     if comm.bcast(failed):
         context.exit(1)
 

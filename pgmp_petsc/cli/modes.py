@@ -9,9 +9,11 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.modes import ModesTable
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
@@ -33,6 +35,7 @@ NOTHING = 1e-6  # of a mode's highest frequency
     help="Angles of each coordinate; reduction.angles if not given.",
 )
 @ranks_per_angle_option
+@output_form
 @scene_options
 @click.pass_context
 def modes(
@@ -56,6 +59,7 @@ def modes(
     save(context, table, output)
     if table is not None:
         say(context, report(table, output, loaded.remarks))
+        say_figures(context, {"file": output, **summary_of(table)})
 
 
 def report(table: ModesTable, path: Path, said: Sequence[Remark] = ()) -> str:

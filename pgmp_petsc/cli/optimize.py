@@ -10,9 +10,11 @@ import click
 from pgmp_petsc.cli.gradient_tables import design_lines
 from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, say
 from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
 from pgmp_petsc.results.design import Design
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
@@ -41,6 +43,7 @@ from pgmp_petsc.studies.optimization import optimize as designed
     "--samples", "n_samples", default=64, show_default=True, type=click.IntRange(min=2), help="Samples of --robust."
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0), help="Of the samples of --robust.")
+@output_form
 @scene_options
 @click.pass_context
 def optimize(
@@ -85,6 +88,7 @@ def optimize(
     found = designed(model, question, comm)
     keep(context, found if comm.rank == 0 else None, output, plot)
     say(context, report(found, output or source, model.scene.remarks))
+    say_figures(context, {"file": output, **summary_of(found)} if comm.rank == 0 else {})
     if not found.converged:
         raise RunError(f"no design was found that meets all that was asked for: {_reason(found)}")
 

@@ -10,7 +10,9 @@ import click
 from pgmp_petsc.cli.gradient_tables import report
 from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import Command, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
@@ -38,6 +40,7 @@ def plot_option(command: Command) -> Command:
 @file_option
 @plot_option
 @parameter_option("Differentiate with parameter NAME, instead of all of the scene")
+@output_form
 @scene_options
 @click.pass_context
 def sensitivities(
@@ -62,6 +65,7 @@ def sensitivities(
     keep(context, found, output, plot)
     if found is not None:
         say(context, report(found, output or source, model.scene.remarks))
+        say_figures(context, {"file": output, **summary_of(found)})
 
 
 def keep(context: click.Context, result: object, output: Path | None, plot: Path | None) -> None:

@@ -7,10 +7,12 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.options import output_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.tradeoff_table import summary
 from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.tradeoff import Tradeoff
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
@@ -33,6 +35,7 @@ from pgmp_petsc.studies.tradeoff_settings import FULL, QUICK
     type=click.IntRange(min=1),
     help="Number of samples that the advice is for.",
 )
+@output_form
 @scene_options
 @click.pass_context
 def tradeoff(
@@ -71,6 +74,7 @@ def tradeoff(
     finished.remove()
     if study is not None:
         say(context, report(study, output))
+        say_figures(context, {"file": output, **summary_of(study)})
         say_remarks(context, loaded)
 
 

@@ -2,7 +2,7 @@
 
     rule    = figure precision
     figure  = ("mean" | "std") "(" quantity ")"  |  "P" "(" label ")"  |  "P" "(" quantity ("<" | ">") number ")"
-    precision = "<" number "%"  |  ("+-" | "±") number
+    precision = "<" number "%"  |  ("+-" | "±") number ["%"]
 
 A quantity is an output, or ``<output>.max`` and ``<output>.min`` where the scene asks for extremes; a label is that of
 an event of ``ensemble.probabilities``. The precision is half the width of the figure's confidence interval: a share of
@@ -92,6 +92,9 @@ class _Reader:
             self._refuse("a positive precision", place)
         if relative:
             self._sign("%")
+        elif self._text[self._place :].strip() == "%":
+            self._sign("%")
+            relative = True
         if self._text[self._place :].strip():
             self._refuse("the end")
         return Rule(self._text, kind, quantity, event, 0.01 * wanted if relative else wanted, relative)

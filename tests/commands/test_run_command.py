@@ -173,6 +173,26 @@ def test_figures_as_json_are_those_of_the_files(scene: Path, first: str, tmp_pat
     assert run(capfd, "simulate", folder / "rom.h5", "-o", tmp_path / "run.h5", "--quiet") == ("", "")
 
 
+@pytest.mark.parametrize(
+    ("command", "kind", "figure"),
+    [
+        (("sensitivities", "rom.h5"), "sensitivities", "derivatives"),
+        (("montecarlo", "rom.h5", "-n", 500, "--rare", "crank_angle < 0"), "rare_event", "estimate"),
+        (("build", "scene", "--override", "reduction.angles=12"), "rom", "frequencies_hz"),
+        (("modes", "scene", "--override", "reduction.angles=12"), "modes", "full_frequencies_hz"),
+    ],
+)
+def test_every_command_has_figures(
+    scene: Path, first: str, tmp_path: Path, capfd, command: tuple, kind: str, figure: str
+) -> None:
+    places = {"rom.h5": scene.with_name("mine_results") / "rom.h5", "scene": scene}
+    out, _ = run(capfd, *(places.get(word, word) for word in command), "-o", tmp_path / "one.h5", "--json")
+    found = json.loads(out)
+    assert found["kind"] == kind and found[figure] is not None and found["scene"]
+    if kind != "rom":
+        assert json.loads(run(capfd, "info", tmp_path / "one.h5", "--json")[0])[figure] == found[figure]
+
+
 def test_bad_input_leaves_no_json(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out, err = run(capfd, "info", tmp_path / "none.h5", "--json", status=2)
     assert out == "" and "does not exist" in err
