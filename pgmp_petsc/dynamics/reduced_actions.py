@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.action_frames import Places
-from pgmp_petsc.dynamics.action_kernel import LocalEffects
+from pgmp_petsc.dynamics.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
 from pgmp_petsc.dynamics.reduced_terms import grid_of, in_radians
 from pgmp_petsc.effects.action import Action, compile_actions
@@ -101,7 +101,14 @@ class ReducedActions:
 
     def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
-        return LocalEffects(self.places, compile_actions(self.actions, values, n_samples, self.dimension))
+        compiled = compile_actions(self.actions, values, n_samples, self.dimension)
+        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(self.edges))
+
+    def _chosen(self, numbers: Sequence[int]) -> Chosen:
+        """Return some actions with their nodes."""
+        actions = np.array(numbers, dtype=np.int64)
+        nodes = np.unique(self.places.sides[actions])
+        return Chosen(actions, nodes[nodes >= 0])
 
 
 def _rows(part: Interpolant, parts: int) -> np.ndarray:

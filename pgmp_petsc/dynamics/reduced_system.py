@@ -24,7 +24,10 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.effects.time_function import TimeFunction, joined
+from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
+NOTHING = Strengths(joined([]), joined([]), joined([]))
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
@@ -78,6 +81,18 @@ class ReducedSystem:
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
+        self._edges = np.array(self._actions.edges, dtype=np.int64)
+        self._functions = self._functions_of_time() if self._edges.size else NOTHING
+
+    def _functions_of_time(self) -> Strengths:
+        """Return what gives the strengths at any time, in place of their values."""
+        nothing = TimeFunction.constant(0.0)
+        n_theta, actions = self.tables.n_coordinates, self._actions.actions
+        return Strengths(
+            joined([effect.strength for effect in self._load_effects]),
+            joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
+            joined([self._motions[k].angle if k in self._motions else nothing for k in range(n_theta)]),
+        )
 
     @property
     def values(self) -> Mapping[str, np.ndarray]:
@@ -151,6 +166,7 @@ class ReducedSystem:
             Size of the correction before it was shortened.
         """
         before, memory, at_start = state.q.copy(), self._memory, self._at(0.0)
+        at_start.loads[:] *= share
         acting = self._lanes.nothing_acting()
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
@@ -159,7 +175,7 @@ class ReducedSystem:
         size = self._correct(
             self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool)),
             memory._replace(acting=acting),
-            at_start._replace(loads=share * at_start.loads),
+            at_start,
             state,
             Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             active,
@@ -186,12 +202,12 @@ class ReducedSystem:
     @property
     def n_events(self) -> int:
         """Number of actions whose law has an edge."""
-        return len(self._actions.edges)
+        return self._edges.size
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
-        return self._memory.known[:, DEPTH, self._actions.edges].T
+        return self._memory.known[:, DEPTH, self._edges].T
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
@@ -280,7 +296,7 @@ class ReducedSystem:
         samples
             Mask, shape (n_samples,).
         beyond
-            Whether the edges of laws are crossed, shape (n_events, n_samples).
+            Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date.
         shown
             Numbers of the steps that somebody wants to see, shape (n_t,).
         trail
@@ -295,7 +311,6 @@ class ReducedSystem:
             Newton corrections, all samples together.
         """
         self._lanes.regroup(moment[0].q, samples)
-        edges = np.array(self._actions.edges, dtype=np.int64)
         progress = Progress(
             self._lanes.zeros(np.int64),
             self._lanes.zeros(np.int64),
@@ -306,9 +321,10 @@ class ReducedSystem:
         )
         state, *others = moment
         advance(
-            self._equations, self._memory, self._over(ends), astuple(scheme), step, first, (*_parts(state), *others),
-            self._bounds, edges, self._lanes.sets(samples), progress,
+            self._equations, self._memory, self._over(ends), self._functions, astuple(scheme)[:4], (first, ends, step),
+            (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples), progress,
         )  # fmt: skip
+        beyond[:] = progress.beyond.T
         outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
         return outcome, n_steps, int(progress.n_corrections[0])
 
@@ -362,17 +378,17 @@ class ReducedSystem:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
 
     def _at(self, time: float) -> Strengths:
-        """Return what acts at an instant."""
-        return Strengths(*(part[0] for part in self._over(np.array([time]))))
+        """Return what acts on every lane at an instant."""
+        return Strengths(*(same_in_all_lanes(part[0]) for part in self._over(np.array([time]))))
 
     def _over(self, times: np.ndarray) -> Strengths:
         """Return what acts at several instants, one a row."""
         loads = np.empty((times.size, len(self._load_effects)))
         for column, effect in zip(loads.T, self._load_effects):
             column[:] = effect.amplitude(times)
-        motions = np.zeros((times.size, self.tables.n_coordinates, 3))
+        motions = np.zeros((times.size, 3 * self.tables.n_coordinates if self._motions else 0))
         for k, motion in self._motions.items():
-            motions[:, k] = [motion.at(time) for time in times]
+            motions[:, 3 * k : 3 * k + 3] = [motion.at(time) for time in times]
         return Strengths(loads, amplitudes_over(self._actions.actions, times), motions)
 
 
