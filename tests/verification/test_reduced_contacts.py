@@ -12,6 +12,7 @@ from scenes import slider_crank
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
+from pgmp_petsc.dynamics.status import Outcome, Status
 from pgmp_petsc.models import ReducedModel
 
 MODES = (
@@ -36,6 +37,12 @@ SCENES = {
         STOP, "parameters.k={nominal=3e3}", "simulation.initial={}",
     ),
 }  # fmt: skip
+# the range ends just behind a soft stop
+NARROW = (
+    "coordinates.theta={joint='crank_hinge',range=[-0.2,0.5]}", "parameters.k={nominal=1.0}",
+    "effects={stop={type='end_stop',joint='crank_hinge',upper=0.4999,stiffness='k'}}",
+    "simulation.initial.theta={position=0.2,velocity=5.0}",
+)  # fmt: skip
 N = 11  # two blocks of lanes
 RADII, FACTORS = np.linspace(5.0e-3, 6.0e-3, N), np.geomspace(0.5, 2.0, N)
 
@@ -43,7 +50,7 @@ RADII, FACTORS = np.linspace(5.0e-3, 6.0e-3, N), np.geomspace(0.5, 2.0, N)
 @cache
 def model_of(name: str) -> ReducedModel:
     """Return a reduced model; made once."""
-    return reduced_model(slider_crank(*MODES, *SCENES[name]))
+    return reduced_model(slider_crank(*MODES, *(SCENES | {"range": NARROW})[name]))
 
 
 def values_of(model: ReducedModel, chosen: np.ndarray) -> dict[str, np.ndarray]:
@@ -120,3 +127,47 @@ def test_no_number_depends_on_neighbours_or_on_the_steps_of_a_call(name: str, mo
     for sample in (0, 3, N - 1):
         alone = motion_of(model, values_of(model, everyone[[sample]]))[0]
         np.testing.assert_array_equal(alone[:, 0], together[:, sample])
+
+
+def test_what_a_lane_cannot_do_by_itself_is_done_with_care(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop so stiff that Newton's iteration fails within parts of steps: the same answer, and nobody else's business.
+
+    The stiffest one fails for good.
+    """
+    model = model_of("loads")
+    stiffness = np.array([2e4, 3e6, 1e14, 1.7e4])
+    outcomes: list[Outcome] = []
+    advance = ReducedSystem.advance
+
+    def recorded(system: ReducedSystem, *arguments: object) -> object:
+        found = advance(system, *arguments)
+        outcomes.extend(Outcome(int(outcome)) for outcome in found[0])
+        return found
+
+    monkeypatch.setattr(ReducedSystem, "advance", recorded)
+    together, _, run = motion_of(model, samples(model.scene, 4, k=stiffness))
+    np.testing.assert_array_equal(run.status, [0, 0, Status.NOT_CONVERGED, 0])
+    assert Outcome.CROSSED in outcomes
+    for sample in (0, 1, 3):
+        alone, _, _ = motion_of(model, samples(model.scene, 1, k=stiffness[[sample]]))
+        np.testing.assert_array_equal(alone[:, 0], together[:, sample])
+    expected, _, other = motion_of(model, samples(model.scene, 4, k=stiffness), one_by_one=True)
+    np.testing.assert_array_equal(other.status, run.status)
+    np.testing.assert_allclose(run.failure_time[2], other.failure_time[2], rtol=1e-12)
+    # the force of a stop 150 times as stiff makes as much more of what remains of Newton's iteration
+    np.testing.assert_allclose(together[:, 1], expected[:, 1], rtol=0, atol=3e-6)
+
+
+def test_a_sample_that_leaves_the_range_within_a_search_stands_where_it_was() -> None:
+    """It enters a stop and leaves the range in one step, as it does one sample at a time."""
+    model = model_of("range")
+    values = values_of(model, np.arange(N))
+    found, depths, run = motion_of(model, values)
+    np.testing.assert_array_equal(run.status, Status.LEFT_RANGE)
+    failed = np.rint(run.failure_time / model.scene.simulation.step).astype(int)
+    assert (depths[failed - 1, 0, np.arange(N)] < 0.0).all(), "before the step the stop is not entered"
+    for sample, last in enumerate(failed):
+        assert (found[last:, sample] == found[last - 1, sample]).all()
+    expected, _, other = motion_of(model, values, one_by_one=True)
+    np.testing.assert_array_equal(run.failure_time, other.failure_time)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-8)
