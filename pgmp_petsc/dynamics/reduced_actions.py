@@ -10,8 +10,12 @@ import numpy as np
 from pgmp_petsc.dynamics.action_frames import Places
 from pgmp_petsc.dynamics.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
+from pgmp_petsc.dynamics.reduced_arrays import Strengths
 from pgmp_petsc.dynamics.reduced_terms import grid_of, in_radians
 from pgmp_petsc.effects.action import Action, compile_actions
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -109,6 +113,19 @@ class ReducedActions:
         actions = np.array(numbers, dtype=np.int64)
         nodes = np.unique(self.places.sides[actions])
         return Chosen(actions, nodes[nodes >= 0])
+
+
+def functions_of_time(
+    effects: Sequence[Effect], actions: Sequence[Action], motions: Mapping[int, Motion], n_theta: int
+) -> Strengths:
+    """Return what gives loads of effects, sources among actions and motions of coordinates at any time: `TimeFunctions`
+    in place of their values."""
+    nothing = TimeFunction.constant(0.0)
+    return Strengths(
+        joined([effect.strength for effect in effects]),
+        joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
+        joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
+    )
 
 
 def _rows(part: Interpolant, parts: int) -> np.ndarray:

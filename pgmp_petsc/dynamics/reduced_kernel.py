@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.dynamics.action_kernel import FORCE, act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
+from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
     LANES,
     N_POWERS,
@@ -210,20 +211,45 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         store(size, block, blend(active[block], size_of(equations, work.balance), spread(0.0)))
 
 
-@njit(cache=True, error_model="numpy")
-def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
-    """Evaluate the local effects on some samples; parameters as of `correct`."""
-    work = allocate(equations.layout)
+@njit(cache=True, entry=True, error_model="numpy")
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, forces):
+    """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
+
+    Parameters
+    ----------
+    amplitudes
+        Of the actions, shape (n_t, n_actions).
+    trail
+        Positions and velocities, shape (n_t, 2, n_samples, n_eta), and what else is behind them.
+    active
+        Sets of lanes, shape (n_blocks,).
+    gain_v
+        Derivative of eta' with eta within a step.
+    with_tangent
+        Whether tangents are wanted.
+    forces
+        Result: of every action (N or N m), shape (n_t, n_samples, n_actions).
+    """
+    work, n_actions = allocate(equations.layout), amplitudes.shape[1]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
+    now = empty_lanes(n_actions, LANES)
     for block in range(active.size):
         if active[block] == 0:
             continue
-        take_up(state, memory.samples[block], work)
-        act(
-            equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
-            memory.samples[block], active[block], spread(gain_v), with_tangent, local, places_of(memory, block),
-            acting_of(memory, block), memory.known,
-        )  # fmt: skip
+        samples = memory.samples[block]
+        for instant in range(trail.shape[0]):
+            gather(trail[instant, 0], samples, work.q)
+            gather(trail[instant, 1], samples, work.rate)
+            for k in range(n_actions):
+                store(now, k, spread(amplitudes[instant, k]))
+            act(
+                equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
+                spread(gain_v), with_tangent, local, places_of(memory, block), acting_of(memory, block), memory.known,
+            )  # fmt: skip
+            for lane in range(LANES):
+                if active[block] & (1 << lane):
+                    for k in range(n_actions):
+                        forces[instant, samples[lane], k] = memory.known[samples[lane], FORCE, k]
 
 
 @njit(cache=True, error_model="numpy")

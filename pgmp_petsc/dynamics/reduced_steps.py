@@ -129,10 +129,14 @@ def _advance_block(
     begin(scheme, steps, progress.shown, clocks)
     while going != 0:
         set_out(strengths, functions, scheme, steps, going, n_steps, state[5], clocks)
-        _predict(equations, scheme, state, clocks, work)
-        searching = in_search(search)
-        tolerance = blend(searching, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
-        lost = _converge(equations, memory, block, clocks, going, tolerance, state[5], work, local, progress)
+        searching, lost = in_search(search), going
+        for attempt in range(2):
+            _predict(equations, scheme, state, clocks, lost, attempt, work)
+            careful = searching if attempt == 0 else lost
+            lost = _converge(equations, memory, block, clocks, lost, careful, attempt, state[5], work, local, progress)
+            if lost == 0:
+                break
+            store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
         going &= ~_note(lost & ~searching, LOST, outcome)
         done, onward, hopeless = going & ~lost, 0, lost & searching
         if edges.size > 0 and done != 0:
@@ -206,38 +210,48 @@ def _note(lanes, what, outcome):
 
 
 @njit(inline="always")
-def _predict(equations, scheme, state, clocks, work):
-    """Predict the end of a step with the accelerations extrapolated linearly, prescribed coordinates where they are."""
+def _predict(equations, scheme, state, clocks, lanes, attempt, work):
+    """Predict the end of a step in some lanes, prescribed coordinates where they are.
+
+    The accelerations are extrapolated linearly, or at the second attempt those that keep the velocity, as in
+    `alpha_step`.
+    """
     alpha_m, alpha_f, beta, gamma = scheme
     q, v, a, auxiliary, before, _ = state
     step, weight = load(clocks.pace, STEP), 1.0 / (1.0 - alpha_m)
     for i in range(equations.layout.n_eta):
         behind, speed, now = load(auxiliary, i), load(v, i), load(a, i)
         then = 2.0 * now - load(before, i)
+        if attempt > 0:
+            kept = (1.0 - alpha_m) * (-(0.5 - beta) / beta * behind) + alpha_m * behind - alpha_f * now
+            then = kept / (1.0 - alpha_f)
         end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
-        store(work.q, i, load(q, i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * end))
-        store(work.rate, i, speed + step * ((1.0 - gamma) * behind + gamma * end))
-        store(work.a, i, then)
+        place = load(q, i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * end)
+        store(work.q, i, blend(lanes, place, load(work.q, i)))
+        store(work.rate, i, blend(lanes, speed + step * ((1.0 - gamma) * behind + gamma * end), load(work.rate, i)))
+        store(work.a, i, blend(lanes, then, load(work.a, i)))
     motions = clocks.strengths.motions
     for k in range(len(equations.layout.rigid)):
         if equations.prescribed[k]:
-            store(work.q, k, load(motions, 3 * k))
-            store(work.rate, k, load(motions, 3 * k + 1))
-            store(work.a, k, load(motions, 3 * k + 2))
+            store(work.q, k, blend(lanes, load(motions, 3 * k), load(work.q, k)))
+            store(work.rate, k, blend(lanes, load(motions, 3 * k + 1), load(work.rate, k)))
+            store(work.a, k, blend(lanes, load(motions, 3 * k + 2), load(work.a, k)))
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, clocks, lanes, tolerance, expected, work, local, progress):
+def _converge(equations, memory, block, clocks, lanes, careful, attempt, expected, work, local, progress):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
+    At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials.
     What remains after a correction is estimated from the contraction between the last two, and after the first one
     from that `expected`, a vector (1, LANES); see `alpha_step.judge`.
     """
     gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     n = equations.layout.n_eta
     last, active, lost = spread(np.inf), lanes, 0
+    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     for iteration in range(MAX_ITERATIONS):
-        fresh = iteration % REFRESH_EVERY == 0
+        fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
             act(
                 equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
@@ -24,10 +24,8 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
-from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
-NOTHING = Strengths(joined([]), joined([]), joined([]))
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
 
@@ -82,17 +80,8 @@ class ReducedSystem:
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
         self._edges = np.array(self._actions.edges, dtype=np.int64)
-        self._functions = self._functions_of_time() if self._edges.size else NOTHING
-
-    def _functions_of_time(self) -> Strengths:
-        """Return what gives the strengths at any time, in place of their values."""
-        nothing = TimeFunction.constant(0.0)
-        n_theta, actions = self.tables.n_coordinates, self._actions.actions
-        return Strengths(
-            joined([effect.strength for effect in self._load_effects]),
-            joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
-            joined([self._motions[k].angle if k in self._motions else nothing for k in range(n_theta)]),
-        )
+        searched = (self._load_effects, self._actions.actions, motions) if self._edges.size else ((), (), {})
+        self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
     @property
     def values(self) -> Mapping[str, np.ndarray]:
@@ -261,11 +250,8 @@ class ReducedSystem:
 
         Shape (n_t, n_samples, n_actions).
         """
-        found = np.zeros((times.size, self.n_samples, len(self._actions.actions)))
-        for time, parts, forces in zip(times, trail, found if found.size else ()):
-            self._act_on_all(float(time), State(*parts, np.zeros(0)))
-            forces[:] = self._memory.known[:, FORCE]
-        return found
+        everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
+        return self._forces(times, trail, 0.0, everyone, False)
 
     def close(self) -> None:
         """Nothing is to be given back."""
@@ -369,10 +355,22 @@ class ReducedSystem:
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
+            self._forces(
+                np.array([time]), np.array([[state.q, state.v]]), gain_v, self._lanes.sets(active), with_tangent
+            )
+
+    def _forces(
+        self, times: np.ndarray, trail: np.ndarray, gain_v: float, lanes: np.ndarray, with_tangent: bool
+    ) -> np.ndarray:
+        """Evaluate the actions on some lanes at times (n_t,); return their forces, (n_t, n_samples, n_actions)."""
+        actions = self._actions.actions
+        found, amplitudes = np.zeros((times.size, self.n_samples, len(actions))), amplitudes_over(actions, times)
+        if found.size:
             act_on(
-                self._equations, self._memory, self._at(time), _parts(state), self._lanes.sets(active), gain_v,
-                np.bool_(with_tangent),
+                self._equations, self._memory, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,
+                np.bool_(with_tangent), found,
             )  # fmt: skip
+        return found
 
     def _act_on_all(self, time: float, state: State) -> None:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
