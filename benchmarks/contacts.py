@@ -16,7 +16,7 @@ from time import process_time
 import numpy as np
 from mpi4py import MPI
 
-from benchmarks.tables import Table
+from benchmarks.tables import Table, number
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.ensemble.sampling import draw
@@ -85,13 +85,8 @@ def measure(path: Path, sizes: Sequence[int]) -> Table:
     for n in sizes:
         (seconds, n_steps), without, instants = seconds_of(model, n), seconds_of(free, n)[0], instants_of(model, n)
         an_instant = f"{1e6 * (seconds - without) / instants:.0f}" if instants else "-"
-        figures = [
-            f"{seconds:.2f}",
-            f"{1e6 * seconds / (n * n_steps):.2f}",
-            f"{without:.2f}",
-            str(instants),
-            an_instant,
-        ]
+        a_step = number(1e6 * seconds / (n * n_steps), 3)
+        figures = [number(seconds, 3), a_step, number(without, 3), str(instants), an_instant]
         rows.append([str(n), *figures])
     heads = ["samples", "s", "us a step and sample", "stops out of reach, s", "instants", "us an instant"]
     return Table(
