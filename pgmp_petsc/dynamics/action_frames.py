@@ -108,8 +108,8 @@ class Frames(NamedTuple):
 
 
 @njit(error_model="numpy", forceinline=True, counted=False)
-def place_nodes(places, grid, d, q, kept, work):
-    """Fill the nodes' frames in d dimensions, and their derivatives with eta, for vectors q (n_eta, LANES).
+def place_nodes(places, nodes, grid, d, q, kept, work):
+    """Fill some nodes' frames in d dimensions, and their derivatives with eta, for vectors q (n_eta, LANES).
 
     `grid` are the cells of the shapes.
     """
@@ -125,7 +125,8 @@ def place_nodes(places, grid, d, q, kept, work):
     _come_to_cells(places.shapes, grid, q, 0, kept.cells, kept.shapes, work.place)
     place = load_rows(work.place, 0, 1, grid)
     n_shapes = kept.shapes.shape[0] // (N_POWERS**n_theta * n_dofs * places.n_nodes)
-    for node in range(places.n_nodes):
+    for number in range(nodes.size):
+        node = nodes[number]
         for dof in range(n_dofs):
             _displace(kept.shapes, (n_dofs * node + dof) * n_shapes, n_shapes, place, q, dof, work)
         if d == 2:

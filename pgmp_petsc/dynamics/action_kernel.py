@@ -26,11 +26,20 @@ from pgmp_petsc.runtime.vectors import LANES, N_POWERS, add, aligned_zeros, diff
 POWER, STORED, DEPTH, FORCE = range(4)  # what is known of an action beside its force
 
 
+class Chosen(NamedTuple):
+    """Some of the actions, and the nodes that they hold at: increasing numbers, each of shape (n,)."""
+
+    actions: np.ndarray
+    nodes: np.ndarray
+
+
 class LocalEffects(NamedTuple):
-    """The actions of a batch, and where they hold."""
+    """The actions of a batch, where they hold, and which there are: all of them, and those whose law has an edge."""
 
     places: Places
     actions: Actions
+    all: Chosen
+    with_edges: Chosen
 
 
 class Acting(NamedTuple):
@@ -118,21 +127,25 @@ def allocate_local(local, r, n_eta):
 
 
 @njit(cache=True, error_model="numpy", counted=False)
-def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, work, kept, acting, known):
-    """Evaluate all actions on a block.
+def act(local, chosen, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, work, kept, acting, known):
+    """Evaluate some actions on a block.
 
     Parameters
     ----------
+    chosen
+        Those to be evaluated.
     grid
         Cells of the tables.
     amplitudes
-        Of the actions now, shape (n_actions,).
+        Of the actions now, vectors (n_actions, LANES).
     q, v
         Vectors (n_eta, LANES).
     samples
         Number of the sample in each lane, shape (LANES,).
     lanes
         A set of them, whose laws are evaluated; others have no forces.
+    gain_v
+        Derivative of eta' with eta within a step, a vector.
     with_tangent
         Whether `acting.tangent` is wanted.
     work
@@ -145,15 +158,16 @@ def act(local, grid, amplitudes, q, v, samples, lanes, gain_v, with_tangent, wor
         Result: power of what is not elastic (W), potential energy (J), depth in a stop, NaN for other laws, and force
         (N or N m); shape (n_samples, 4, n_actions).
     """
-    places, actions = local
+    places, actions = local.places, local.actions
     n, n_actions, r = q.shape[0], places.sides.shape[0], len(grid)
     for i in range(n):
         store(acting.balance, i, 0.0)
         for j in range(n if with_tangent else 0):
             store(acting.tangent, i * n + j, 0.0)
-    place_nodes(places, grid, actions.statements.axes.shape[2], q, kept, work.frames)
+    place_nodes(places, chosen.nodes, grid, actions.statements.axes.shape[2], q, kept, work.frames)
     first_angle = work.frames.rigid.shape[0] - n_actions
-    for action in range(n_actions):
+    for number in range(chosen.actions.size):
+        action = chosen.actions[number]
         attach(places, actions.statements, action, work)
         turned = load(work.frames.rigid, first_angle + action)
         for k in range(r):
@@ -230,7 +244,7 @@ def _obey(actions, action, amplitudes, samples, lanes, measured, known):
             continue
         p, of_sample = actions.parameters[action, samples[lane]], known[samples[lane]]
         s, rate = measured[MEASURE, lane], measured[RATE, lane]
-        force, stiffness, damping, elastic, potential = law(kind, p, amplitudes[action], s, rate)
+        force, stiffness, damping, elastic, potential = law(kind, p, amplitudes[action, lane], s, rate)
         measured[STRENGTH, lane], measured[STIFFNESS, lane], measured[DAMPING, lane] = force, stiffness, damping
         of_sample[POWER, action], of_sample[STORED, action] = (force - elastic) * rate, potential
         of_sample[DEPTH, action], of_sample[FORCE, action] = depth(kind, p, s), force

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,8 +86,9 @@ class AlphaStep:
     """Steps of any length of a system.
 
     A system with a method ``take_steps`` predicts and iterates by itself, several equal steps in one call; what fails
-    there is tried here. A step is told what the one before has left: the accelerations at its beginning, from which it
-    extrapolates, and the contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
+    there is tried here. One with events can also put samples of a step into another one (``with_samples``). A step is
+    told what the one before has left: the accelerations at its beginning, from which it extrapolates, and the
+    contraction to expect. A system with a method ``count_turns`` keeps turns in its states.
 
     The scheme multiplies what velocities have against the constraints by minus the spectral radius in a step, and
     accelerations have it with the number of steps as a factor. Without numerical damping it stays: as long as the
@@ -113,6 +115,7 @@ class AlphaStep:
         self._by_itself, self._counts_turns = hasattr(system, "take_steps"), hasattr(system, "count_turns")
         self._projects = spectral_radius > DAMPED and getattr(system, "moving_constraints", False)
         self._ahead: deque[StepTaken] = deque()
+        self._moved = np.zeros(system.n_samples, dtype=bool)
         self._asked_next: tuple[State | None, float, float] = (None, 0.0, 0.0)
         self._left: tuple[State | None, np.ndarray | None, np.ndarray | None] = (None, None, None)
         self._scheme, self._step = Scheme.of(spectral_radius, 1.0), 1.0
@@ -158,9 +161,12 @@ class AlphaStep:
         """
         scheme = self.scheme(step)
         if self._by_itself:
-            taken = self._take(previous, auxiliary, end, samples, NOTHING if self._projects else following)
             if for_good:
+                taken = self._take(previous, auxiliary, end, samples, NOTHING if self._projects else following)
                 self._left = taken.state, previous.a, taken.expected
+            else:
+                (taken,) = self._ask(previous, auxiliary, np.array([end]), samples)
+            self.n_iterations += taken.n_iterations
             state, lost = taken.state, taken.lost
             if not (lost.any() or self._projects):
                 return state, taken.auxiliary, lost
@@ -192,15 +198,34 @@ class AlphaStep:
     ) -> StepTaken:
         """Return a step that the system takes, or took ahead from the very state that it begins with."""
         known, known_end, known_step = self._asked_next
+        ends = np.append(end, following)
         if not (self._ahead and previous is known and end == known_end and self._step == known_step):
-            ends = np.append(end, following)
-            left = self._left[1:] if previous is self._left[0] else (previous.a, None)
-            asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)
-            self._ahead = deque(self._system.take_steps(asked))
+            self._ahead = deque(self._ask(previous, auxiliary, ends, samples))
+        elif self._moved.any():
+            again = self._ask(previous, auxiliary, ends[: len(self._ahead)], self._moved & samples)
+            pairs = zip(self._ahead, again)  # up to a step in which one of them fails
+            self._ahead = deque([self._system.with_samples(taken, other, self._moved) for taken, other in pairs])
+        self._moved[:] = False
         taken = self._ahead.popleft()
         self._asked_next = taken.state, float(following[0]) if following.size else np.nan, self._step
-        self.n_iterations += taken.n_iterations
         return taken
+
+    def _ask(
+        self, previous: State, auxiliary: np.ndarray, ends: np.ndarray, samples: np.ndarray
+    ) -> Sequence[StepTaken]:
+        """Return equal steps of some samples that the system takes."""
+        left = self._left[1:] if previous is self._left[0] else (previous.a, None)
+        asked = StepsAsked(previous, auxiliary, *left, ends, self._step, self._probed(ends), self._scheme, samples)
+        return self._system.take_steps(asked)
+
+    def moved(self, samples: np.ndarray, lost: np.ndarray) -> None:
+        """Take note of samples, a mask, that were put elsewhere at the end of the last step, or were lost there.
+
+        What the system took ahead of them is void; with one that is lost, of all.
+        """
+        self._moved |= samples
+        if lost.any():
+            self._ahead.clear()
 
     def _probed(self, end: float | np.ndarray) -> bool | np.ndarray:
         """Return whether a step is corrected as if nothing were known of the contraction."""

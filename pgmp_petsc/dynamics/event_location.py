@@ -60,6 +60,7 @@ class EventLocation:
         with log_event("contacts"):
             for sample in np.flatnonzero(crossed):
                 lost |= self._repeat(before, after, end, step, np.arange(samples.size) == sample)
+        self._stepper.moved(crossed, lost)
         return lost
 
     def _repeat(self, before: Moment, after: Moment, end: float, step: float, alone: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -188,6 +189,15 @@ class FullBatch:
             )
             for k in range(n_taken)
         ]
+
+    def with_samples(self, taken: StepTaken, other: StepTaken, samples: np.ndarray) -> StepTaken:
+        """Return a step with some samples, a mask, as in another one of the same length; its arrays are used again."""
+        self.restore(taken.state, other.state, samples)
+        chosen = self._blocks.mask(samples)
+        np.copyto(taken.auxiliary, other.auxiliary, where=chosen[:, None, :])
+        np.copyto(taken.expected, other.expected, where=chosen)
+        lost, n_iterations = np.where(samples, other.lost, taken.lost), taken.n_iterations + other.n_iterations
+        return replace(taken, lost=lost, n_iterations=n_iterations)
 
     def project(self, time: float, state: State, step: float, samples: np.ndarray) -> None:
         """Make velocities and accelerations of some samples consistent with the constraints at the end of a step.

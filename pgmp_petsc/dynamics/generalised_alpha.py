@@ -212,9 +212,9 @@ class GeneralisedAlpha:
             )
             self._stepper.n_iterations += n_corrections
             at[together] = first + n_steps[together]
-            stopped = together & (outcome != Outcome.DONE)
-            for number in np.unique(at[stopped]):
-                there = stopped & (at == number)
+            stopped_at = np.where(together & (outcome != Outcome.DONE), at, last)
+            for number in np.unique(stopped_at[stopped_at < last]):
+                there = stopped_at == number
                 self._retire(there & (outcome == Outcome.OUTSIDE), Status.LEFT_RANGE, float(self.instants[number + 1]))
                 stuck = there & self._alive
                 if stuck.any():

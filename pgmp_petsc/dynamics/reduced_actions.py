@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgmp_petsc.dynamics.action_frames import Places
-from pgmp_petsc.dynamics.action_kernel import LocalEffects
+from pgmp_petsc.dynamics.action_kernel import Chosen, LocalEffects
 from pgmp_petsc.dynamics.cells import Grid
+from pgmp_petsc.dynamics.reduced_arrays import Strengths
 from pgmp_petsc.dynamics.reduced_terms import grid_of, in_radians
 from pgmp_petsc.effects.action import Action, compile_actions
+from pgmp_petsc.effects.effect import Effect
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.time_function import TimeFunction, joined
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
@@ -101,7 +105,27 @@ class ReducedActions:
 
     def of_samples(self, values: Mapping[str, np.ndarray], n_samples: int) -> LocalEffects:
         """Return what the kernel takes, for samples with values of shape (n_samples,)."""
-        return LocalEffects(self.places, compile_actions(self.actions, values, n_samples, self.dimension))
+        compiled = compile_actions(self.actions, values, n_samples, self.dimension)
+        return LocalEffects(self.places, compiled, self._chosen(range(len(self.actions))), self._chosen(self.edges))
+
+    def _chosen(self, numbers: Sequence[int]) -> Chosen:
+        """Return some actions with their nodes."""
+        actions = np.array(numbers, dtype=np.int64)
+        nodes = np.unique(self.places.sides[actions])
+        return Chosen(actions, nodes[nodes >= 0])
+
+
+def functions_of_time(
+    effects: Sequence[Effect], actions: Sequence[Action], motions: Mapping[int, Motion], n_theta: int
+) -> Strengths:
+    """Return what gives loads of effects, sources among actions and motions of coordinates at any time: `TimeFunctions`
+    in place of their values."""
+    nothing = TimeFunction.constant(0.0)
+    return Strengths(
+        joined([effect.strength for effect in effects]),
+        joined([nothing if action.amplitude is None else action.amplitude for action in actions]),
+        joined([motions[k].angle if k in motions else nothing for k in range(n_theta)]),
+    )
 
 
 def _rows(part: Interpolant, parts: int) -> np.ndarray:

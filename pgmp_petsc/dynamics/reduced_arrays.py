@@ -229,14 +229,14 @@ class Memory(NamedTuple):
 
 
 class Strengths(NamedTuple):
-    """What acts at one instant or, with an axis in front, at the ends of several steps.
+    """What acts at the ends of several steps, arrays (n_t, n), or on each lane now, arrays of vectors (n, LANES).
 
     Attributes
     ----------
     loads, actions
-        Amplitudes of the effects with loads (n_effects,) and of the actions (n_actions,).
+        Amplitudes of the effects with loads, n_effects, and of the actions, n_actions.
     motions
-        Position, velocity and acceleration of every coordinate, where they are given, shape (n_theta, 3).
+        Position, velocity and acceleration of every coordinate, where they are given, 3 n_theta; none if none are.
     """
 
     loads: np.ndarray

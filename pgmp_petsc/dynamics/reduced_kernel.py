@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.dynamics.action_kernel import act, add_tangents, allocate_local
+from pgmp_petsc.dynamics.action_kernel import FORCE, act, add_tangents, allocate_local
 from pgmp_petsc.dynamics.bordered import eliminate, solve
 from pgmp_petsc.dynamics.cells import locate_all, refill
 from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, layout_n_rigid, matrix_of, places_of
 from pgmp_petsc.dynamics.reduced_lagrangian import evaluate
+from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
     LANES,
     N_POWERS,
@@ -63,12 +64,12 @@ def interpolate(equations, memory, block, amplitudes, work):
     if amplitudes.size > 0:
         for entry in range(layout.load_end):
             value, slopes = polynomial(loads, entry, place)
-            value, amplitude = value * amplitudes[0], spread(amplitudes[0])
-            store(work.load, entry, value)
+            amplitude = load(amplitudes, 0)
+            store(work.load, entry, value * amplitude)
             for k in range(len(place)):
                 store(work.load_slope, k * layout.load_end + entry, slopes[k] * amplitude)
-        for effect in range(1, amplitudes.size):
-            amplitude = spread(amplitudes[effect])
+        for effect in range(1, amplitudes.shape[0]):
+            amplitude = load(amplitudes, effect)
             for entry in range(layout.load_end):
                 value, slopes = polynomial(loads, effect * layout.load_end + entry, place)
                 store(work.load, entry, load(work.load, entry) + value * amplitude)
@@ -82,7 +83,8 @@ def interpolate(equations, memory, block, amplitudes, work):
 def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
     """Evaluate residual and, if `fresh`, iteration matrix of a block, at ``work.q``, ``work.rate`` and ``work.a``.
 
-    ``work.a`` becomes the accelerations as the inertia forces see them.
+    Lanes have `amplitudes` of loads (n_effects, LANES) and a vector of each of the two `gains` of their own. ``work.a``
+    becomes the accelerations as the inertia forces see them.
     """
     layout = equations.layout
     r, n = len(layout.rigid), layout.n_eta
@@ -95,7 +97,7 @@ def evaluate_block(equations, memory, block, amplitudes, gains, fresh, work):
     place = load_rows(work.place, 0, 1, layout.rigid)
     matrix = matrix_of(memory, block)
     evaluate(
-        layout, memory.terms[block], place, gain_v, spread(gain_a + equations.mass_damping * gain_v), fresh,
+        layout, memory.terms[block], place, gain_v, gain_a + gain_v * equations.mass_damping, fresh,
         amplitudes.size > 0, work, matrix,
     )  # fmt: skip
     if memory.acting.balance.size > 0:
@@ -176,7 +178,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
     Parameters
     ----------
     strengths
-        At the end of the step; motions are not used.
+        Of the lanes, at the end of the step; motions are not used.
     state
         ``(q, v, a)``, each (n_samples, n_eta).
     gains
@@ -188,7 +190,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
     size
         Result: size of the correction, 0 where there is none, (n_blocks, LANES).
     """
-    gain_v, gain_a = gains
+    gain_v, gain_a = spread(gains[0]), spread(gains[1])
     work = allocate(equations.layout)
     for block in range(active.size):
         store(size, block, spread(0.0))
@@ -197,7 +199,7 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         take_up(state, memory.samples[block], work)
         for i in range(equations.layout.n_eta):
             store(work.kept_a, i, load(work.a, i))
-        correct_block(equations, memory, block, strengths.loads, gains, fresh, work)
+        correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         for i in range(equations.layout.n_eta):
             step = load(work.balance, i)
             store(work.q, i, load(work.q, i) - step)
@@ -209,20 +211,45 @@ def correct(equations, memory, strengths, state, gains, active, fresh, size):
         store(size, block, blend(active[block], size_of(equations, work.balance), spread(0.0)))
 
 
-@njit(cache=True, error_model="numpy")
-def act_on(equations, memory, strengths, state, active, gain_v, with_tangent):
-    """Evaluate the local effects on some samples; parameters as of `correct`."""
-    work = allocate(equations.layout)
+@njit(cache=True, entry=True, error_model="numpy")
+def act_on(equations, memory, amplitudes, trail, active, gain_v, with_tangent, forces):
+    """Evaluate the local effects on some samples at several instants, the last of which stays in the memory.
+
+    Parameters
+    ----------
+    amplitudes
+        Of the actions, shape (n_t, n_actions).
+    trail
+        Positions and velocities, shape (n_t, 2, n_samples, n_eta), and what else is behind them.
+    active
+        Sets of lanes, shape (n_blocks,).
+    gain_v
+        Derivative of eta' with eta within a step.
+    with_tangent
+        Whether tangents are wanted.
+    forces
+        Result: of every action (N or N m), shape (n_t, n_samples, n_actions).
+    """
+    work, n_actions = allocate(equations.layout), amplitudes.shape[1]
     local = allocate_local(equations.local, len(equations.grid), equations.layout.n_eta)
+    now = empty_lanes(n_actions, LANES)
     for block in range(active.size):
         if active[block] == 0:
             continue
-        take_up(state, memory.samples[block], work)
-        act(
-            equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
-            active[block], gain_v, with_tangent, local, places_of(memory, block),
-            acting_of(memory, block), memory.known,
-        )  # fmt: skip
+        samples = memory.samples[block]
+        for instant in range(trail.shape[0]):
+            gather(trail[instant, 0], samples, work.q)
+            gather(trail[instant, 1], samples, work.rate)
+            for k in range(n_actions):
+                store(now, k, spread(amplitudes[instant, k]))
+            act(
+                equations.local, equations.local.all, equations.grid, now, work.q, work.rate, samples, active[block],
+                spread(gain_v), with_tangent, local, places_of(memory, block), acting_of(memory, block), memory.known,
+            )  # fmt: skip
+            for lane in range(LANES):
+                if active[block] & (1 << lane):
+                    for k in range(n_actions):
+                        forces[instant, samples[lane], k] = memory.known[samples[lane], FORCE, k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -231,7 +258,7 @@ def evaluate_residual(equations, memory, strengths, state, result):
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, block, strengths.loads, (0.0, 0.0), np.bool_(False), work)
+        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(0.0)), np.bool_(False), work)
         # lanes behind the last sample have no local effects
         count = min(LANES, result.shape[0] - block * LANES)
         scatter(work.balance, memory.samples[block], (1 << count) - 1, result)
@@ -243,4 +270,4 @@ def fill_matrices(equations, memory, strengths, state, gain_a):
     work = allocate(equations.layout)
     for block in range(memory.cells.shape[0]):
         take_up(state, memory.samples[block], work)
-        evaluate_block(equations, memory, block, strengths.loads, (0.0, gain_a), np.bool_(True), work)
+        evaluate_block(equations, memory, block, strengths.loads, (spread(0.0), spread(gain_a)), np.bool_(True), work)

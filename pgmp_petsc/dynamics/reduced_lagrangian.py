@@ -73,7 +73,7 @@ def evaluate(layout, kept, place, gain_v, gain_a, fresh, loaded, work, matrix):
     place
         In the cell, a tuple of vectors.
     gain_v, gain_a
-        Derivatives of eta' (a number) and eta'' (a vector) with eta within a step.
+        Derivatives of eta' and eta'' with eta within a step, vectors.
     loaded
         Whether there are loads.
 

@@ -1,7 +1,8 @@
 """Steps of the reduced model by the generalised-alpha scheme, LANES samples at a time, compiled.
 
 A block of LANES samples goes through many steps before the next one begins, so that its polynomials stay in the nearest
-cache; every lane has a Newton iteration and a fate of its own.
+cache; every lane has a clock, a Newton iteration and a fate of its own. A lane that crosses the edge of a law within a
+step takes it in parts, up to the edge and on (`edge_search`).
 """
 
 from __future__ import annotations
@@ -11,20 +12,21 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.dynamics.action_kernel import DEPTH, act, allocate_local
+from pgmp_petsc.dynamics.alpha_step import NEWTON_TOLERANCE as TOLERANCE_OF_TRIALS
 from pgmp_petsc.dynamics.alpha_step import (
     CAUTION,
     FIRST_CONTRACTION,
     LEAST_CONTRACTION,
     MAX_ITERATIONS,
-    PROBED_EVERY,
     REFRESH_EVERY,
     ROUND_OFF,
     WORST_CONTRACTION,
 )
-from pgmp_petsc.dynamics.reduced_arrays import Strengths, acting_of, allocate, places_of
+from pgmp_petsc.dynamics.edge_search import give_up, in_search, look_at_all
+from pgmp_petsc.dynamics.lane_clocks import GAIN_A, GAIN_V, STEP, allocate_clocks, allocate_state, begin, set_out
+from pgmp_petsc.dynamics.reduced_arrays import acting_of, allocate, places_of
 from pgmp_petsc.dynamics.reduced_kernel import correct_block, gather, scatter, size_of
 from pgmp_petsc.dynamics.status import Outcome
-from pgmp_petsc.runtime.lane_items import empty_lanes
 from pgmp_petsc.runtime.vectors import (
     LANES,
     blend,
@@ -56,7 +58,7 @@ class Progress(NamedTuple):
     n_corrections
         Newton corrections, all samples together, shape (1,).
     beyond
-        Whether the sample is beyond the edges of laws, (n_samples, n_events).
+        Whether the sample is beyond the edges of laws, (n_samples, n_events); brought up to date.
     shown, trail
         Numbers of the steps that somebody wants to see, increasing, and positions, velocities and accelerations after
         them, (n_t, 3, n_samples, n_eta).
@@ -71,17 +73,20 @@ class Progress(NamedTuple):
 
 
 @njit(cache=True, entry=True, error_model="numpy")
-def advance(equations, memory, strengths, scheme, step, first, state, bounds, edges, lanes, progress):
+def advance(equations, memory, strengths, functions, scheme, steps, state, bounds, edges, lanes, progress):
     """Take some samples through several equal steps, each until it is done or something happens to it.
+
+    A lane goes from step to step by itself: where one searches the edge of a law within a step, others go on.
 
     Parameters
     ----------
-    strengths
-        At the ends of all steps, with an axis of steps in front.
+    strengths, functions
+        At the ends of all steps; and what gives them at any time, `TimeFunctions` of each effect with loads, action and
+        coordinate, which edges of laws alone ask for.
     scheme
-        ``(alpha_m, alpha_f, beta, gamma, gain_v, gain_a)``.
-    step, first
-        Length of a step, s; number of the first one in the run.
+        ``(alpha_m, alpha_f, beta, gamma)``.
+    steps
+        Number of the first step in the run, ends of all steps (n_t,) and length of each, s.
     state
         ``(q, v, a, auxiliary, before, contraction)``, each (n_samples, n_eta), with the auxiliary accelerations and the
         accelerations one step before, and the contraction to be expected (n_samples, 1); advanced in place. A sample to
@@ -98,18 +103,16 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
     n = equations.layout.n_eta
     work = allocate(equations.layout)
     local = allocate_local(equations.local, len(equations.grid), n)
-    of_block = (
-        empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES), empty_lanes(n, LANES),
-        empty_lanes(n, LANES), empty_lanes(1, LANES),
-    )  # fmt: skip
+    clocks = allocate_clocks(n, strengths, edges.size)
+    of_block = allocate_state(n)
     for block in range(lanes.size):
         if lanes[block] == 0:
             continue
         for part, vectors in zip(state, of_block):
             gather(part, memory.samples[block], vectors)
         _advance_block(
-            equations, memory, block, strengths, scheme, step, first, bounds, edges, lanes[block], of_block, work,
-            local, progress,
+            equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes[block], of_block,
+            clocks, work, local, progress,
         )  # fmt: skip
         for part, vectors in zip(state, of_block):
             scatter(vectors, memory.samples[block], lanes[block], part)
@@ -117,35 +120,84 @@ def advance(equations, memory, strengths, scheme, step, first, state, bounds, ed
 
 @njit(error_model="numpy", counted=False)
 def _advance_block(
-    equations, memory, block, strengths, scheme, step, first, bounds, edges, lanes, state, work, local, progress
+    equations, memory, block, strengths, functions, scheme, steps, bounds, edges, lanes, state, clocks, work, local,
+    progress,
 ):  # fmt: skip
     """Take some lanes of a block through the steps; `state` are its vectors."""
-    going, samples, outcome = lanes, memory.samples[block], progress.outcome[block]
-    row = 0
-    while row < progress.shown.size and progress.shown[row] <= first:
-        row += 1
-    for number in range(strengths.loads.shape[0]):
-        if going == 0:
-            break
-        now = Strengths(strengths.loads[number], strengths.actions[number], strengths.motions[number])
-        _predict(equations, scheme, step, state, now, work)
-        if (first + number + 1) % PROBED_EVERY == 0:
-            store(state[5], 0, FIRST_CONTRACTION)
-        gains = (scheme[4], scheme[5])
-        lost = _converge(equations, memory, block, now, gains, going, state[5], work, local, progress)
-        going &= ~_note(lost, LOST, outcome)
-        going &= ~_note(_outside(work, bounds) & going, OUTSIDE, outcome)
-        if edges.size > 0 and going != 0:
-            crossed = _crossed(equations, memory, block, now, edges, going, work, local, progress)
-            going &= ~_note(crossed, CROSSED, outcome)
-        _follow(scheme, state, going, equations.layout.n_eta, work)
-        for lane in range(LANES):
-            if going & (1 << lane):
-                progress.n_steps[block, lane] = number + 1
-        if row < progress.shown.size and progress.shown[row] == first + number + 1:
-            for part in range(3):
-                scatter(state[part], samples, lanes, progress.trail[row, part])
-            row += 1
+    going, outcome, n_steps = lanes, progress.outcome[block], progress.n_steps[block]
+    samples, n, search = memory.samples[block], equations.layout.n_eta, clocks.search
+    begin(scheme, steps, progress.shown, clocks)
+    while going != 0:
+        set_out(strengths, functions, scheme, steps, going, n_steps, state[5], clocks)
+        searching, lost = in_search(search), going
+        for attempt in range(2):
+            _predict(equations, scheme, state, clocks, lost, attempt, work)
+            careful = searching if attempt == 0 else lost
+            lost = _converge(equations, memory, block, clocks, lost, careful, attempt, state[5], work, local, progress)
+            if lost == 0:
+                break
+            store(state[5], 0, blend(lost, spread(FIRST_CONTRACTION), load(state[5], 0)))
+        going &= ~_note(lost & ~searching, LOST, outcome)
+        done, onward, hopeless = going & ~lost, 0, lost & searching
+        if edges.size > 0 and done != 0:
+            act(
+                equations.local, equations.local.with_edges, equations.grid, clocks.strengths.actions, work.q,
+                work.rate, samples, done, spread(0.0), np.bool_(False), local, places_of(memory, block),
+                acting_of(memory, block), memory.known,
+            )  # fmt: skip
+            begun, onward, done, failed = look_at_all(
+                search, done, steps[2], memory.known, DEPTH, edges, samples, progress.beyond
+            )
+            hopeless |= failed
+            _keep(state, begun, clocks.kept)
+            _stand(state, begun, n)
+        beyond_bounds = _outside(work, bounds) & done
+        done &= ~beyond_bounds
+        _follow(scheme, state, done | onward, n, work)
+        if searching != 0:
+            _stand(state, onward, n)
+            ended = done & searching
+            for i in range(n):
+                store(state[4], i, blend(ended, load(clocks.kept[2], i), load(state[4], i)))
+            store(state[5], 0, blend(ended, spread(FIRST_CONTRACTION), load(state[5], 0)))
+            back = searching & (hopeless | beyond_bounds)
+            _keep(clocks.kept, back, state)
+            give_up(search, back, samples, progress.beyond)
+        going &= ~(_note(hopeless, CROSSED, outcome) | _note(beyond_bounds, OUTSIDE, outcome))
+        going &= ~_arrive(state, done, samples, steps, clocks.rows, n_steps, progress)
+
+
+@njit(inline="always")
+def _arrive(state, lanes, samples, steps, rows, n_steps, progress):
+    """Count a step of some lanes and show where they are; return those that were through all steps."""
+    through = 0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            n_steps[lane] += 1
+            row = rows[lane]
+            if row < progress.shown.size and progress.shown[row] == steps[0] + n_steps[lane]:
+                for part in range(3):
+                    scatter(state[part], samples, 1 << lane, progress.trail[row, part])
+                rows[lane] = row + 1
+            if n_steps[lane] == steps[1].size:
+                through |= 1 << lane
+    return through
+
+
+@njit(inline="always")
+def _keep(state, lanes, kept):
+    """Copy the state of some lanes."""
+    if lanes != 0:
+        for part, into in zip(state, kept):
+            for i in range(part.shape[0]):
+                store(into, i, blend(lanes, load(part, i), load(into, i)))
+
+
+@njit(inline="always")
+def _stand(state, lanes, n):
+    """Let the next step of some lanes begin with constant accelerations."""
+    for i in range(n):
+        store(state[4], i, blend(lanes, load(state[2], i), load(state[4], i)))
 
 
 @njit(inline="always")
@@ -158,47 +210,58 @@ def _note(lanes, what, outcome):
 
 
 @njit(inline="always")
-def _predict(equations, scheme, step, state, strengths, work):
-    """Predict the end of a step with the accelerations extrapolated linearly, prescribed coordinates where they are."""
-    alpha_m, alpha_f, beta, gamma, _, _ = scheme
+def _predict(equations, scheme, state, clocks, lanes, attempt, work):
+    """Predict the end of a step in some lanes, prescribed coordinates where they are.
+
+    The accelerations are extrapolated linearly, or at the second attempt those that keep the velocity, as in
+    `alpha_step`.
+    """
+    alpha_m, alpha_f, beta, gamma = scheme
     q, v, a, auxiliary, before, _ = state
-    weight = 1.0 / (1.0 - alpha_m)
+    step, weight = load(clocks.pace, STEP), 1.0 / (1.0 - alpha_m)
     for i in range(equations.layout.n_eta):
         behind, speed, now = load(auxiliary, i), load(v, i), load(a, i)
         then = 2.0 * now - load(before, i)
-        ahead = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
-        store(work.q, i, load(q, i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * ahead))
-        store(work.rate, i, speed + step * ((1.0 - gamma) * behind + gamma * ahead))
-        store(work.a, i, then)
+        if attempt > 0:
+            kept = (1.0 - alpha_m) * (-(0.5 - beta) / beta * behind) + alpha_m * behind - alpha_f * now
+            then = kept / (1.0 - alpha_f)
+        end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
+        place = load(q, i) + step * speed + (step * step) * ((0.5 - beta) * behind + beta * end)
+        store(work.q, i, blend(lanes, place, load(work.q, i)))
+        store(work.rate, i, blend(lanes, speed + step * ((1.0 - gamma) * behind + gamma * end), load(work.rate, i)))
+        store(work.a, i, blend(lanes, then, load(work.a, i)))
+    motions = clocks.strengths.motions
     for k in range(len(equations.layout.rigid)):
         if equations.prescribed[k]:
-            store(work.q, k, spread(strengths.motions[k, 0]))
-            store(work.rate, k, spread(strengths.motions[k, 1]))
-            store(work.a, k, spread(strengths.motions[k, 2]))
+            store(work.q, k, blend(lanes, load(motions, 3 * k), load(work.q, k)))
+            store(work.rate, k, blend(lanes, load(motions, 3 * k + 1), load(work.rate, k)))
+            store(work.a, k, blend(lanes, load(motions, 3 * k + 2), load(work.a, k)))
 
 
 @njit(inline="always")
-def _converge(equations, memory, block, strengths, gains, lanes, expected, work, local, progress):
+def _converge(equations, memory, block, clocks, lanes, careful, attempt, expected, work, local, progress):
     """Run Newton's iteration of some lanes, each to its own convergence; return those that are lost.
 
+    At the second attempt every correction has factors of its own. The tolerance of `careful` lanes is that of trials.
     What remains after a correction is estimated from the contraction between the last two, and after the first one
     from that `expected`, a vector (1, LANES); see `alpha_step.judge`.
     """
-    gain_v, gain_a = gains
+    gain_v, gain_a, strengths = load(clocks.pace, GAIN_V), load(clocks.pace, GAIN_A), clocks.strengths
     n = equations.layout.n_eta
     last, active, lost = spread(np.inf), lanes, 0
+    tolerance = blend(careful, spread(TOLERANCE_OF_TRIALS), spread(NEWTON_TOLERANCE))
     for iteration in range(MAX_ITERATIONS):
-        fresh = iteration % REFRESH_EVERY == 0
+        fresh = attempt > 0 or iteration % REFRESH_EVERY == 0
         if memory.acting.balance.size > 0:
             act(
-                equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block],
-                active, gain_v, fresh, local, places_of(memory, block),
-            acting_of(memory, block), memory.known,
+                equations.local, equations.local.all, equations.grid, strengths.actions, work.q, work.rate,
+                memory.samples[block], active, gain_v, fresh, local, places_of(memory, block), acting_of(memory, block),
+                memory.known,
             )  # fmt: skip
         # the inertia forces see other accelerations where damping is proportional to the mass
         for i in range(n):
             store(work.kept_a, i, load(work.a, i))
-        correct_block(equations, memory, block, strengths.loads, gains, fresh, work)
+        correct_block(equations, memory, block, strengths.loads, (gain_v, gain_a), fresh, work)
         for i in range(n):
             change = blend(active, load(work.balance, i), spread(0.0))
             store(work.q, i, load(work.q, i) - change)
@@ -215,7 +278,7 @@ def _converge(equations, memory, block, strengths, gains, lanes, expected, work,
         remaining = size * contraction / (1.0 - contraction)
         broken = active & exceeding(size * 0.0, spread(0.0))  # infinity times zero is no number either
         lost |= broken
-        active &= ~broken & exceeding(remaining, spread(NEWTON_TOLERANCE)) & exceeding(size, spread(ROUND_OFF))
+        active &= ~broken & exceeding(remaining, tolerance) & exceeding(size, spread(ROUND_OFF))
         last = size
         if active == 0:
             break
@@ -239,24 +302,6 @@ def _outside(work, bounds):
 
 
 @njit(inline="always")
-def _crossed(equations, memory, block, strengths, edges, lanes, work, local, progress):
-    """Return the lanes that crossed an edge of a law in this step."""
-    act(
-        equations.local, equations.grid, strengths.actions, work.q, work.rate, memory.samples[block], lanes,
-        0.0, np.bool_(False), local, places_of(memory, block),
-            acting_of(memory, block), memory.known,
-    )  # fmt: skip
-    crossed = 0
-    for lane in range(LANES):
-        if lanes & (1 << lane):
-            sample = memory.samples[block, lane]
-            for event in range(edges.size):
-                if (memory.known[sample, DEPTH, edges[event]] > 0.0) != progress.beyond[sample, event]:
-                    crossed |= 1 << lane
-    return crossed
-
-
-@njit(inline="always")
 def _follow(scheme, state, lanes, n, work):
     """Let some lanes go to the end of the step, with the auxiliary accelerations there."""
     alpha_m, alpha_f = scheme[0], scheme[1]
@@ -264,9 +309,9 @@ def _follow(scheme, state, lanes, n, work):
     weight = 1.0 / (1.0 - alpha_m)
     for i in range(n):
         now, then, behind = load(a, i), load(work.a, i), load(auxiliary, i)
-        ahead = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
+        end = ((1.0 - alpha_f) * then + alpha_f * now - alpha_m * behind) * weight
         store(q, i, blend(lanes, load(work.q, i), load(q, i)))
         store(v, i, blend(lanes, load(work.rate, i), load(v, i)))
         store(a, i, blend(lanes, then, now))
-        store(auxiliary, i, blend(lanes, ahead, behind))
+        store(auxiliary, i, blend(lanes, end, behind))
         store(before, i, blend(lanes, now, load(before, i)))

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.dynamics.action_kernel import DEPTH, FORCE, POWER, STORED
+from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
-from pgmp_petsc.dynamics.reduced_actions import ReducedActions
+from pgmp_petsc.dynamics.reduced_actions import ReducedActions, functions_of_time
 from pgmp_petsc.dynamics.reduced_arrays import Equations, Memory, Strengths
 from pgmp_petsc.dynamics.reduced_energy import damping_power, load_powers, reduced_energy
 from pgmp_petsc.dynamics.reduced_kernel import act_on, correct, evaluate_residual, fill_matrices
@@ -24,6 +24,7 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
 
@@ -78,6 +79,9 @@ class ReducedSystem:
         self._equations, self._memory = self._lanes.equations, self._lanes.memory
         bounds = [(-np.inf, np.inf) if axis.periodic else (axis.lower, axis.upper) for axis in tables.samples]
         self._bounds = np.array(bounds, dtype=float)
+        self._edges = np.array(self._actions.edges, dtype=np.int64)
+        searched = (self._load_effects, self._actions.actions, motions) if self._edges.size else ((), (), {})
+        self._functions = functions_of_time(*searched, self.tables.n_coordinates)
 
     @property
     def values(self) -> Mapping[str, np.ndarray]:
@@ -151,6 +155,7 @@ class ReducedSystem:
             Size of the correction before it was shortened.
         """
         before, memory, at_start = state.q.copy(), self._memory, self._at(0.0)
+        at_start.loads[:] *= share
         acting = self._lanes.nothing_acting()
         if self._actions.actions:
             self._act(0.0, state, 0.0, active, True)
@@ -159,7 +164,7 @@ class ReducedSystem:
         size = self._correct(
             self._equations._replace(prescribed=np.ones(self.tables.n_coordinates, dtype=bool)),
             memory._replace(acting=acting),
-            at_start._replace(loads=share * at_start.loads),
+            at_start,
             state,
             Scheme(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             active,
@@ -186,12 +191,12 @@ class ReducedSystem:
     @property
     def n_events(self) -> int:
         """Number of actions whose law has an edge."""
-        return len(self._actions.edges)
+        return self._edges.size
 
     def depths(self, time: float, state: State) -> np.ndarray:
         """Return how far each edge is crossed, shape (n_events, n_samples)."""
         self._act_on_all(time, state)
-        return self._memory.known[:, DEPTH, self._actions.edges].T
+        return self._memory.known[:, DEPTH, self._edges].T
 
     def energies(self, time: float, state: State) -> Energies:
         """Return energies and powers at an instant, from the same tables as the equations of motion."""
@@ -245,11 +250,8 @@ class ReducedSystem:
 
         Shape (n_t, n_samples, n_actions).
         """
-        found = np.zeros((times.size, self.n_samples, len(self._actions.actions)))
-        for time, parts, forces in zip(times, trail, found if found.size else ()):
-            self._act_on_all(float(time), State(*parts, np.zeros(0)))
-            forces[:] = self._memory.known[:, FORCE]
-        return found
+        everyone = self._lanes.sets(np.ones(self.n_samples, dtype=bool))
+        return self._forces(times, trail, 0.0, everyone, False)
 
     def close(self) -> None:
         """Nothing is to be given back."""
@@ -280,7 +282,7 @@ class ReducedSystem:
         samples
             Mask, shape (n_samples,).
         beyond
-            Whether the edges of laws are crossed, shape (n_events, n_samples).
+            Whether the edges of laws are crossed, shape (n_events, n_samples); brought up to date.
         shown
             Numbers of the steps that somebody wants to see, shape (n_t,).
         trail
@@ -295,7 +297,6 @@ class ReducedSystem:
             Newton corrections, all samples together.
         """
         self._lanes.regroup(moment[0].q, samples)
-        edges = np.array(self._actions.edges, dtype=np.int64)
         progress = Progress(
             self._lanes.zeros(np.int64),
             self._lanes.zeros(np.int64),
@@ -306,9 +307,10 @@ class ReducedSystem:
         )
         state, *others = moment
         advance(
-            self._equations, self._memory, self._over(ends), astuple(scheme), step, first, (*_parts(state), *others),
-            self._bounds, edges, self._lanes.sets(samples), progress,
+            self._equations, self._memory, self._over(ends), self._functions, astuple(scheme)[:4], (first, ends, step),
+            (*_parts(state), *others), self._bounds, self._edges, self._lanes.sets(samples), progress,
         )  # fmt: skip
+        beyond[:] = progress.beyond.T
         outcome, n_steps = (self._lanes.unpacked(part) for part in (progress.outcome, progress.n_steps))
         return outcome, n_steps, int(progress.n_corrections[0])
 
@@ -353,26 +355,38 @@ class ReducedSystem:
     def _act(self, time: float, state: State, gain_v: float, active: np.ndarray, with_tangent: bool) -> None:
         """Evaluate the actions on the active samples, and what is known of them beside their forces."""
         if self._actions.actions:
+            self._forces(
+                np.array([time]), np.array([[state.q, state.v]]), gain_v, self._lanes.sets(active), with_tangent
+            )
+
+    def _forces(
+        self, times: np.ndarray, trail: np.ndarray, gain_v: float, lanes: np.ndarray, with_tangent: bool
+    ) -> np.ndarray:
+        """Evaluate the actions on some lanes at times (n_t,); return their forces, (n_t, n_samples, n_actions)."""
+        actions = self._actions.actions
+        found, amplitudes = np.zeros((times.size, self.n_samples, len(actions))), amplitudes_over(actions, times)
+        if found.size:
             act_on(
-                self._equations, self._memory, self._at(time), _parts(state), self._lanes.sets(active), gain_v,
-                np.bool_(with_tangent),
+                self._equations, self._memory, amplitudes, np.ascontiguousarray(trail), lanes, gain_v,
+                np.bool_(with_tangent), found,
             )  # fmt: skip
+        return found
 
     def _act_on_all(self, time: float, state: State) -> None:
         self._act(time, state, 0.0, np.ones(self.n_samples, dtype=bool), False)
 
     def _at(self, time: float) -> Strengths:
-        """Return what acts at an instant."""
-        return Strengths(*(part[0] for part in self._over(np.array([time]))))
+        """Return what acts on every lane at an instant."""
+        return Strengths(*(same_in_all_lanes(part[0]) for part in self._over(np.array([time]))))
 
     def _over(self, times: np.ndarray) -> Strengths:
         """Return what acts at several instants, one a row."""
         loads = np.empty((times.size, len(self._load_effects)))
         for column, effect in zip(loads.T, self._load_effects):
             column[:] = effect.amplitude(times)
-        motions = np.zeros((times.size, self.tables.n_coordinates, 3))
+        motions = np.zeros((times.size, 3 * self.tables.n_coordinates if self._motions else 0))
         for k, motion in self._motions.items():
-            motions[:, k] = [motion.at(time) for time in times]
+            motions[:, 3 * k : 3 * k + 3] = [motion.at(time) for time in times]
         return Strengths(loads, amplitudes_over(self._actions.actions, times), motions)
 
 

@@ -34,7 +34,7 @@ class Outcome(IntEnum):
     DONE = 0
     LOST = 1  # Newton's iteration failed
     OUTSIDE = 2  # it would have left the model's range
-    CROSSED = 3  # it would have crossed the edge of a law
+    CROSSED = 3  # it crosses the edge of a law, and a part of the step up to there fails
 
 
 _MEANINGS = {

@@ -9,7 +9,7 @@ gives the frames from its unknowns, the reduced one from its coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Quantity
 from pgmp_petsc.effects.laws import N_PARAMETERS, SPRING_DAMPER, STOP
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.attachment import Attachment
 from pgmp_petsc.mechanism.node_statements import NodeStatements
 from pgmp_petsc.mechanism.statements import Statement
@@ -50,7 +51,7 @@ class Action:
     b: Attachment
     law: int
     parameters: tuple[Quantity, ...]
-    amplitude: Callable[[float], float] | None = None
+    amplitude: TimeFunction | None = None
     coordinate: int = -1
 
     @property

@@ -19,6 +19,7 @@ from pgmp_petsc.bodies.matrices import AffineMatrices
 from pgmp_petsc.effects.action import Action
 from pgmp_petsc.effects.load import Load
 from pgmp_petsc.effects.patterns import UnitForces
+from pgmp_petsc.effects.time_function import TimeFunction
 from pgmp_petsc.mechanism.mechanism import Mechanism
 
 
@@ -33,6 +34,8 @@ class Effect:
 
     #: Whether its loads derive from a potential energy, as weights do.
     conservative = False
+    #: Common factor of its load terms over time; kinds that change with time have their own.
+    strength = TimeFunction.constant(1.0)
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -43,7 +46,7 @@ class Effect:
 
     def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
         """Return the common factor of the load terms at a time (s), or at each of several."""
-        return np.ones_like(time)
+        return self.strength(time)
 
     def actions(self) -> list[Action]:
         """Return the local effects."""

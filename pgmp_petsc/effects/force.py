@@ -60,7 +60,7 @@ class FixedForce(Effect):
 
     def __init__(self, name: str, entry: schema.Force, ground: Attachment, point: Attachment, guided: bool) -> None:
         super().__init__(name)
-        self._amplitude = amplitude_of(entry)
+        self.strength = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._direction = np.asarray(entry.direction, dtype=float) / np.linalg.norm(entry.direction)
         self._ground, self._point, self._guided = ground, point, guided
@@ -79,10 +79,6 @@ class FixedForce(Effect):
         if not self._guided:
             return []
         return [Action(self.name, along(self._direction), self._ground, self._point, SOURCE, (self._scale,))]
-
-    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        """Return the force, N."""
-        return self._amplitude(time)
 
     def _vector(self, matrices: AffineMatrices, components: np.ndarray) -> np.ndarray:
         vector = np.zeros(len(matrices.rows))

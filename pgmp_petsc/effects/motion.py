@@ -10,15 +10,15 @@ and stay where they end; all others go on for ever.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from pgmp_petsc.effects.amplitude import harmonic
+from pgmp_petsc.effects.time_function import Piece, TimeFunction
 from pgmp_petsc.scene.effects import PrescribedMotion
 from pgmp_petsc.scene.time_functions import ConstantSpeed, Harmonic, SpinUp, TimeTable
-
-Numbers = tuple[float, float, float]
 
 
 class Instant(NamedTuple):
@@ -38,17 +38,22 @@ class Motion:
         Name of the effect.
     entry
         What the scene says.
+
+    Attributes
+    ----------
+    angle
+        Over time, rad.
     """
 
     def __init__(self, name: str, entry: PrescribedMotion) -> None:
         self.name = name
         self.coordinate = entry.coordinate
         makers = {"table": _table, "harmonic": _harmonic, "spin_up": _spin_up, "constant_speed": _constant_speed}
-        self._at = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
+        self.angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
 
     def at(self, time: float) -> Instant:
         """Return the motion at a time (s)."""
-        return Instant(*self._at(time))
+        return Instant(*self.angle.with_rates(time))
 
 
 class Held:
@@ -75,43 +80,27 @@ def driven(motions: Sequence[Motion | Held], time: float) -> Instant:
     return Instant(*np.array([motion.at(time) for motion in motions]).reshape(-1, 3).T)
 
 
-def _table(rows: TimeTable) -> Callable[[float], Numbers]:
+def _table(rows: TimeTable) -> TimeFunction:
     from scipy.interpolate import CubicSpline  # takes a noticeable time, and few motions are tables
 
     times, angles = np.array(rows, dtype=float).T
-    spline = CubicSpline(times, angles, bc_type="clamped")
-
-    def at(time: float) -> Numbers:
-        if time <= times[0] or time >= times[-1]:
-            return float(angles[0] if time <= times[0] else angles[-1]), 0.0, 0.0
-        return float(spline(time)), float(spline(time, 1)), float(spline(time, 2))
-
-    return at
+    cubics = CubicSpline(times, angles, bc_type="clamped").c[::-1].T
+    begins = times.copy()
+    begins[0] = np.nextafter(times[0], np.inf)  # at the first row itself it is at rest still
+    between = [Piece(*one) for one in zip(begins, times, cubics)]
+    return TimeFunction(Piece(cubic=(angles[0],)), *between, Piece(times[-1], cubic=(angles[-1],)))
 
 
-def _harmonic(wave: Harmonic) -> Callable[[float], Numbers]:
-    rate = 2.0 * np.pi * wave.frequency_hz
-
-    def at(time: float) -> Numbers:
-        sin, cos = np.sin(rate * time + wave.phase), np.cos(rate * time + wave.phase)
-        swing = wave.amplitude
-        return wave.mean + swing * sin, swing * rate * cos, -swing * rate**2 * sin
-
-    return at
+def _harmonic(wave: Harmonic) -> TimeFunction:
+    return TimeFunction(harmonic(wave))
 
 
-def _spin_up(entry: SpinUp) -> Callable[[float], Numbers]:
-    end, rate = entry.time, 2.0 * np.pi / entry.time
-
-    def at(time: float) -> Numbers:
-        if time >= end:
-            return entry.start + entry.speed * (time - 0.5 * end), entry.speed, 0.0
-        gain = entry.speed / end
-        angle = gain * (0.5 * time**2 + (np.cos(rate * time) - 1.0) / rate**2)
-        return entry.start + angle, gain * (time - np.sin(rate * time) / rate), gain * (1.0 - np.cos(rate * time))
-
-    return at
+def _spin_up(entry: SpinUp) -> TimeFunction:
+    end, rate, gain = entry.time, 2.0 * np.pi / entry.time, entry.speed / entry.time
+    swing = gain / rate**2
+    rising = Piece(cubic=(entry.start - swing, 0.0, 0.5 * gain), wave=(swing, rate, 0.5 * np.pi))
+    return TimeFunction(rising, Piece(end, 0.5 * end, (entry.start, entry.speed)))
 
 
-def _constant_speed(entry: ConstantSpeed) -> Callable[[float], Numbers]:
-    return lambda time: (entry.start + entry.speed * time, entry.speed, 0.0)
+def _constant_speed(entry: ConstantSpeed) -> TimeFunction:
+    return TimeFunction(Piece(cubic=(entry.start, entry.speed)))

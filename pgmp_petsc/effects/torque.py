@@ -21,7 +21,7 @@ class Torque(Effect):
 
     def __init__(self, name: str, entry: schema.Torque, mechanism: Mechanism) -> None:
         super().__init__(name)
-        self._amplitude = amplitude_of(entry)
+        self.strength = amplitude_of(entry)
         self._scale = Quantity.of(entry.scale)
         self._connection = mechanism.connection(entry.joint)
 
@@ -33,15 +33,11 @@ class Torque(Effect):
     def natural_actions(self) -> list[Action]:
         """Return the torque on the joint's angle."""
         joint = self._connection
-        return [Action(self.name, joint.angle, joint.a, joint.b, SOURCE, (self._scale,), self._amplitude)]
+        return [Action(self.name, joint.angle, joint.a, joint.b, SOURCE, (self._scale,), self.strength)]
 
     def patterns(self, matrices: AffineMatrices) -> list[np.ndarray]:
         """Return the couples, which are constant in the bodies."""
         return [load.vector for load in self.loads(matrices)]
-
-    def amplitude(self, time: float | np.ndarray) -> float | np.ndarray:
-        """Return the torque, N m."""
-        return self._amplitude(time)
 
 
 class HoldingTorque(Effect):

@@ -120,7 +120,7 @@ def parameter_slopes(
 @njit(cache=True, entry=True, error_model="numpy")
 def _measure(local, grid, strengths, q, v, gradients, measured):
     """Measure all actions in states (n_t, n_eta), LANES of them at once; strengths are (n_t, n_actions)."""
-    places, actions = local
+    places, actions = local.places, local.actions
     n_t, n = q.shape
     d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
     work = allocate_local(local, r, n)
@@ -135,7 +135,7 @@ def _measure(local, grid, strengths, q, v, gradients, measured):
             t = min(first + lane, n_t - 1)
             for i in range(n):
                 of_q[i, lane], of_v[i, lane] = q[t, i], v[t, i]
-        place_nodes(places, grid, d, of_q, kept, work.frames)
+        place_nodes(places, local.all.nodes, grid, d, of_q, kept, work.frames)
         for action in range(n_actions):
             attach(places, actions.statements, action, work)
             turned = load(work.frames.rigid, first_angle + action)

@@ -117,7 +117,7 @@ def _changes(effect: Effect, times: np.ndarray) -> bool:
     if any(source is not None for source in sources):
         return True
     # others have the constant one of all effects
-    return type(effect).amplitude is not Effect.amplitude and bool(np.ptp(effect.amplitude(times)))
+    return effect.strength is not Effect.strength and bool(np.ptp(effect.amplitude(times)))
 
 
 def _impulses(amplitude: Amplitude, times: np.ndarray) -> np.ndarray:

@@ -45,6 +45,13 @@ def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
     return buffer[first : first + size].view(np.float64).reshape(shape)
 
 
+def same_in_all_lanes(numbers: np.ndarray) -> np.ndarray:
+    """Return numbers (n,) as vectors, (n, LANES)."""
+    vectors = aligned_zeros((numbers.size, LANES))
+    vectors[:] = numbers[:, None]
+    return vectors
+
+
 class Vector(types.Type):
     """LANES doubles."""
 

@@ -18,7 +18,6 @@ from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.effects import Effect, Motion, effects_of
 from pgmp_petsc.effects.amplitude import amplitude_of
 from pgmp_petsc.effects.gravity import Gravity
-from pgmp_petsc.effects.torque import Torque
 from pgmp_petsc.scene import Scene
 
 SHORT = "[simulation]\nduration = 5e-3\nstep = 1e-3\n"
@@ -32,7 +31,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     """Count the evaluations of everything that effects are made of."""
     watched = [
         (FullBatch, "depths"), (FullDistributed, "depths"), (Motion, "at"), (EventLocation, "repeat_steps"),
-        (Effect, "amplitude"), (Torque, "amplitude"), (Gravity, "loads"),
+        (Effect, "amplitude"), (Gravity, "loads"),
     ]  # fmt: skip
     return count_calls(monkeypatch, watched)
 
@@ -56,7 +55,7 @@ def test_a_load_is_no_action(calls: Counter) -> None:
     assert set(calls) == {"Gravity.loads", "Effect.amplitude"}
     calls.clear()
     run_both(scene_of(BEAM, SHORT + MOTOR))
-    assert set(calls) == {"Torque.amplitude"}
+    assert set(calls) == {"Effect.amplitude"}
 
 
 def test_only_what_is_there_is_built() -> None:

@@ -25,7 +25,6 @@ from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.effects import Effect, Motion
-from pgmp_petsc.effects.torque import Torque
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.results.trajectory import Trajectory
@@ -268,7 +267,7 @@ NAMED = {
     "geometric_stiffening": 'type = "geometric_stiffening"\n[effects.other]\ntype = "mode_inertia"',
 }
 WATCHED = [
-    (Effect, "amplitude"), (Torque, "amplitude"), (Motion, "at"), (EventLocation, "repeat_steps"),
+    (Effect, "amplitude"), (Motion, "at"), (EventLocation, "repeat_steps"),
 ]  # fmt: skip
 
 
@@ -339,7 +338,7 @@ def test_an_effect_adds_only_what_is_its_own(bare: dict[str, object], tmp_path: 
 
 
 EVALUATED = {
-    "torque": {"Torque.amplitude"},
+    "torque": {"Effect.amplitude"},
     "gravity": {"Effect.amplitude"},
     "prescribed_motion": {"Motion.at"},
 }

@@ -1,0 +1,270 @@
+"""The search for edges of laws within a step, lane by lane, compiled.
+
+What is searched, and why, is said in `event_location`, which has the same search for other systems. Here it is told
+what came of a trial, from the beginning of the step or from the edge before, and says of what length the next one is:
+
+    WHOLE      the step itself. Where an edge is crossed in it, the rest of the step is searched
+    EARLIEST   next to nothing: is the edge there already?
+    NARROWING  an instant between two whose depths have different signs, by Brent's method
+    REACHING   up to the first of the edges that were found
+    REST       from there to the end of the step
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.dynamics.event_location import MAX_EVENTS, SHORTEST, TIME_TOLERANCE
+from pgmp_petsc.runtime.compiled import njit
+from pgmp_petsc.runtime.vectors import LANES
+
+WHOLE, EARLIEST, NARROWING, REACHING, REST = range(5)  # what a trial is for
+BEGUN, TRIED, REACHED, DONE, HOPELESS = range(5)  # what comes of it; see `look`
+MAX_TRIALS = 1000  # in one step; Brent's method alone takes a dozen
+RELATIVE = 4.0 * np.finfo(float).eps  # of a root, whatever its tolerance
+
+# rows of a bracket (Brent 1973): the best instant, the one before and one on the other side of the root, with their
+# depths; and the last two changes
+NOW, BEFORE, ACROSS, DEPTH_NOW, DEPTH_BEFORE, DEPTH_ACROSS, CHANGE, CHANGE_BEFORE = range(8)
+
+
+class EdgeSearch(NamedTuple):
+    """How far the search in the lanes of a block is.
+
+    Attributes
+    ----------
+    stage
+        What the trial is for, shape (LANES,).
+    n_found, n_trials
+        Edges found, and trials, in this step, (LANES,).
+    edge, nearest
+        The edge that is looked for, and the nearest one of those found, (LANES,).
+    duration
+        Length of the trial, s, (LANES,).
+    left, first
+        What is left of the step, and how much of it there is up to the nearest edge, s, (LANES,).
+    depths
+        How far each edge is crossed at the end of the rest, (n_events, LANES).
+    bracket
+        See above, (8, LANES).
+    beyond
+        Which edges were crossed at the beginning of the step, (n_events, LANES).
+    """
+
+    stage: np.ndarray
+    n_found: np.ndarray
+    n_trials: np.ndarray
+    edge: np.ndarray
+    nearest: np.ndarray
+    duration: np.ndarray
+    left: np.ndarray
+    first: np.ndarray
+    depths: np.ndarray
+    bracket: np.ndarray
+    beyond: np.ndarray
+
+
+@njit(error_model="numpy", forceinline=True)
+def allocate_search(n_events):
+    """Return arrays for the search in a block."""
+    return EdgeSearch(
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES, dtype=np.int64),
+        np.empty(LANES),
+        np.empty(LANES),
+        np.empty(LANES),
+        np.empty((n_events, LANES)),
+        np.empty((8, LANES)),
+        np.empty((n_events, LANES), dtype=np.bool_),
+    )
+
+
+@njit(inline="always")
+def begin_step(search, lane, step):
+    """Let a lane begin with a whole step, s."""
+    search.stage[lane], search.duration[lane] = WHOLE, step
+
+
+@njit(error_model="numpy", counted=False)
+def in_search(search):
+    """Return the lanes whose trial is no whole step."""
+    lanes = 0
+    for lane in range(LANES):
+        if search.stage[lane] != WHOLE:
+            lanes |= 1 << lane
+    return lanes
+
+
+@njit(error_model="numpy", counted=False)
+def look_at_all(search, lanes, step, known, row, edges, samples, beyond):
+    """Look at the ends of the trials of some lanes; see `look`.
+
+    Parameters
+    ----------
+    known, row
+        What is known of the actions on all samples, (n_samples, n_rows, n_actions), and the row of depths.
+    samples
+        Number of the sample in each lane, (LANES,).
+    beyond
+        Of all samples, (n_samples, n_events).
+
+    Returns
+    -------
+    begun, reached, done, hopeless
+        Sets of the lanes of which that came.
+    """
+    begun = reached = done = hopeless = 0
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            found = look(search, lane, step, known[samples[lane], row], edges, beyond[samples[lane]])
+            begun |= (found == BEGUN) << lane
+            reached |= (found == REACHED) << lane
+            done |= (found == DONE) << lane
+            hopeless |= (found == HOPELESS) << lane
+    return begun, reached, done, hopeless
+
+
+@njit(error_model="numpy", counted=False)
+def give_up(search, lanes, samples, beyond):
+    """Let some lanes search no more, as if they were at the beginning of their steps; see `look_at_all`."""
+    for lane in range(LANES):
+        if lanes & (1 << lane):
+            search.stage[lane] = WHOLE
+            for event in range(search.beyond.shape[0]):
+                beyond[samples[lane], event] = search.beyond[event, lane]
+
+
+@njit(error_model="numpy", counted=False)
+def look(search, lane, step, depths, edges, beyond):
+    """Look at the end of a lane's trial, and choose the next one.
+
+    Parameters
+    ----------
+    step
+        Length of the whole step, s.
+    depths
+        Those of all actions there, shape (n_actions,).
+    edges
+        Numbers of the actions whose law has an edge, (n_events,).
+    beyond
+        Whether each was crossed when the search began or since, (n_events,); brought up to date.
+
+    Returns
+    -------
+    int
+        ``BEGUN``, if the step crosses an edge: what is known at its beginning has to be kept; ``REACHED``, if the trial
+        is to be gone on from; ``DONE``, if it ends the step; otherwise ``TRIED``, or ``HOPELESS``.
+    """
+    stage = search.stage[lane]
+    search.n_trials[lane] += 1
+    if stage == WHOLE or stage == REST:
+        crossed = False
+        for event in range(beyond.size):
+            search.depths[event, lane] = depths[edges[event]]
+            crossed |= (search.depths[event, lane] > 0.0) != beyond[event]
+        if not crossed or (stage == REST and search.n_found[lane] >= MAX_EVENTS):
+            begin_step(search, lane, step)
+            return DONE
+        if stage == WHOLE:
+            search.n_found[lane], search.n_trials[lane], search.left[lane] = 0, 0, step
+            for event in range(beyond.size):
+                search.beyond[event, lane] = beyond[event]
+        search.first[lane], search.nearest[lane] = np.inf, -1
+        _next_edge(search, lane, step, -1, beyond)
+        return BEGUN if stage == WHOLE else TRIED
+    if search.n_trials[lane] > MAX_TRIALS:
+        return HOPELESS
+    if stage == REACHING:
+        search.left[lane] -= search.first[lane]
+        if search.left[lane] <= SHORTEST * step:
+            begin_step(search, lane, step)
+            return DONE
+        search.stage[lane], search.duration[lane] = REST, search.left[lane]
+        return REACHED
+    edge = search.edge[lane]
+    sign = -1.0 if beyond[edge] else 1.0
+    depth = sign * depths[edges[edge]]
+    if stage == EARLIEST:
+        if not depth < 0.0:
+            _note(search, lane, 0.0)
+            _next_edge(search, lane, step, edge, beyond)
+            return TRIED
+        bracket = search.bracket
+        bracket[BEFORE, lane], bracket[DEPTH_BEFORE, lane] = search.duration[lane], depth
+        bracket[NOW, lane], bracket[DEPTH_NOW, lane] = search.left[lane], sign * search.depths[edge, lane]
+        search.stage[lane] = NARROWING
+    else:
+        search.bracket[DEPTH_NOW, lane] = depth
+    if _narrow(search.bracket, lane, TIME_TOLERANCE * search.left[lane]):
+        _note(search, lane, search.bracket[NOW, lane])
+        _next_edge(search, lane, step, edge, beyond)
+    else:
+        search.duration[lane] = search.bracket[NOW, lane]
+    return TRIED
+
+
+@njit(error_model="numpy", counted=False)
+def _note(search, lane, root):
+    """Note when the edge that was looked for is reached."""
+    if root < search.first[lane]:
+        search.first[lane], search.nearest[lane] = root, search.edge[lane]
+
+
+@njit(error_model="numpy", counted=False)
+def _next_edge(search, lane, step, edge, beyond):
+    """Look for the next edge that lies in the rest of the step, or go to the nearest."""
+    for event in range(edge + 1, beyond.size):
+        if (search.depths[event, lane] > 0.0) != beyond[event]:
+            search.edge[lane], search.stage[lane] = event, EARLIEST
+            search.duration[lane] = SHORTEST * search.left[lane]
+            return
+    nearest = search.nearest[lane]
+    beyond[nearest] = not beyond[nearest]
+    search.n_found[lane] += 1
+    if search.first[lane] > SHORTEST * step:
+        search.stage[lane], search.duration[lane] = REACHING, search.first[lane]
+    else:
+        search.stage[lane], search.duration[lane] = REST, search.left[lane]
+
+
+@njit(error_model="numpy", counted=False)
+def _narrow(bracket, lane, tolerance):
+    """Do one step of Brent's method (1973, chapter 4) with a new depth; return whether the root is found.
+
+    The root, or the next instant to be tried, is that in the row `NOW`.
+    """
+    b = bracket[:, lane]
+    if (b[DEPTH_BEFORE] < 0.0) != (b[DEPTH_NOW] < 0.0):
+        b[ACROSS], b[DEPTH_ACROSS] = b[BEFORE], b[DEPTH_BEFORE]
+        b[CHANGE] = b[CHANGE_BEFORE] = b[NOW] - b[BEFORE]
+    if abs(b[DEPTH_ACROSS]) < abs(b[DEPTH_NOW]):
+        b[BEFORE], b[NOW] = b[NOW], b[ACROSS]
+        b[ACROSS] = b[BEFORE]
+        b[DEPTH_BEFORE], b[DEPTH_NOW] = b[DEPTH_NOW], b[DEPTH_ACROSS]
+        b[DEPTH_ACROSS] = b[DEPTH_BEFORE]
+    least, half = 0.5 * (tolerance + RELATIVE * abs(b[NOW])), 0.5 * (b[ACROSS] - b[NOW])
+    if b[DEPTH_NOW] == 0.0 or abs(half) < least:
+        return True
+    before, change = half, half
+    if abs(b[CHANGE_BEFORE]) > least and abs(b[DEPTH_NOW]) < abs(b[DEPTH_BEFORE]):
+        if b[BEFORE] == b[ACROSS]:  # a line through both
+            trial = -b[DEPTH_NOW] * (b[NOW] - b[BEFORE]) / (b[DEPTH_NOW] - b[DEPTH_BEFORE])
+        else:  # an inverse parabola through all three
+            behind = (b[DEPTH_BEFORE] - b[DEPTH_NOW]) / (b[BEFORE] - b[NOW])
+            across = (b[DEPTH_ACROSS] - b[DEPTH_NOW]) / (b[ACROSS] - b[NOW])
+            weighted = b[DEPTH_ACROSS] * across - b[DEPTH_BEFORE] * behind
+            trial = -b[DEPTH_NOW] * weighted / (across * behind * (b[DEPTH_ACROSS] - b[DEPTH_BEFORE]))
+        if 2.0 * abs(trial) < min(abs(b[CHANGE_BEFORE]), 3.0 * abs(half) - least):
+            before, change = b[CHANGE], trial
+    b[CHANGE_BEFORE], b[CHANGE] = before, change
+    b[BEFORE], b[DEPTH_BEFORE] = b[NOW], b[DEPTH_NOW]
+    if abs(change) > least:
+        b[NOW] += change
+    else:
+        b[NOW] += least if half > 0.0 else -least
+    return False

@@ -1,0 +1,122 @@
+"""Functions of time: on each of their pieces a cubic polynomial and a sinusoid,
+
+    f(t) = c_0 + c_1 s + c_2 s^2 + c_3 s^3 + a sin(w t + p),     s = t - origin of the piece,
+
+which is what tables, harmonics, splines and spin-ups are made of. Compiled, so that whoever integrates finds them at
+any instant within a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pgmp_petsc.runtime.compiled import njit
+
+
+class TimeFunctions(NamedTuple):
+    """Several functions of time, the pieces of one behind those of the other.
+
+    Attributes
+    ----------
+    firsts
+        Number of the first piece of each function, and the number of all, shape (n + 1,).
+    begins
+        From which instant on a piece holds, s; minus infinity for the first one of a function, shape (n_pieces,).
+    origins
+        From where a piece counts time, s, shape (n_pieces,).
+    cubics
+        c_0 to c_3 of each piece, shape (n_pieces, 4).
+    waves
+        a, w (rad/s) and p (rad) of each piece, shape (n_pieces, 3).
+    """
+
+    firsts: np.ndarray
+    begins: np.ndarray
+    origins: np.ndarray
+    cubics: np.ndarray
+    waves: np.ndarray
+
+
+class Piece(NamedTuple):
+    """A piece of a function; see `TimeFunctions`."""
+
+    begin: float = -np.inf
+    origin: float = 0.0
+    cubic: tuple[float, ...] = ()
+    wave: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class TimeFunction:
+    """A function of time (s).
+
+    Parameters
+    ----------
+    pieces
+        One after the other; the first one begins at minus infinity.
+    """
+
+    def __init__(self, *pieces: Piece) -> None:
+        self.pieces = pieces
+        self._alone = joined([self])
+
+    @classmethod
+    def constant(cls, value: float) -> TimeFunction:
+        """Return a constant."""
+        return cls(Piece(cubic=(value,)))
+
+    def __call__(self, time: float | np.ndarray) -> np.ndarray:
+        """Return the value at a time, or at each of several."""
+        return self.with_rates(time)[0]
+
+    def with_rates(self, time: float | np.ndarray) -> np.ndarray:
+        """Return value, first and second derivative at times of shape (...), shape (3, ...)."""
+        times = np.array(time, dtype=float)
+        found = np.empty((3, times.size))
+        fill(self._alone, times.ravel(), found)
+        return found.reshape(3, *times.shape)
+
+
+def joined(functions: Sequence[TimeFunction]) -> TimeFunctions:
+    """Return several functions as compiled code takes them."""
+    pieces = [piece for function in functions for piece in function.pieces]
+    counts = [len(function.pieces) for function in functions]
+    cubics = np.zeros((len(pieces), 4))
+    for row, piece in zip(cubics, pieces):
+        row[: len(piece.cubic)] = piece.cubic
+    return TimeFunctions(
+        np.cumsum([0, *counts]),
+        np.array([piece.begin for piece in pieces], dtype=float),
+        np.array([piece.origin for piece in pieces], dtype=float),
+        cubics,
+        np.array([piece.wave for piece in pieces], dtype=float).reshape(-1, 3),
+    )
+
+
+@njit(error_model="numpy", counted=False)
+def evaluate(functions, number, time):
+    """Return value, first and second derivative of a function at a time."""
+    piece, behind = functions.firsts[number], functions.firsts[number + 1]
+    while behind - piece > 1:
+        middle = (piece + behind) // 2
+        if time >= functions.begins[middle]:
+            piece = middle
+        else:
+            behind = middle
+    s, c = time - functions.origins[piece], functions.cubics[piece]
+    value = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+    first, second = c[1] + s * (2.0 * c[2] + 3.0 * s * c[3]), 2.0 * c[2] + 6.0 * s * c[3]
+    amplitude, rate, phase = functions.waves[piece]
+    if amplitude != 0.0:
+        wave, slope = amplitude * np.sin(rate * time + phase), amplitude * np.cos(rate * time + phase)
+        value, first, second = value + wave, first + rate * slope, second - rate * rate * wave
+    return value, first, second
+
+
+@njit(cache=True, entry=True, error_model="numpy")
+def fill(functions, times, found):
+    """Evaluate the first of some functions and its derivatives at times (n,), (3, n)."""
+    for k in range(times.size):
+        found[0, k], found[1, k], found[2, k] = evaluate(functions, 0, times[k])

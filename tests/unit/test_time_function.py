@@ -1,0 +1,58 @@
+"""Functions of time in compiled code: what scenes give, at any instant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from pgmp_petsc.effects.amplitude import amplitude_of
+from pgmp_petsc.effects.motion import Motion
+from pgmp_petsc.effects.time_function import Piece, TimeFunction, joined
+from pgmp_petsc.scene.effects import PrescribedMotion, Torque
+
+TIMES = np.concatenate([np.linspace(-0.5, 3.0, 701), [0.2, 0.9, 1.4]])
+ROWS = [[0.2, 1.0], [0.9, -3.0], [0.95, 4.0], [1.4, 4.5]]
+
+
+def torque(**entry: object) -> TimeFunction:
+    """Return the amplitude of a torque."""
+    return amplitude_of(Torque(type="torque", joint="hinge", **entry))
+
+
+def test_tables_are_linear_between_their_rows_and_constant_outside() -> None:
+    times, values = np.array(ROWS).T
+    np.testing.assert_allclose(torque(table=ROWS)(TIMES), np.interp(TIMES, times, values), rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(torque(table=ROWS)(times), values)
+    np.testing.assert_array_equal(torque(table=[[0.5, 2.0]])(TIMES), 2.0)
+
+
+def test_harmonics_are_sines() -> None:
+    wave = {"amplitude": 0.7, "frequency_hz": 2.0, "phase": 0.4, "mean": 0.2}
+    expected = 0.2 + 0.7 * np.sin(4.0 * np.pi * TIMES + 0.4)
+    np.testing.assert_allclose(torque(harmonic=wave)(TIMES), expected, rtol=0, atol=1e-15)
+
+
+def test_motions_by_tables_are_clamped_splines() -> None:
+    times, angles = np.array(ROWS).T
+    spline = CubicSpline(times, angles, bc_type="clamped")
+    motion = Motion("drive", PrescribedMotion(type="prescribed_motion", coordinate="theta", table=ROWS))
+    found = np.array([motion.at(time) for time in TIMES]).T
+    outside = (TIMES <= times[0]) | (TIMES >= times[-1])
+    for order, size in enumerate((1.0, 1e2, 1e4)):
+        expected = spline(np.clip(TIMES, times[0], times[-1]), order)
+        expected[outside & (order > 0)] = 0.0
+        np.testing.assert_allclose(found[order], expected, rtol=0, atol=1e-13 * size)
+
+
+def test_functions_are_joined_one_behind_the_other() -> None:
+    parts = [
+        TimeFunction.constant(2.0),
+        TimeFunction(Piece(cubic=(1.0, 2.0)), Piece(0.5, 0.5, (7.0,), (1.0, 2.0, 3.0))),
+    ]
+    together = joined(parts)
+    np.testing.assert_array_equal(together.firsts, [0, 1, 3])
+    np.testing.assert_array_equal(together.begins, [-np.inf, -np.inf, 0.5])
+    np.testing.assert_array_equal(together.cubics[:, 0], [2.0, 1.0, 7.0])
+    assert parts[1](0.25) == 1.5 and parts[1](0.5) == pytest.approx(7.0 + np.sin(4.0), rel=1e-15)
+    assert joined([]).waves.shape == (0, 3)
