@@ -132,18 +132,20 @@ def _of_model(sources: Sequence[Source], error: ModelError | None) -> Iterator[L
 def _of_parts(builds: Sequence[Build]) -> Iterator[Line]:
     """Yield what was measured when the reduction was chosen by a tolerance, part by part."""
     chosen = next((build.selection for build in builds if build.selection is not None), None)
+    unknown = []
     for part, words in PARTS.items():
         limit = np.inf if chosen is None else chosen.allowed.get(part, np.inf)
         tried = [] if chosen is None else [a for a in chosen.attempts if a.part == part and a.largest <= limit]
         if not tried:
-            how = "not known apart from the others: build with reduction.tolerance, or add a file of pgmp tradeoff"
-            yield Line(words, [], how)
+            unknown.append(words)
             continue
         last = tried[-1]
         allowed = f", allowed {share_text(limit)}" if np.isfinite(limit) else ""
-        yield Line(
-            words, [Datum(last.largest, share_text(last.largest))], f"measured at the build{allowed}: {last.where}"
-        )
+        how = f"measured at the build{allowed}: {last.where}"
+        yield Line(words, [Datum(last.largest, share_text(last.largest))], how)
+    if unknown:
+        how = "not known apart from the others: build with reduction.tolerance, or add a file of pgmp tradeoff"
+        yield Line(", ".join(unknown), [], how)
 
 
 def _of_mesh(studies: Sequence[Source]) -> Iterator[Line]:

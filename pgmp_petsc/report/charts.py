@@ -259,6 +259,20 @@ def energies(run: Trajectory, balance: Balance) -> Chart:
     return chart(draw, "Energy", height=HEIGHT + 0.13 * len(curves), over_time=True)
 
 
+def residual(run: Trajectory, balance: Balance) -> Chart:
+    """Return what is left over of the balance of energy, as a share of what is moved around."""
+    share = 100.0 * balance.residual / balance.exchanged
+
+    def draw(axes: Axes) -> None:
+        axes.plot(run.time, share, color=FAILED, linewidth=1.2)
+        axes.set_ylabel("residual (%)")
+        axes.set_xlabel("time (s)")
+        span(axes, run.time[0], run.time[-1])
+
+    caption = "Energies gained less the work of all effects, as a share of the energy that is moved around."
+    return chart(draw, "Residual of the balance", caption, over_time=True)
+
+
 def accuracy_and_time(study: Tradeoff, output: str) -> Chart:
     """Return the errors of an output over the time of a sample, one colour a family of settings."""
     column = study.outputs.index(output)

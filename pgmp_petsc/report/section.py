@@ -90,7 +90,7 @@ def section_of(sources: Sequence[Source]) -> Section:
             if source.result.sobol
         ],
         budget=error_budget(sources, error),
-        energies=[charts.energies(s.result, s.result.balance) for s in runs[:1] if s.result.balance is not None],
+        energies=list(_energies(runs)),
         tradeoffs=[_tradeoff(source) for source in studies],
         failures=[_failures(source) for source in ensembles if source.result.status.any()],
         remarks=_remarks(sources),
@@ -214,6 +214,15 @@ def _ranked(source: Source) -> str:
     what = "blocks of samples" if found.method == "saltelli" else "samples"
     level = f"{100 * found.confidence:g} % intervals"
     return f"{source.name}: Sobol indices from {found.count} {what}, {level}{total}"
+
+
+def _energies(runs: Sequence[Source]) -> Iterator[Chart]:
+    """Yield the energies of the first run that has them, and what is left over of their balance."""
+    run = next((source.result for source in runs if source.result.balance is not None), None)
+    if run is not None:
+        yield charts.energies(run, run.balance)
+        if run.balance.exchanged > 0.0:
+            yield charts.residual(run, run.balance)
 
 
 def _tradeoff(source: Source) -> tuple[Table, list[Chart], list[str]]:
