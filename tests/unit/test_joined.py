@@ -166,5 +166,8 @@ def test_numbers_of_samples_for_a_budget() -> None:
     np.testing.assert_array_equal(counts(costs, rho, [40, None], 200.0, 10**9), [40, 160_000])
     assert counts(costs, rho, [None, 300_000], 200.0, 300_000) is None
     assert counts(costs, rho, [None, None], 1.0, 10**9) is None
+    # where it takes a tenth of the budget, the deviation has an interval too, and the rest goes to the others
+    cheap = counts(np.array([0.4, 1e-3]), np.array([1.0, 0.9999999]), [None, None], 200.0, 10**9)
+    np.testing.assert_array_equal(cheap, [joined.FEWEST_OF_DEVIATION, 180_000])
     # no better model has more samples than a cheaper one
     np.testing.assert_array_equal(counts(costs, rho, [None, 20], 200.0, 20), [20, 20])
