@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.allotment import PILOT, counts
+from pgmp_petsc.ensemble.designs import Replicates
 
 LEVEL = 0.95
 REPETITIONS = 400
@@ -97,6 +98,28 @@ def test_intervals_hold_as_often_as_they_say(sizes: tuple[int, ...]) -> None:
     # sqrt(1 - rho^2 + rho^2 m / N) of the interval of the best alone, rho^2 = 1 / 1.01 of the first, less its noise
     best = np.sqrt(0.02 + sizes[0] / sizes[-1])
     assert np.median(widths) < 1.25 * best
+
+
+def test_intervals_of_replicates_hold_and_are_narrow() -> None:
+    """Two functions of two parameters at scrambled Sobol points: the cheap one's mean is known far better than of
+    independent samples, and what the best one has besides, too."""
+    held, widths, held_std = 0, [], 0
+    true = np.array([1.0 + 0.1 / 3.0, np.nan])  # E(u + v + 0.1 u^2)
+    fine = (np.arange(2000) + 0.5) / 2000
+    u, v = np.meshgrid(fine, fine)
+    true[1] = (u + v + 0.1 * u**2).std()
+    for seed in range(100):
+        u, v = Replicates(seed, 2, 8).uniform(0, 1024).T
+        best, cheap, replicates = u + v + 0.1 * u**2, u + 0.9 * v, np.arange(1024) % 8
+        values = [best[:64], cheap]
+        found = joined.mean_of(values, replicates)
+        low, high = found.interval(LEVEL)
+        held += low <= true[0] <= high
+        of_std = joined.deviation_of(values, found, LEVEL, replicates)[1]
+        held_std += of_std[0] <= true[1] <= of_std[1]
+        widths.append((high - low) / np.ptp(joined.mean_of(values).interval(LEVEL)))
+    fewest = stats.binom(100, LEVEL).ppf(1e-4)
+    assert held >= fewest and held_std >= fewest and np.median(widths) < 0.25
 
 
 def test_intervals_of_deviations_hold() -> None:
