@@ -53,6 +53,7 @@ STOPS = {
     "uniform": (stats.uniform(), ("mean", 0.02, True), ("std", 0.02, True), ("P", 0.01, False)),
     "exponential": (stats.expon(), ("mean", 0.05, True), ("std", 0.05, True), ("P", 0.2, True)),
     "lognormal, s = 0.3": (stats.lognorm(0.3), ("mean", 0.01, True), ("std", 0.04, True), ("P", 0.2, True)),
+    "exponential, coarse": (stats.expon(), ("mean", 0.2, True), ("std", 0.2, True), ("P", 0.5, True)),
 }
 N_POINTS = 65
 N_REPLICATES = 8  # of Sobol sequences
