@@ -2,7 +2,7 @@
 
     python -m benchmarks.joined coverage
     python -m benchmarks.joined stopped
-    python -m benchmarks.joined models rom.h5 [--best 200 --cheap 10000]
+    python -m benchmarks.joined models rom.h5 [--best 200 --cheap 10000 | --best 64 --cheap 1024 --sobol]
 
 `coverage` repeats the figures of two and three models whose truth is known, `stopped` ensembles that end by a rule, 400
 times each; 400 repetitions know a count of 95 % to 1.1 %. `models` integrates the reduced and the full-order model at
@@ -24,6 +24,8 @@ from scipy import stats
 
 from benchmarks.tables import Table
 from pgmp_petsc.ensemble import intervals, joined
+from pgmp_petsc.ensemble.correction import corrected
+from pgmp_petsc.ensemble.designs import Replicates
 from pgmp_petsc.ensemble.looks import level_of_each
 from pgmp_petsc.ensemble.rules import Rule
 from pgmp_petsc.ensemble.runner import run_batch
@@ -51,8 +53,10 @@ STOPS = {
     "uniform": (stats.uniform(), ("mean", 0.02, True), ("std", 0.02, True), ("P", 0.01, False)),
     "exponential": (stats.expon(), ("mean", 0.05, True), ("std", 0.05, True), ("P", 0.2, True)),
     "lognormal, s = 0.3": (stats.lognorm(0.3), ("mean", 0.01, True), ("std", 0.04, True), ("P", 0.2, True)),
+    "exponential, coarse": (stats.expon(), ("mean", 0.2, True), ("std", 0.2, True), ("P", 0.5, True)),
 }
 N_POINTS = 65
+N_REPLICATES = 8  # of Sobol sequences
 N_NODES = 800  # of quadratures, a direction
 
 
@@ -165,7 +169,7 @@ class Curve:
         return chebyshev.chebval((values - self._centre) / self._half, self._series[name])
 
 
-def models(path: Path, n_best: int, n_cheap: int) -> Iterator[Table]:
+def models(path: Path, n_best: int, n_cheap: int, sobol: bool) -> Iterator[Table]:
     """Yield how often corrected figures of a reduced model hold the full-order ones, and how narrow they are."""
     scene, rom = read_rom(path, ("ensemble.bands=0",), (), MPI.COMM_SELF)
     name, *others = uncertain_names(scene)
@@ -179,14 +183,17 @@ def models(path: Path, n_best: int, n_cheap: int) -> Iterator[Table]:
         exact, random = full(output, quantiles(nodes)), np.random.default_rng(1)
         held, narrower, plain = np.zeros(2), np.zeros((REPETITIONS, 2)), 0
         for k in range(REPETITIONS):
-            drawn = quantiles(random.random(n_cheap))
+            uniform = Replicates(k, 1, N_REPLICATES).uniform(0, n_cheap)[:, 0] if sobol else random.random(n_cheap)
+            drawn = quantiles(uniform)
             values = [full(output, drawn[:n_best]), reduced(output, drawn)]
-            mean = joined.mean_of(values)
-            ends = np.array([mean.interval(LEVEL), joined.deviation_of(values, mean, LEVEL)[1]])
-            alone = np.array([intervals.of_mean(values[0], LEVEL), intervals.of_deviation(values[0], LEVEL)])
+            figures = corrected(values, LEVEL, np.arange(n_cheap) % N_REPLICATES if sobol else None).figures
+            ends, alone = (
+                np.array([getattr(figures[name], part) for name in ("mean", "std")])
+                for part in ("interval", "alone_interval")
+            )
             held += (ends[:, 0] <= [exact.mean(), exact.std()]) & ([exact.mean(), exact.std()] <= ends[:, 1])
             narrower[k] = np.ptp(alone, axis=1) / np.ptp(ends, axis=1)
-            cheap = intervals.of_mean(values[1], LEVEL)
+            cheap = intervals.of_mean(values[1], LEVEL)  # as of independent samples
             plain += cheap[0] <= exact.mean() <= cheap[1]
         bias = reduced(output, quantiles(nodes)).mean() - exact.mean()
         rows = [
@@ -197,8 +204,8 @@ def models(path: Path, n_best: int, n_cheap: int) -> Iterator[Table]:
         words = (
             f"Intervals at {100 * LEVEL:g} % from {n_best} full-order and {n_cheap} reduced samples that hold the "
             f"full-order figure, in % of {REPETITIONS}, and how many times narrower they are than those of the "
-            f"full-order samples alone. The reduced mean is off by {100 * bias / exact.mean():.3g} %, {bias / exact.std():.3g} "
-            f"deviations; the polynomials by {full.error[output] / exact.std():.1g} and "
+            f"full-order samples alone. The reduced mean is off by {100 * bias / exact.mean():.3g} %, "
+            f"{bias / exact.std():.3g} deviations; the polynomials by {full.error[output] / exact.std():.1g} and "
             f"{reduced.error[output] / exact.std():.1g} deviations at most."
         )
         yield Table(output, ["figure", "hold", "narrower"], rows, words)
@@ -207,7 +214,7 @@ def models(path: Path, n_best: int, n_cheap: int) -> Iterator[Table]:
 def main(arguments: argparse.Namespace) -> None:
     """Measure what is asked for, and print it."""
     if arguments.what == "models":
-        for table in models(arguments.rom, arguments.best, arguments.cheap):
+        for table in models(arguments.rom, arguments.best, arguments.cheap, arguments.sobol):
             print(table.markdown(), end="\n\n", flush=True)
     else:
         print({"coverage": coverage, "stopped": stopped}[arguments.what]().markdown())
@@ -219,6 +226,7 @@ if __name__ == "__main__":
     parser.add_argument("rom", nargs="?", type=Path, help="reduced model of a scene with one uncertain parameter")
     parser.add_argument("--best", type=int, default=200, help="full-order samples")
     parser.add_argument("--cheap", type=int, default=10_000, help="reduced samples")
+    parser.add_argument("--sobol", action="store_true", help="scrambled Sobol sequences in place of random samples")
     arguments = parser.parse_args()
     if arguments.what == "models" and arguments.rom is None:
         parser.error("models: a reduced model is needed")

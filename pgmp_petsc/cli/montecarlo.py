@@ -38,6 +38,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 
 SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
+FEW = 4  # samples of a better model to each Sobol sequence
 MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
 LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
 
@@ -172,7 +173,7 @@ def montecarlo(
         )
     is_limited = n_samples is not None
     plan = Plan(n_samples if is_limited else MOST_SAMPLES, seed, output, resume, file, part, is_limited)
-    _suits_design(model.scene, file, bool(wanted), bool(rules) or seconds is not None)
+    _suits_design(model.scene, file, wanted, bool(rules) or seconds is not None)
     stop = None
     if rules or seconds is not None:
         with agreed(comm, "reading the rules"):
@@ -256,7 +257,7 @@ def _refuse_beside_retry(context: click.Context, failed: Path) -> None:
             )
 
 
-def _suits_design(scene: Scene, file: SampleFile | None, is_corrected: bool, is_open: bool) -> None:
+def _suits_design(scene: Scene, file: SampleFile | None, wanted: Sequence[Wanted], is_open: bool) -> None:
     """Refuse designs whose samples are no parts of each other; the same on all ranks."""
     sampler = "random" if file is not None else scene.ensemble.sampler
     if is_open and sampler == "latin_hypercube":
@@ -264,11 +265,19 @@ def _suits_design(scene: Scene, file: SampleFile | None, is_corrected: bool, is_
             "--until and --budget with the sampler latin_hypercube: each of its samples depends on how many there are; "
             "take random or sobol"
         )
-    if is_corrected and sampler != "random":
+    if wanted and sampler not in ("random", "sobol"):
         raise InputError(
-            f"--correct with the sampler {sampler}: intervals of several models are those of independent samples; take "
-            "--sampler random"
+            f"--correct with the sampler {sampler}: intervals of several models are those of independent samples, or "
+            "of replicates of Sobol sequences; take random or sobol"
         )
+    replicates = scene.ensemble.replicates
+    for one in wanted if sampler == "sobol" else ():
+        if one.count is None or one.count % (FEW * replicates):
+            raise InputError(
+                f"--correct {one.text}: with the sampler sobol every one of {replicates} sequences "
+                f"(ensemble.replicates) needs as many samples, and {FEW} at least; give a multiple of "
+                f"{FEW * replicates}"
+            )
 
 
 def read_duration(text: str) -> float:

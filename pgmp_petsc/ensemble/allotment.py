@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 PILOT = 16  # samples of every better model
 PILOT_OF_OWN = 256  # of the ensemble's own, which is as a rule faster in large batches
+FOR_DEVIATIONS = 0.1  # of the budget, for samples enough for an interval of the deviation
 OVERDRAWN = 1.5  # by the least numbers of samples, before a budget is refused
 ROUNDS = (0.1, 0.4, 1.0)  # shares of what is chosen that are integrated before costs are taken anew
 
@@ -112,15 +113,22 @@ def counts(
         Samples of the cheapest model.
     """
     shares = joined.allocation(costs, correlations)
+    enough = joined.FEWEST_OF_DEVIATION
+    least = np.where(enough * costs <= FOR_DEVIATIONS * budget, enough, PILOT)
     free = np.array([n is None for n in given])
-    fixed = np.array([0 if n is None else n for n in given])
-    left = budget - float(costs @ fixed)
-    if left <= 0.0:
-        return None
-    found = np.where(free, np.floor(left * shares / float(np.sum((costs * shares)[free]))), fixed)
-    found = np.maximum.accumulate(np.where(free, np.maximum(found, PILOT), found))
-    behind = np.minimum.accumulate(np.where(free, most, fixed)[::-1])[::-1]  # no more than any cheaper model has
-    found = np.minimum(found, behind).astype(int)
+    found = np.array([most if n is None else n for n in given])
+    behind = np.minimum.accumulate(found[::-1])[::-1]  # no more than any cheaper model has
+    while free.any():
+        left = budget - float(costs @ np.where(free, 0, found))
+        if left <= 0.0:
+            return None
+        wanted = left * shares / float(np.sum((costs * shares)[free]))
+        few = free & (wanted < least)
+        # what is raised to the least number is given, and what is left is divided anew
+        chosen = few if few.any() else free
+        found = np.where(chosen, np.maximum(wanted, least).astype(int), found)
+        free = free & ~chosen
+    found = np.minimum(np.maximum.accumulate(found), behind)
     return found if costs @ found <= OVERDRAWN * budget else None
 
 

@@ -57,6 +57,8 @@ class Levels:
     ----------
     columns
         Of the samples of every model by its name, as many as each has; the best first, the ensemble's own last.
+    replicates
+        That samples belong to, (N,); None where they are independent.
 
     Attributes
     ----------
@@ -66,8 +68,9 @@ class Levels:
         Draws that failed in a better model, though not in the ensemble's own.
     """
 
-    def __init__(self, columns: Mapping[str, Columns]) -> None:
+    def __init__(self, columns: Mapping[str, Columns], replicates: np.ndarray | None = None) -> None:
         self.names, self.columns = tuple(columns), list(columns.values())
+        self._replicates = replicates
         status = [one["status"] for one in self.columns]
         fine = status[-1] == Status.FINE
         self._usable = fine.copy()
@@ -81,13 +84,17 @@ class Levels:
         """Number of samples of each model that can be used."""
         return np.array([int(self._usable[:n].sum()) for n in self._sizes])
 
-    def values(self, of: Callable[[Columns], np.ndarray]) -> list[np.ndarray]:
-        """Return a quantity of every model, of the samples that can be used and have one in all models."""
+    def values(self, of: Callable[[Columns], np.ndarray]) -> tuple[list[np.ndarray], np.ndarray | None]:
+        """Return a quantity of every model, of the samples that can be used and have one in all models.
+
+        And the replicates that these belong to; None where they are independent.
+        """
         each = [of(one) for one in self.columns]
         usable = self._usable.copy()
         for values in each:
             usable[: values.size] &= np.isfinite(values) if values.dtype.kind == "f" else True
-        return [values[usable[: values.size]] for values in each]
+        replicates = None if self._replicates is None else self._replicates[usable]
+        return [values[usable[: values.size]] for values in each], replicates
 
 
 def join(scene: Scene, levels: Levels) -> Joined:
@@ -95,11 +102,13 @@ def join(scene: Scene, levels: Levels) -> Joined:
     level, found = scene.ensemble.confidence, {}
     *better, own = levels.columns
     for name in [name for name, _ in quantities(own.of("outputs"), own.of("extremes"))]:
-        values = levels.values(lambda columns: quantity(name, columns.of("outputs"), columns.of("extremes")))
-        if values[0].size >= joined.FEWEST:
-            found[name] = corrected(values, level)
+        values, replicates = levels.values(
+            lambda columns: quantity(name, columns.of("outputs"), columns.of("extremes"))
+        )
+        if _are_enough(values[0].size, replicates):
+            found[name] = corrected(values, level, replicates)
     for label, event in scene.ensemble.probabilities.items():
-        true = levels.values(
+        true, _ = levels.values(
             lambda columns: came_true(event, label, columns.of("outputs"), columns.of("first_passages"))
         )
         if true[0].size >= joined.FEWEST:
@@ -109,31 +118,45 @@ def join(scene: Scene, levels: Levels) -> Joined:
     return Joined(levels.names, level, found, outputs, status)
 
 
-def with_better(ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns]) -> Ensemble:
+def with_better(
+    ensemble: Ensemble, scene: Scene, columns: Mapping[str, Columns], replicates: np.ndarray | None
+) -> Ensemble:
     """Return an ensemble with the figures of the best model, and what is to be said of them.
 
     Parameters
     ----------
-    columns
+    columns, replicates
         As of `Levels`.
     """
-    levels = Levels(columns)
+    levels = Levels(columns, replicates)
     found = join(scene, levels)
     record = ensemble.record
     remarks = (*record.remarks, *joined_remarks(found, levels))
     return replace(ensemble, joined=found, record=replace(record, remarks=remarks))
 
 
-def corrected(values: Sequence[np.ndarray], confidence: float) -> Corrected:
+def _are_enough(n: int, replicates: np.ndarray | None) -> bool:
+    """Return whether n samples of the best model, the first of those with these replicates, lead to figures."""
+    in_all = replicates is None or np.unique(replicates[:n]).size == np.unique(replicates).size > 1
+    return n >= joined.FEWEST and bool(in_all)
+
+
+def corrected(values: Sequence[np.ndarray], confidence: float, replicates: np.ndarray | None = None) -> Corrected:
     """Return mean, deviation and bias from values of all models, as `joined.mean_of` takes them."""
     best, own = values[0], values[-1]
-    mean = joined.mean_of(values)
-    deviation, of_deviation = joined.deviation_of(values, mean, confidence)
+    mean = joined.mean_of(values, replicates)
+    deviation, of_deviation = joined.deviation_of(values, mean, confidence, replicates)
     # the cheapest model less the best, with the same controls
-    bias = joined.mean_of([own[: best.size] - best, *values[1:]])
+    bias = joined.mean_of([own[: best.size] - best, *values[1:]], replicates)
+    if replicates is None:
+        alone = intervals.of_mean(best, confidence), intervals.of_deviation(best, confidence)
+    else:
+        of_best = joined.mean_of([best], replicates[: best.size])
+        squares = joined.deviation_of([best], of_best, confidence, replicates[: best.size])[1]
+        alone = of_best.interval(confidence), squares
     figures = {
-        "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), intervals.of_mean(best, confidence)),
-        "std": Figure(deviation, of_deviation, float(best.std(ddof=1)), intervals.of_deviation(best, confidence)),
+        "mean": Figure(mean.value, mean.interval(confidence), float(best.mean()), alone[0]),
+        "std": Figure(deviation, of_deviation, float(best.std(ddof=1)), alone[1]),
         "bias": Figure(bias.value, bias.interval(confidence)),
     }
     return Corrected(figures, np.array([one.size for one in values]), mean.correlations, mean.coefficients)

@@ -63,7 +63,7 @@ class Estimate:
         return self.value + self.reach(confidence) * np.array([-1.0, 1.0])
 
 
-def mean_of(values: Sequence[np.ndarray]) -> Estimate:
+def mean_of(values: Sequence[np.ndarray], replicates: np.ndarray | None = None) -> Estimate:
     """Return the mean of the best model.
 
     Parameters
@@ -71,6 +71,10 @@ def mean_of(values: Sequence[np.ndarray]) -> Estimate:
     values
         Of every model, the best first: shapes (m_1,) to (m_k,), each the first samples of the next; m_1 at least
         `FEWEST`.
+    replicates
+        Numbers of the independent replicates that samples belong to, shape (m_k,), each with one of the first m_1 at
+        least; None where samples are independent. The variance is then that between replicates, with the coefficients
+        of all.
     """
     best, others = values[0], values[1:]
     m = np.array([value.size for value in values])
@@ -80,49 +84,72 @@ def mean_of(values: Sequence[np.ndarray]) -> Estimate:
     known = squares > first * (1e-12 * np.max(np.abs(rest), axis=1, initial=0.0)) ** 2  # not a constant
     squares = np.where(known, squares, 1.0)
     coefficients = np.where(known, products / squares, 0.0)
-    gains = np.array([np.mean(value) - np.mean(value[:before]) for value, before in zip(others, m)])
-    weights = 1.0 / m[1:] - 1.0 / m[:-1]  # of a sample that both means of a gain have
-    value = float(np.mean(best) + coefficients @ gains)
-
-    # the first stratum: everything once more, without each of its samples in turn
-    without = (products[:, None] - first / (first - 1) * centred * of_best) / _positive(
-        squares[:, None] - first / (first - 1) * centred**2
-    )
-    without = np.where(known[:, None], without, 0.0)
-    moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
-    repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
-    parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
-    freedoms = [max(first - len(values), 1)]
-    for j in range(len(others)):
-        n = int(m[j + 1] - m[j])
-        if not n:
-            continue
-        of_stratum = slice(m[j], m[j + 1]) if n > 1 else slice(0, first)  # one sample has no spread of its own
-        each = coefficients[j] * others[j][of_stratum] / m[j + 1]
-        for i in range(j + 1, len(others)):
-            each = each + coefficients[i] * weights[i] * others[i][of_stratum]
-        parts.append(n * np.var(each, ddof=1))
-        freedoms.append(max(n - 1, 1))
-    variance = float(np.sum(parts))
-    sum_of_squares = float(np.sum(np.array(parts) ** 2 / np.array(freedoms)))
-    freedom = variance**2 / sum_of_squares if sum_of_squares > 0.0 else float(freedoms[0])
     sizes = np.sqrt(squares * np.sum(of_best**2))
     correlations = np.where(known & (sizes > 0.0), products / np.where(sizes > 0.0, sizes, 1.0), 0.0)
+
+    def mean(of: np.ndarray | slice) -> float:
+        """Return the estimate from some of the samples, with the coefficients of all."""
+        gains = [np.mean(_some(value, of)) - np.mean(_some(value[:n], of)) for value, n in zip(others, m)]
+        return float(np.mean(_some(best, of)) + coefficients @ np.array(gains))
+
+    value = mean(slice(None))
+    if replicates is not None:
+        each = [mean(replicates == number) for number in np.unique(replicates)]
+        parts, freedoms = [np.var(each, ddof=1) / len(each)], [len(each) - 1]
+    else:
+        gains = np.array([np.mean(one) - np.mean(one[:n]) for one, n in zip(others, m)])
+        weights = 1.0 / m[1:] - 1.0 / m[:-1]  # of a sample that both means of a gain have
+        # the first stratum: everything once more, without each of its samples in turn
+        without = np.where(
+            known[:, None],
+            (products[:, None] - first / (first - 1) * centred * of_best)
+            / _positive(squares[:, None] - first / (first - 1) * centred**2),
+            0.0,
+        )
+        moved = gains[:, None] - first * weights[:, None] * centred / (first - 1)
+        repeated = np.mean(best) - of_best / (first - 1) + np.sum(without * moved, axis=0)
+        parts = [(first - 1) / first * np.sum((repeated - repeated.mean()) ** 2)]
+        freedoms = [max(first - len(values), 1)]
+        for j in range(len(others)):
+            n = int(m[j + 1] - m[j])
+            if n:
+                parts.append(n * _spread(others, coefficients, weights, m, j))
+                freedoms.append(max(n - 1, 1))
+    variance, sums = float(np.sum(parts)), float(np.sum(np.array(parts) ** 2 / np.array(freedoms)))
+    freedom = variance**2 / sums if sums > 0.0 else float(freedoms[0])
     return Estimate(value, variance, freedom, coefficients, correlations)
 
 
-def deviation_of(values: Sequence[np.ndarray], mean: Estimate, confidence: float) -> tuple[float, np.ndarray]:
+def _some(values: np.ndarray, of: np.ndarray | slice) -> np.ndarray:
+    """Return what is chosen of the first samples."""
+    return values[of] if isinstance(of, slice) else values[of[: values.size]]
+
+
+def _spread(
+    others: Sequence[np.ndarray], coefficients: np.ndarray, weights: np.ndarray, m: np.ndarray, j: int
+) -> float:
+    """Return the variance of what a sample of stratum j + 1 adds to the mean."""
+    of = slice(m[j], m[j + 1]) if m[j + 1] > m[j] + 1 else slice(0, m[0])  # one sample has no spread of its own
+    each = coefficients[j] * others[j][of] / m[j + 1]
+    for i in range(j + 1, len(others)):
+        each = each + coefficients[i] * weights[i] * others[i][of]
+    return float(np.var(each, ddof=1))
+
+
+def deviation_of(
+    values: Sequence[np.ndarray], mean: Estimate, confidence: float, replicates: np.ndarray | None = None
+) -> tuple[float, np.ndarray]:
     """Return the standard deviation of the best model and its interval (2,).
 
     Both are NaN where the variance is not positive, the interval below `FEWEST_OF_DEVIATION` samples.
 
     Parameters
     ----------
-    values, mean
+    values, mean, replicates
         As `mean_of` takes and gives them.
     """
     centres = [mean.value, *(float(np.mean(value)) for value in values[1:])]
-    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)])
+    squares = mean_of([(value - centre) ** 2 for value, centre in zip(values, centres)], replicates)
     variance = squares.value + mean.variance  # squares about the mean of the same samples are too small by that
     if not variance > 0.0:
         return float("nan"), intervals.UNKNOWN

@@ -207,7 +207,8 @@ def run_ensemble(
             found = replace(found, record=replace(found.record, remarks=remarks))
         if better:
             parts = {one.name: part.kept(k).columns() for one, part, k in zip(better, others, given)}
-            found = with_better(found, model.scene, {**parts, model.name: own.kept(n).columns()})
+            columns = {**parts, model.name: own.kept(n).columns()}
+            found = with_better(found, model.scene, columns, own.sampler.replicates(n))
         return found
 
 

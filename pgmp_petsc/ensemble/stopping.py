@@ -48,11 +48,6 @@ class Stop:
     start: float = field(default_factory=time.monotonic)
 
     @property
-    def is_open(self) -> bool:
-        """Whether the number of samples is not given from the start."""
-        return bool(self.rules) or self.budget is not None
-
-    @property
     def left(self) -> float:
         """What is left of the budget, s."""
         return np.inf if self.budget is None else RESERVE * self.budget - (time.monotonic() - self.start)

@@ -217,7 +217,8 @@ def _common(ensembles: Sequence[Ensemble], wanted: Sequence[str] | None) -> list
     for ensemble in ensembles:
         for name in names:
             if not ensemble.statistics[name].count:
-                raise InputError(f"no sample of the {ensemble.model} ensemble has a value of '{name}'")
+                what = f"no sample of the {ensemble.model} ensemble has a value of '{name}', or too many failed"
+                raise InputError(f"{what}; pgmp info says which")
     return names
 
 

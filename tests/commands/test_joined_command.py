@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from runs import IN_TURN, PAPER_SCENE, PGMP, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
+from runs import IN_TURN, PAPER_SCENE, SMALL, full_model, overridden, paper_scene, pgmp, rom_of
 
 from pgmp_petsc.cli import montecarlo
 from pgmp_petsc.cli.better import better_models, read_wanted
@@ -136,16 +136,29 @@ def test_the_terminal_and_the_picture_say_so(together: tuple[Ensemble, str], fol
     assert len(picture_of_means(together[0]).axes) == 9  # three outputs at the end, largest and smallest
 
 
-def test_ranks_have_no_part_in_it(mpirun: Callable, together: tuple[Ensemble, str], rom: Path, folder: Path) -> None:
-    path = folder / "ranks.h5"
-    options = ("--correct", f"full/2={K}", "--correct", f"full={2 * K}")
-    mpirun(2, *PGMP, "montecarlo", rom, "-n", N, "--seed", SEED, *options, "-o", path)
-    found, expected = Ensemble.read(path).joined, together[0].joined
+def test_ranks_have_no_part_in_it(
+    mpirun: Callable, together: tuple[Ensemble, str], rom: Path, model: ReducedModel, folder: Path
+) -> None:
+    paths = [folder / f"{name}_ranks.h5" for name in ("joined", "until", "budget")]
+    options = [
+        ["-n", str(N), "--correct", f"full/2={K}", "--correct", f"full={2 * K}"],
+        ["-n", "100000", "--until", RULE],
+        ["--correct", "full=auto", "--budget", "2s"],
+    ]
+    fixed = ["montecarlo", str(rom), "--seed", str(SEED)]
+    commands = [[*fixed, *words, "-o", str(path)] for words, path in zip(options, paths)]
+    done = mpirun(2, "-c", IN_TURN, json.dumps(commands))
+    assert done.stdout.splitlines().count("[0, 0]") == len(commands)
+    found, expected = Ensemble.read(paths[0]).joined, together[0].joined
+    # the rigid closure of a whole batch stops at 1e-12; a bias is a difference of nearly equal values
+    close = {"rtol": 1e-6, "atol": 1e-12}
     for name, one in expected.corrected.items():
         for key, figure in one.figures.items():
-            # the rigid closure of a whole batch stops at 1e-12; a bias is a difference of nearly equal values
-            close = {"rtol": 1e-6, "atol": 1e-12}
             np.testing.assert_allclose(found.corrected[name].figures[key].interval, figure.interval, **close)
+    alone = ran(model, Plan(100_000, SEED, folder / "alone.h5"), stop=Stop((read_rule(RULE, model.scene),)))
+    np.testing.assert_allclose(Ensemble.read(paths[1]).stopping.intervals, alone.stopping.intervals, **close)
+    allotted = Ensemble.read(paths[2])
+    assert allotted.joined.corrected["crank_angle"].counts[1] == len(allotted.status) > PILOT
 
 
 def test_a_stopped_run_is_taken_up_bit_for_bit(model: ReducedModel, folder: Path) -> None:
@@ -229,7 +242,8 @@ REFUSED = [
     (("--correct", "full=20", "--until", RULE), '--until "std(crank_angle) < 8 %" and --correct'),
     (("--correct", "full=auto"), "--correct full=auto: what decides on the number is missing; give --budget"),
     (("--correct", "full=20", "--budget", "9s"), "gives the number of samples, and nothing is left to choose"),
-    (("--correct", "full=20", "--sampler", "sobol"), "--correct with the sampler sobol"),
+    (("--correct", "full=20", "--sampler", "saltelli", "-n", "30"), "--correct with the sampler saltelli"),
+    (("--correct", "full=20", "--sampler", "sobol"), "needs as many samples, and 4 at least; give a multiple of 32"),
     (("--until", RULE, "--sampler", "latin_hypercube"), "--until and --budget with the sampler latin_hypercube"),
     (("--until", RULE, "--shard", "1/2"), "--shard 1/2: --until goes by all samples"),
     (("--budget", "soon"), "--budget soon: allowed is a time such as 60s, 10min or 2h"),

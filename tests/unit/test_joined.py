@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from pgmp_petsc.ensemble import intervals, joined
 from pgmp_petsc.ensemble.allotment import PILOT, counts
+from pgmp_petsc.ensemble.designs import Replicates
 
 LEVEL = 0.95
 REPETITIONS = 400
@@ -99,6 +100,28 @@ def test_intervals_hold_as_often_as_they_say(sizes: tuple[int, ...]) -> None:
     assert np.median(widths) < 1.25 * best
 
 
+def test_intervals_of_replicates_hold_and_are_narrow() -> None:
+    """Two functions of two parameters at scrambled Sobol points: the cheap one's mean is known far better than of
+    independent samples, and what the best one has besides, too."""
+    held, widths, held_std = 0, [], 0
+    true = np.array([1.0 + 0.1 / 3.0, np.nan])  # E(u + v + 0.1 u^2)
+    fine = (np.arange(2000) + 0.5) / 2000
+    u, v = np.meshgrid(fine, fine)
+    true[1] = (u + v + 0.1 * u**2).std()
+    for seed in range(100):
+        u, v = Replicates(seed, 2, 8).uniform(0, 1024).T
+        best, cheap, replicates = u + v + 0.1 * u**2, u + 0.9 * v, np.arange(1024) % 8
+        values = [best[:64], cheap]
+        found = joined.mean_of(values, replicates)
+        low, high = found.interval(LEVEL)
+        held += low <= true[0] <= high
+        of_std = joined.deviation_of(values, found, LEVEL, replicates)[1]
+        held_std += of_std[0] <= true[1] <= of_std[1]
+        widths.append((high - low) / np.ptp(joined.mean_of(values).interval(LEVEL)))
+    fewest = stats.binom(100, LEVEL).ppf(1e-4)
+    assert held >= fewest and held_std >= fewest and np.median(widths) < 0.25
+
+
 def test_intervals_of_deviations_hold() -> None:
     random, held = np.random.default_rng(4), 0
     for _ in range(REPETITIONS):
@@ -166,5 +189,8 @@ def test_numbers_of_samples_for_a_budget() -> None:
     np.testing.assert_array_equal(counts(costs, rho, [40, None], 200.0, 10**9), [40, 160_000])
     assert counts(costs, rho, [None, 300_000], 200.0, 300_000) is None
     assert counts(costs, rho, [None, None], 1.0, 10**9) is None
+    # where it takes a tenth of the budget, the deviation has an interval too, and the rest goes to the others
+    cheap = counts(np.array([0.4, 1e-3]), np.array([1.0, 0.9999999]), [None, None], 200.0, 10**9)
+    np.testing.assert_array_equal(cheap, [joined.FEWEST_OF_DEVIATION, 180_000])
     # no better model has more samples than a cheaper one
     np.testing.assert_array_equal(counts(costs, rho, [None, 20], 200.0, 20), [20, 20])

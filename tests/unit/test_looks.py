@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -16,6 +17,7 @@ from pgmp_petsc.ensemble.looks import level_of_each, looks
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.sampling import Sampler
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopping_of, stopping_remarks
+from pgmp_petsc.results.stopping import read_stopping
 from pgmp_petsc.scene import Scene
 
 REPETITIONS = 100
@@ -131,6 +133,11 @@ def test_a_budget_ends_between_two_looks(scene: Scene, monkeypatch: pytest.Monke
     found = stopping_of(stop, history, Plan(10**9, 0, is_limited=False), {})
     assert found.is_met and found.why == "the budget of 10 s is spent"
     assert "another run may have another" in stopping_remarks(found, 0.95)[0].text
+    with h5py.File("stopping", "w", driver="core", backing_store=False) as file:
+        found.write(file)
+        again = read_stopping(file)
+    assert (again.why, again.budget, again.rules) == (found.why, 10.0, ())
+    np.testing.assert_array_equal(again.samples, found.samples)
 
 
 def test_a_budget_that_is_spent_before_has_the_fewest_samples(monkeypatch: pytest.MonkeyPatch) -> None:
