@@ -67,13 +67,13 @@ SCENES = {
 }  # fmt: skip
 
 
-def compare(model: ReducedModel) -> None:
+def compare(model: ReducedModel, shares: tuple[float, ...] = SHARES) -> None:
     """Compare every output's derivative with every parameter over the run."""
     names = list(model.scene.parameters)
     run = differentiate(model, model.scene.values, names)
     for name in names:
         off: dict[str, list[float]] = {}
-        for share in SHARES:
+        for share in shares:
             for output, expected in differences(model, name, share).items():
                 # what does not depend on the parameter still has the rounding of its own values
                 least = 1e-7 * np.abs(run.outputs[output]).max() / abs(model.scene.values[name])
@@ -128,7 +128,8 @@ BAR = (
 @pytest.mark.parametrize("coordinates", ["held", "free"])
 def test_derivatives_of_settled_starts_are_central_differences(coordinates: str) -> None:
     scene = scene_from_toml(BAR, ".", (f'initial={{equilibrium=true,coordinates="{coordinates}"}}', *RUN))
-    compare(reduced_model(scene))
+    # the search for the equilibrium ends where its own rounding is met, which larger changes stand out from
+    compare(reduced_model(scene), (1e-2, 2e-3))
 
 
 def test_halving_the_step_quarters_the_error_of_derivatives() -> None:
