@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -11,6 +11,7 @@ from pgmp_petsc.cli.gradient_tables import report
 from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import Command, scene_options
 from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
@@ -57,11 +58,25 @@ def sensitivities(
     comm = context.obj.comm
     if output is not None:
         context.with_resource(claimed(comm, output, "sensitivities", (source,)))
-    model = read_model(context, source, overrides, settings, False, False)
+    model = stepped_model(context, source, overrides, settings)
     found = differentiated(model, parameters, comm)
     keep(context, found, output, plot)
     if found is not None:
         say(context, report(found, output or source, model.scene.remarks))
+
+
+def stepped_model(
+    context: click.Context, source: Path, overrides: Sequence[str], settings: Sequence[str]
+) -> ReducedModel:
+    """Return the reduced model of a file, with the step that its tolerance asks for. Collective on the ranks."""
+    model = read_model(context, source, overrides, settings, False, False)
+    if model.scene.simulation.tolerance is None:
+        return model
+    from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+
+    model, remark = settle_step(model, context.obj.comm)
+    say(context, remark)
+    return model
 
 
 def keep(context: click.Context, result: object, output: Path | None, plot: Path | None) -> None:
