@@ -11,7 +11,7 @@ from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.models import ReducedModel
 
-CORRECTIONS = 8  # in place of one
+CORRECTIONS = 5  # in place of one
 
 
 class ToRoundOff:

@@ -8,11 +8,10 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.gradient_tables import fit_lines
-from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, say
-from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
+from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option, stepped_model
 from pgmp_petsc.results.fit import Fit
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
@@ -60,7 +59,7 @@ def fit(
     if output is not None:
         context.with_resource(claimed(comm, output, "fit", (source, measured)))
     deviations = _deviations(noise)
-    model = read_model(context, source, overrides, settings, False, False)
+    model = stepped_model(context, source, overrides, settings)
     history = on_root(comm, read_history, measured, model.outputs, model.scene.simulation.duration)
     found = fitted(model, history, parameters, deviations, comm)
     keep(context, found, output, plot)

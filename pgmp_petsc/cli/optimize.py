@@ -8,11 +8,10 @@ from pathlib import Path
 import click
 
 from pgmp_petsc.cli.gradient_tables import design_lines
-from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, say
-from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option
+from pgmp_petsc.cli.sensitivities import file_option, keep, parameter_option, plot_option, stepped_model
 from pgmp_petsc.results.design import Design
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.claims import claimed
@@ -73,7 +72,7 @@ def optimize(
     comm = context.obj.comm
     if output is not None:
         context.with_resource(claimed(comm, output, "design", (source,)))
-    model = read_model(context, source, overrides, settings, False, False)
+    model = stepped_model(context, source, overrides, settings)
     known = (model.outputs.functions, model.scene.parameters)
     if not model.outputs.functions:
         raise InputError("outputs: none is given, so there is nothing to design for; add a table [outputs.NAME]")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -12,6 +12,7 @@ from pgmp_petsc.cli.models import read_model
 from pgmp_petsc.cli.options import Command, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
@@ -60,12 +61,26 @@ def sensitivities(
     comm = context.obj.comm
     if output is not None:
         context.with_resource(claimed(comm, output, "sensitivities", (source,)))
-    model = read_model(context, source, overrides, settings, False, False)
+    model = stepped_model(context, source, overrides, settings)
     found = differentiated(model, parameters, comm)
     keep(context, found, output, plot)
     if found is not None:
         say(context, report(found, output or source, model.scene.remarks))
         say_figures(context, {"file": output, **summary_of(found)})
+
+
+def stepped_model(
+    context: click.Context, source: Path, overrides: Sequence[str], settings: Sequence[str]
+) -> ReducedModel:
+    """Return the reduced model of a file, with the step that its tolerance asks for. Collective on the ranks."""
+    model = read_model(context, source, overrides, settings, False, False)
+    if model.scene.simulation.tolerance is None:
+        return model
+    from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
+
+    model, remark = settle_step(model, context.obj.comm)
+    say(context, remark)
+    return model
 
 
 def keep(context: click.Context, result: object, output: Path | None, plot: Path | None) -> None:

@@ -60,5 +60,8 @@ def fit(found: Fit, label: str = "") -> Figure:
 def _with_error(parameter: FittedParameter) -> str:
     """Return ``r1 = 6.001 ± 0.005 mm``."""
     factor, unit = axis_unit(parameter.unit, np.array([parameter.estimate]))
-    shown = f"{parameter.name} = {factor * parameter.estimate:.4g} ± {factor * parameter.error:.1g}"
+    shown = f"{parameter.name} = {factor * parameter.estimate:.4g}"
+    if not np.isfinite(parameter.error):
+        return f"{shown}, not identifiable"
+    shown = f"{shown} ± {factor * parameter.error:.1g}"
     return shown if unit in ("", "1") else f"{shown} {unit}"

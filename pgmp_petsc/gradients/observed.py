@@ -19,7 +19,7 @@ from pgmp_petsc.models import ReducedModel
 
 # in rad or of the mechanism's size: truncation leaves 2e-9, and rounding 1e-12 of the mechanism's size
 DIFFERENCE = 1e-4
-OF_STRESSES = 0.1  # times as far: their lines leave cells, where derivatives of tables have corners
+OF_STRESSES = 1e-5  # of stresses, and of the parameter: their lines leave cells, where slopes of tables have corners
 
 
 class ObservedChanges:
@@ -44,18 +44,21 @@ class ObservedChanges:
         model, eta = self._model, self._eta
         size = np.max(np.abs(changes) * model.terms.scale, axis=1)
         value = self._values[name]
-        unit = np.where(size > 0.0, size, 1.0)
-        steps = DIFFERENCE / unit
+        steps = DIFFERENCE / np.where(size > 0.0, size, 1.0)
+        # what is multiplied by the parameter itself must not be taken far from its value
+        of_stresses = OF_STRESSES / np.where(size > 0.0, np.maximum(size, _inverse(value)), _inverse(value) or 1.0)
         total: dict[str, np.ndarray] = {}
         for share in (-1.0, 1.0):
-            frames = self._along(changes, share * steps)
-            stresses, scale = np.empty((0, len(eta))), dict.fromkeys(model.outputs.functions, 1.0)
+            frames, moved = self._along(changes, share * steps), share * of_stresses
+            stresses = np.empty((0, len(eta)))
             if model.stresses is not None:
-                moved = OF_STRESSES * share * steps
-                at = self._values | {name: value + moved}
-                stresses = model.stresses.of(eta + moved[:, None] * changes, at)
-                scale |= {stress.name: OF_STRESSES for stress in model.outputs.stresses}
+                stresses = model.stresses.of(eta + moved[:, None] * changes, self._values | {name: value + moved})
             found = model.outputs.evaluate(model.outputs.observed(frames, stresses))
             for output, values in found.items():
-                total[output] = total.get(output, 0.0) + share * values / (2.0 * scale[output] * steps)
+                far = of_stresses if model.outputs.functions[output] is None else steps
+                total[output] = total.get(output, 0.0) + share * values / (2.0 * far)
         return total
+
+
+def _inverse(value: float) -> float:
+    return 1.0 / abs(value) if value else 0.0

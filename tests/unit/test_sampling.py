@@ -11,7 +11,7 @@ from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.sampling import Sampler, draw, draw_remarks, physical, sampler_remarks
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
-from pgmp_petsc.scene.parameters import Distribution
+from pgmp_petsc.scene.parameters import Distribution, Parameter
 
 NORMAL = 'parameters.r1.distribution={name="norm", loc=5.6e-3, scale=0.56e-3}'
 YOUNG = (
@@ -254,3 +254,20 @@ def test_any_continuous_distribution_is_truncated_to_bounds(name: str, shapes: d
     )
     shares = np.linspace(0.0, 1.0, 11)
     np.testing.assert_allclose(scene.parameters["s"].quantiles(shares), law.ppf(0.1 + 0.8 * shares), rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("law", "bounds", "expected"),
+    [
+        ({"name": "norm", "loc": 5.0, "scale": 0.5}, None, 0.5),
+        ({"name": "norm", "loc": 5.0, "scale": 0.5}, (1.0, 9.0), 0.5),
+        ({"name": "uniform", "loc": 4.0, "scale": 2.0}, None, 2.0 / np.sqrt(12.0)),
+        ({"name": "uniform", "loc": 4.0, "scale": 2.0}, (4.5, 5.5), 1.0 / np.sqrt(12.0)),
+        # half a normal distribution
+        ({"name": "norm", "loc": 5.0, "scale": 0.5}, (5.0, 9.0), 0.5 * np.sqrt(1.0 - 2.0 / np.pi)),
+        ({"name": "gamma", "a": 4.0, "loc": 3.0, "scale": 0.5}, None, 1.0),
+    ],
+)
+def test_the_deviation_is_that_of_the_truncated_distribution(law, bounds, expected: float) -> None:
+    parameter = Parameter.model_validate({"nominal": 5.0, "distribution": law, "bounds": bounds})
+    assert parameter.deviation == pytest.approx(expected, rel=2e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from combinations import meshes_for, scene_of
 from differences import differences
 from mpi4py import MPI
 from runs import reduced_model
@@ -16,7 +17,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
-from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 
 # what the issue asks for; differences of runs carried to round-off are good to some 1e-8 of the largest value
 RELATIVE = 1e-6
@@ -30,7 +31,7 @@ OUTPUTS = (
     'outputs.x={type="position",point="rod:tip",axis="x"}',
     'outputs.bend={type="deformation",point="rod:tip",axis="x"}',
 )
-RUN = ("simulation.duration=0.04", "simulation.step=1e-3")
+RUN = ("simulation.duration=0.025", "simulation.step=1e-3")
 MOVING = ("simulation.initial.theta={position=0.4,velocity=3.0}", *RUN)
 WEIGHT = ("parameters.g={nominal=9.81}", 'effects.weight={type="gravity",acceleration="g"}')
 SPRING = (
@@ -66,13 +67,13 @@ SCENES = {
 }  # fmt: skip
 
 
-def compare(model: ReducedModel) -> None:
+def compare(model: ReducedModel, shares: tuple[float, ...] = SHARES) -> None:
     """Compare every output's derivative with every parameter over the run."""
     names = list(model.scene.parameters)
     run = differentiate(model, model.scene.values, names)
     for name in names:
         off: dict[str, list[float]] = {}
-        for share in SHARES:
+        for share in shares:
             for output, expected in differences(model, name, share).items():
                 # what does not depend on the parameter still has the rounding of its own values
                 least = 1e-7 * np.abs(run.outputs[output]).max() / abs(model.scene.values[name])
@@ -101,6 +102,17 @@ def test_derivatives_of_solids_are_central_differences() -> None:
         compare(ReducedModel(scene, build_rom(scene, solid_meshes(n_per_metre=20), group)))
 
 
+def test_derivatives_in_space_and_of_stresses_are_central_differences() -> None:
+    """Beams in space, whose rotations are no sums; stresses depend on the radius by themselves too."""
+    drawn = scene_of("beams in space", "stress")
+    start = ("simulation.initial.theta={position=0.1,velocity=5.0}", 'reduction.interpolation="spline"')
+    scene = scene_from_toml(scene_to_toml(drawn), ".", (*start, *RUN))
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        model = ReducedModel(scene, build_rom(scene, meshes_for(scene), group))
+    assert model.stresses is not None
+    compare(model)
+
+
 BAR = (
     PENDULUM.replace("radius = 2e-4", 'radius = "r"').replace("modes = 2", "modes = 3").replace(
         "angles = 6", 'angles = 16\nstatic_modes = true\ninterpolation = "spline"'
@@ -116,7 +128,8 @@ BAR = (
 @pytest.mark.parametrize("coordinates", ["held", "free"])
 def test_derivatives_of_settled_starts_are_central_differences(coordinates: str) -> None:
     scene = scene_from_toml(BAR, ".", (f'initial={{equilibrium=true,coordinates="{coordinates}"}}', *RUN))
-    compare(reduced_model(scene))
+    # the search for the equilibrium ends where its own rounding is met, which larger changes stand out from
+    compare(reduced_model(scene), (1e-2, 2e-3))
 
 
 def test_halving_the_step_quarters_the_error_of_derivatives() -> None:

@@ -1,0 +1,109 @@
+"""Pictures of sensitivities, fits and designs: what is drawn is what the data say, and nothing overlaps the edge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from pictures import assert_inside, legend_texts, visible
+
+from pgmp_petsc.figures.collection import draw_result
+from pgmp_petsc.figures.design import design
+from pgmp_petsc.figures.fit import fit
+from pgmp_petsc.figures.sensitivities import sensitivities
+from pgmp_petsc.results import Derivatives, Design, Fit
+from pgmp_petsc.results.derivatives import DEVIATION, PERCENT
+from pgmp_petsc.results.design import DesignConstraint, DesignParameter
+from pgmp_petsc.results.fit import FittedOutput, FittedParameter
+from pgmp_petsc.runtime.errors import InputError
+
+pytestmark = pytest.mark.filterwarnings("error:::pgmp_petsc", "error::RuntimeWarning")
+
+TIME = np.linspace(0.0, 1.0, 60)
+ANGLE, BEND = 5.0 * TIME**2, 1e-4 * np.sin(5.0 * TIME)
+
+
+def derivatives() -> Derivatives:
+    found = {"crank_angle": {"r1": -300.0 * TIME, "c": 2.0 * TIME}, "slider_deformation": {"r1": BEND, "c": 0.0 * TIME}}
+    return Derivatives(
+        synthetic.record(), TIME, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
+        {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
+        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)},
+    )  # fmt: skip
+
+
+def fitted() -> Fit:
+    outputs = {
+        "crank_angle": FittedOutput("rad", ANGLE + 1e-3, ANGLE, 0.9 * ANGLE, 1e-3, True),
+        "slider_deformation": FittedOutput("m", BEND + 1e-6, BEND, 0.5 * BEND, 1e-6, False),
+    }
+    parameters = (
+        FittedParameter("r1", "m", 5.6e-3, 6.001e-3, 4.8e-6, 1e-3, 12e-3),
+        FittedParameter("c", "1", 0.02, 0.03, np.inf, 1e-3, 0.1),
+    )
+    return Fit(synthetic.record(), TIME, outputs, parameters, np.eye(2), 20, True)
+
+
+def designed() -> Design:
+    outputs = {"crank_angle": ANGLE, "slider_deformation": BEND}
+    return Design(
+        synthetic.record(), "minimise max(abs(slider_deformation))", 1e-4, 5e-5,
+        (DesignParameter("r1", "m", 5.6e-3, 6.2e-3, 1e-3, 12e-3),),
+        (DesignConstraint("end(crank_angle) >= 4.5", -0.2, 0.0, True),),
+        np.array([[5.6e-3], [6.4e-3], [6.2e-3]]), np.array([1e-4, 4e-5, 5e-5]), None, 1, TIME, outputs, outputs,
+        {"crank_angle": "rad", "slider_deformation": "m"}, True,
+    )  # fmt: skip
+
+
+def test_sensitivities_show_outputs_and_changes() -> None:
+    figure = sensitivities(derivatives())
+    assert len(visible(figure)) == 4
+    assert legend_texts(figure) == ["r1 + 0.56 mm, one standard deviation", "c + 0.0002, 1 % of its value"]
+    change = visible(figure)[1].lines[0]
+    np.testing.assert_allclose(change.get_ydata(), -300.0 * TIME * 0.56e-3)
+    assert_inside(figure)
+
+
+def test_a_fit_shows_what_was_measured_and_what_is_left() -> None:
+    figure = fit(fitted())
+    assert len(visible(figure)) == 4
+    assert "fitted, r1 = 6.001 ± 0.005 mm, c = 0.03, not identifiable" in legend_texts(figure)
+    np.testing.assert_allclose(visible(figure)[1].lines[0].get_ydata(), 1.0, rtol=1e-9)  # mrad
+    assert_inside(figure)
+
+
+def test_a_design_shows_its_search_and_both_ends() -> None:
+    figure = design(designed())
+    assert len(visible(figure)) == 3
+    assert legend_texts(figure) == ["at the start, r1 = 5.6 mm", "design, r1 = 6.2 mm"]
+    np.testing.assert_array_equal(visible(figure)[0].lines[0].get_ydata(), [1e-4, 4e-5, 5e-5])
+    assert_inside(figure)
+
+
+@pytest.mark.parametrize("result", [derivatives(), fitted(), designed()], ids=["sensitivities", "fit", "design"])
+def test_a_result_is_drawn_into_a_folder(result, tmp_path: Path) -> None:
+    path = Path(draw_result(result, tmp_path / "pictures"))
+    assert path.is_file() and path.parent == tmp_path / "pictures"
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="output directory .* cannot be made"):
+        draw_result(result, tmp_path / "file" / "pictures")
+
+
+def test_derivatives_come_back_from_a_file(tmp_path: Path) -> None:
+    one = derivatives()
+    one.write(tmp_path / "s.h5")
+    again = Derivatives.read(tmp_path / "s.h5")
+    assert (again.parameters, again.changes, again.units) == (one.parameters, one.changes, one.units)
+    np.testing.assert_array_equal(again.derivatives["crank_angle"]["r1"], one.derivatives["crank_angle"]["r1"])
+    largest = list(again.figures("slider_deformation"))[1]
+    assert largest.time == TIME[np.argmax(BEND)] and largest.derivatives[0] == BEND.max()
+
+
+def test_units_of_derivatives_are_written_as_fractions() -> None:
+    one = derivatives()
+    units = one.units | {"r1": "N m/rad"}
+    other = Derivatives(one.record, one.time, one.outputs, one.derivatives, units, one.changes)
+    assert (one.unit("crank_angle", "r1"), one.unit("crank_angle", "c")) == ("rad/m", "rad")
+    assert other.unit("crank_angle", "r1") == "rad/(N m/rad)"
