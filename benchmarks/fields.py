@@ -2,11 +2,13 @@
 
     python -m benchmarks.fields eigenvalues
     python -m benchmarks.fields rare [--samples 5000 --repetitions 100]
-    python -m benchmarks.fields cost one.h5 twelve.h5
+    python -m benchmarks.fields cost
 
 `eigenvalues` compares those of the exponential kernel on an interval with the closed form (Ghanem and Spanos 1991,
 section 2.3.3). `rare` finds probabilities of limit states, whose true ones are known, with seeds of their own. `cost`
-runs samples of reduced models in turn and gives the least processor time of each.
+builds reduced models of the slider-crank with a spring and friction in its elbow, with one uncertain parameter (a
+radius) and with twelve (both radii, modulus, density, the spring's stiffness, the friction's limit and a field of six
+terms), runs samples of both in turn and gives the least processor time of each.
 """
 
 from __future__ import annotations
@@ -28,16 +30,50 @@ from pgmp_petsc.ensemble.pieces import Piece
 from pgmp_petsc.ensemble.rare_events import find
 from pgmp_petsc.ensemble.runner import Watching, run_batch
 from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.studies.inputs import read_rom
+from pgmp_petsc.studies.inputs import read_scene
 
 LENGTH, N_TERMS = 0.4, 6  # correlation length over that of the interval
 CELLS = (20, 40, 80, 160)
 LEVEL = 0.95
 FAR = float(norm.isf(1e-4))
 ROUNDS, N = 6, 512  # of runs of each model, and samples of a run
+SCENE = Path(__file__).parents[1] / "scenes" / "slider_crank.toml"
+ONE = (
+    'bodies.crank.mesh="../meshes/crank_10.msh"',
+    'bodies.rod.mesh="../meshes/rod_10.msh"',
+    'effects.spring={type="spring_damper", joint="elbow", stiffness=0.5, damping=1e-3}',
+    'effects.rub={type="joint_friction", joint="elbow", limit=1e-3, speed=0.1}',
+    "reduction.angles=96",
+)
+
+
+def drawn(name: str, nominal: float, variation: float) -> str:
+    """Return the override that makes an uncertain parameter."""
+    scale, bounds = variation * nominal, [nominal * (1 - 5 * variation), nominal * (1 + 5 * variation)]
+    law = f'{{name="norm", loc={nominal!r}, scale={scale!r}}}'
+    return f"parameters.{name}={{nominal={nominal!r}, bounds={bounds!r}, distribution={law}}}"
+
+
+TWELVE = (
+    *ONE,
+    drawn("r2", 5.6e-3, 0.05),
+    drawn("young", 210e9, 0.03),
+    drawn("density", 7800.0, 0.02),
+    drawn("spring", 0.5, 0.1),
+    drawn("rubbing", 1e-3, 0.15),
+    'bodies.rod.section.radius="r2"',
+    'materials.steel.E="young"',
+    'materials.steel.rho="density"',
+    'effects.spring.stiffness="spring"',
+    'effects.rub.limit="rubbing"',
+    'fields.soft={body="rod", quantity="E", variation=0.1, length=0.3, terms=6}',
+)
 
 
 def eigenvalues() -> Table:
@@ -111,9 +147,9 @@ def rare(n_samples: int, repetitions: int) -> Table:
     return Table("Rare events", header, rows, words)
 
 
-def cost(paths: Sequence[Path]) -> Table:
-    """Return the least processor time a sample of each model, run in turn."""
-    models = [ReducedModel(*read_rom(path, (), (), MPI.COMM_SELF)) for path in paths]
+def cost() -> Table:
+    """Return the least processor time a sample with one and with twelve uncertain parameters, run in turn."""
+    models = [_reduced(overrides) for overrides in (ONE, TWELVE)]
     rows = []
     for words, watched in (("runs alone", False), ("as an ensemble watches them", True)):
         times = np.empty((ROUNDS, len(models)))
@@ -124,17 +160,21 @@ def cost(paths: Sequence[Path]) -> Table:
                 run_batch(model, values, 0, watchers)
                 times[number, k] = (time.process_time() - start) / N
         least = times[1:].min(axis=0)
-        rows.append([words, *(f"{1e3 * t:.3g} ms" for t in least), f"{least[-1] / least[0]:.2f}"])
-    names = [f"{path.name}, {len(model.terms.weights)} terms" for path, model in zip(paths, models)]
-    return Table(
-        "Cost of a sample", ["", *names, "last over first"], rows, f"Least of {ROUNDS - 1} runs of {N} samples."
-    )
+        rows.append([words, *(f"{1e3 * t:.3g} ms" for t in least), f"{least[1] / least[0]:.2f}"])
+    names = [f"{len(model.scene.parameters)} parameters, {len(model.terms.weights)} terms" for model in models]
+    return Table("Cost of a sample", ["", *names, "ratio"], rows, f"Least of {ROUNDS - 1} runs of {N} samples.")
+
+
+def _reduced(overrides: Sequence[str]) -> ReducedModel:
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        scene, meshes = read_scene(SCENE, overrides, (), MPI.COMM_SELF, Purpose.BUILD)
+        return ReducedModel(scene, build_rom(scene, meshes, group))
 
 
 def main(arguments: argparse.Namespace) -> None:
     """Measure what is asked for, and print it."""
     if arguments.what == "cost":
-        table = cost(arguments.roms)
+        table = cost()
     else:
         table = eigenvalues() if arguments.what == "eigenvalues" else rare(arguments.samples, arguments.repetitions)
     print(table.markdown())
@@ -143,11 +183,8 @@ def main(arguments: argparse.Namespace) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("eigenvalues", "rare", "cost"))
-    parser.add_argument("roms", nargs="*", type=Path, help="reduced models")
     parser.add_argument("--samples", type=int, default=5000, help="of a rare event")
     parser.add_argument("--repetitions", type=int, default=100, help="of every limit state")
     arguments = parser.parse_args()
-    if arguments.what == "cost" and len(arguments.roms) < 2:
-        parser.error("cost: two reduced models are needed")
     start_petsc()
     end(guarded(lambda: main(arguments)))
