@@ -8,13 +8,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pgmp_petsc.scene.fields import (
+    Along,
     Angle,
     Axis,
     Integer,
+    Length,
     Name,
     NotNegativeOrParameter,
     Number,
-    PositiveNumber,
     PositiveOrParameter,
     Table,
     Triple,
@@ -88,11 +89,11 @@ Section = Annotated[Circle | Rectangle | Coefficients | Coefficients3d, Field(di
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
-    length: PositiveNumber = Field(description="length (m)")
+    length: Length = Field(description="length (m)")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )
-    start: Number = Field(0.0, description="x of the hinge (m)")
+    start: Along = Field(0.0, description="x of the hinge (m)")
 
 
 class Placement(Table):

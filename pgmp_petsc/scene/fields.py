@@ -95,6 +95,15 @@ def _number_or_parameter(value: object) -> object:
     return value
 
 
+def _no_parameter(value: object) -> object:
+    if isinstance(value, str) or isinstance(value, (list, tuple)) and any(isinstance(part, str) for part in value):
+        raise refusal(
+            "numbers are needed, no parameter: a length or a place changes the kinematics and every basis, and is not "
+            "affine; give each value to --override, with a build of its own"
+        )
+    return value
+
+
 def _positive_or_parameter(value: object) -> object:
     if not (isinstance(value, str) or is_number(value) and value > 0):
         raise refusal("a positive number or the name of a parameter is needed")
@@ -171,8 +180,14 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers), AfterValidator(_sensible_numbers)]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
+#: A length (m) that no parameter can be.
+Length = Annotated[PositiveNumber, BeforeValidator(_no_parameter)]
+#: A place along a line (m) that no parameter can be.
+Along = Annotated[Number, BeforeValidator(_no_parameter)]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
 Vector = Annotated[tuple[float, ...], BeforeValidator(_two_or_three_numbers), AfterValidator(_sensible_numbers)]
+#: A place (m) that no parameter can be.
+Place = Annotated[Vector, BeforeValidator(_no_parameter)]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 #: Three finite numbers (x, y, z).

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name, Table, Vector, refusal
+from pgmp_petsc.scene.fields import Axis, Connection, Direction, Interval, Name, Place, Table, refusal
 
 ORIGIN = "origin"
 PARALLEL = 1e-6  # sine of the angle between two axes that are taken for one
@@ -23,7 +23,7 @@ def are_parallel(first: Sequence[float], second: Sequence[float]) -> bool:
 class Ground(Table):
     """Points fixed in space; ``ground:origin`` at (0, 0) is always there."""
 
-    points: dict[Name, Vector] = Field(
+    points: dict[Name, Place] = Field(
         {ORIGIN: (0.0, 0.0)}, description="position (x, y) of each point (m), (x, y, z) in space"
     )
 

@@ -1,0 +1,190 @@
+"""Random fields and rare events: expansions, probabilities that are known, and what many parameters cost.
+
+    python -m benchmarks.fields eigenvalues
+    python -m benchmarks.fields rare [--samples 5000 --repetitions 100]
+    python -m benchmarks.fields cost
+
+`eigenvalues` compares those of the exponential kernel on an interval with the closed form (Ghanem and Spanos 1991,
+section 2.3.3). `rare` finds probabilities of limit states, whose true ones are known, with seeds of their own. `cost`
+builds reduced models of the slider-crank with a spring and friction in its elbow, with one uncertain parameter (a
+radius) and with twelve (both radii, modulus, density, the spring's stiffness, the friction's limit and a field of six
+terms), runs samples of both in turn and gives the least processor time of each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.stats import chi2, norm
+
+from benchmarks.tables import Table
+from pgmp_petsc.bodies.karhunen_loeve import expansion
+from pgmp_petsc.ensemble.pieces import Piece
+from pgmp_petsc.ensemble.rare_events import find
+from pgmp_petsc.ensemble.runner import Watching, run_batch
+from pgmp_petsc.ensemble.sampling import draw
+from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.ending import end, guarded
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
+from pgmp_petsc.studies.inputs import read_scene
+
+LENGTH, N_TERMS = 0.4, 6  # correlation length over that of the interval
+CELLS = (20, 40, 80, 160)
+LEVEL = 0.95
+FAR = float(norm.isf(1e-4))
+ROUNDS, N = 6, 512  # of runs of each model, and samples of a run
+SCENE = Path(__file__).parents[1] / "scenes" / "slider_crank.toml"
+ONE = (
+    'bodies.crank.mesh="../meshes/crank_10.msh"',
+    'bodies.rod.mesh="../meshes/rod_10.msh"',
+    'effects.spring={type="spring_damper", joint="elbow", stiffness=0.5, damping=1e-3}',
+    'effects.rub={type="joint_friction", joint="elbow", limit=1e-3, speed=0.1}',
+    "reduction.angles=96",
+)
+
+
+def drawn(name: str, nominal: float, variation: float) -> str:
+    """Return the override that makes an uncertain parameter."""
+    scale, bounds = variation * nominal, [nominal * (1 - 5 * variation), nominal * (1 + 5 * variation)]
+    law = f'{{name="norm", loc={nominal!r}, scale={scale!r}}}'
+    return f"parameters.{name}={{nominal={nominal!r}, bounds={bounds!r}, distribution={law}}}"
+
+
+TWELVE = (
+    *ONE,
+    drawn("r2", 5.6e-3, 0.05),
+    drawn("young", 210e9, 0.03),
+    drawn("density", 7800.0, 0.02),
+    drawn("spring", 0.5, 0.1),
+    drawn("rubbing", 1e-3, 0.15),
+    'bodies.rod.section.radius="r2"',
+    'materials.steel.E="young"',
+    'materials.steel.rho="density"',
+    'effects.spring.stiffness="spring"',
+    'effects.rub.limit="rubbing"',
+    'fields.soft={body="rod", quantity="E", variation=0.1, length=0.3, terms=6}',
+)
+
+
+def eigenvalues() -> Table:
+    """Return how far eigenvalues on meshes are from the closed form."""
+    exact = closed_form(1.0, LENGTH, N_TERMS)
+    rows = []
+    for n in CELLS:
+        ends = np.linspace(0.0, 1.0, n + 1)
+        middles = 0.5 * (ends[1:] + ends[:-1])[:, None]
+        found = expansion(middles, np.diff(ends), "exponential", LENGTH, 0.5, N_TERMS).shares
+        rows.append([str(n), *(f"{off:.1e}" for off in found / exact - 1.0)])
+    rows.append(["closed form", *(f"{value:.5f}" for value in exact)])
+    words = (
+        f"Relative errors of the eigenvalues of the exponential kernel, correlation length {LENGTH} of the interval."
+    )
+    return Table("Karhunen-Loeve", ["cells", *(f"term {k}" for k in range(1, N_TERMS + 1))], rows, words)
+
+
+def closed_form(extent: float, length: float, n: int) -> np.ndarray:
+    """Return the first eigenvalues of the exponential kernel on an interval."""
+    a, c = 0.5 * extent, 1.0 / length
+    found = []
+    for k in range(n):
+
+        def equation(x: float, even: bool = k % 2 == 0) -> float:
+            return c * a * np.cos(x) - x * np.sin(x) if even else x * np.cos(x) + c * a * np.sin(x)
+
+        w = brentq(equation, k * np.pi / 2 + 1e-12, (k + 1) * np.pi / 2) / a
+        found.append(2.0 * c / (w**2 + c**2))
+    return np.array(found)
+
+
+def limit_states() -> Iterator[tuple[str, int, Callable[[np.ndarray], np.ndarray], float]]:
+    """Yield limit states with their number of parameters and their probability."""
+    for d in (1, 2, 6, 12, 20):
+        yield f"plane, {d}", d, lambda u, d=d: FAR - u.sum(axis=1) / np.sqrt(d), 1e-4
+    for d, bend in ((6, 0.2), (12, 0.1), (6, -0.1)):
+
+        def bowl(u: np.ndarray, bend: float = bend) -> np.ndarray:
+            return 3.0 - u[:, 0] + 0.5 * bend * np.sum(u[:, 1:] ** 2, axis=1)
+
+        def density(s: float, d: int = d, bend: float = bend) -> float:
+            return norm.sf(3.0 + 0.5 * bend * s) * chi2.pdf(s, d - 1)
+
+        yield f"quadratic, {d}, bend {bend:g}", d, bowl, quad(density, 0.0, 80.0, points=[1, 5, 20], limit=200)[0]
+    radius = np.sqrt(chi2.isf(1e-4, 2))
+    yield "all around, 2", 2, lambda u: radius - np.hypot(u[:, 0], u[:, 1]), 1e-4
+    yield "on both sides, 6", 6, lambda u: 4.0 - np.abs(u[:, 0]), 2.0 * norm.sf(4.0)
+
+
+def rare(n_samples: int, repetitions: int) -> Table:
+    """Return errors of probabilities and how often their intervals hold."""
+    rows = []
+    for name, d, limit_state, exact in limit_states():
+        found = [find(limit_state, d, n_samples, seed) for seed in range(repetitions)]
+        estimates = np.array([one.probability for one in found]) / exact
+        by_levels = np.array([one.by_levels for one in found]) / exact
+        ends = np.array([one.interval(LEVEL) for one in found])
+        held = np.mean((ends[:, 0] <= exact) & (exact <= ends[:, 1]))
+        off, levels = (np.sqrt(np.mean((values - 1.0) ** 2)) for values in (estimates, by_levels))
+        said, weighted = np.mean([one.variation for one in found]), np.mean([one.weights.size for one in found])
+        figures = [f"{exact:.3g}", f"{100 * (estimates.mean() - 1):.1f}", f"{100 * off:.1f}", f"{100 * said:.1f}"]
+        rows.append([name, *figures, f"{100 * held:.0f}", f"{weighted:.0f}", f"{100 * levels:.0f}"])
+    header = [
+        "limit state, parameters", "probability", "bias, %", "error, %", "said, %", "intervals that hold, %",
+        "weighted samples", "error of the levels alone, %",
+    ]  # fmt: skip
+    words = (
+        f"Root-mean-square errors of {repetitions} runs of {n_samples} samples each; intervals of {100 * LEVEL:g} %."
+    )
+    return Table("Rare events", header, rows, words)
+
+
+def cost() -> Table:
+    """Return the least processor time a sample with one and with twelve uncertain parameters, run in turn."""
+    models = [_reduced(overrides) for overrides in (ONE, TWELVE)]
+    rows = []
+    for words, watched in (("runs alone", False), ("as an ensemble watches them", True)):
+        times = np.empty((ROUNDS, len(models)))
+        for number in range(ROUNDS):
+            for k, model in enumerate(models):
+                watchers = Watching(model).of(Piece(0, N)) if watched else []
+                values, start = draw(model.scene, number, 0, N), time.process_time()
+                run_batch(model, values, 0, watchers)
+                times[number, k] = (time.process_time() - start) / N
+        least = times[1:].min(axis=0)
+        rows.append([words, *(f"{1e3 * t:.3g} ms" for t in least), f"{least[1] / least[0]:.2f}"])
+    names = [f"{len(model.scene.parameters)} parameters, {len(model.terms.weights)} terms" for model in models]
+    return Table("Cost of a sample", ["", *names, "ratio"], rows, f"Least of {ROUNDS - 1} runs of {N} samples.")
+
+
+def _reduced(overrides: Sequence[str]) -> ReducedModel:
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        scene, meshes = read_scene(SCENE, overrides, (), MPI.COMM_SELF, Purpose.BUILD)
+        return ReducedModel(scene, build_rom(scene, meshes, group))
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Measure what is asked for, and print it."""
+    if arguments.what == "cost":
+        table = cost()
+    else:
+        table = eigenvalues() if arguments.what == "eigenvalues" else rare(arguments.samples, arguments.repetitions)
+    print(table.markdown())
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("eigenvalues", "rare", "cost"))
+    parser.add_argument("--samples", type=int, default=5000, help="of a rare event")
+    parser.add_argument("--repetitions", type=int, default=100, help="of every limit state")
+    arguments = parser.parse_args()
+    start_petsc()
+    end(guarded(lambda: main(arguments)))
