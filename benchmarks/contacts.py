@@ -84,11 +84,10 @@ def measure(path: Path, sizes: Sequence[int]) -> Table:
     rows = []
     for n in sizes:
         (seconds, n_steps), without, instants = seconds_of(model, n), seconds_of(free, n)[0], instants_of(model, n)
-        an_instant = f"{1e6 * (seconds - without) / instants:.0f}" if instants else "-"
         a_step = number(1e6 * seconds / (n * n_steps), 3)
-        figures = [number(seconds, 3), a_step, number(without, 3), str(instants), an_instant]
+        figures = [number(seconds, 3), a_step, number(without, 3), str(instants)]
         rows.append([str(n), *figures])
-    heads = ["samples", "s", "us a step and sample", "stops out of reach, s", "instants", "us an instant"]
+    heads = ["samples", "s", "us a step and sample", "stops out of reach, s", "instants"]
     return Table(
         "Contacts in ensembles", heads, rows, f"Batches of the reduced model, processor time, least of {REPEATS}."
     )

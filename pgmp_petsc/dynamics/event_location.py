@@ -3,6 +3,9 @@
 A step over an edge loses the order of the scheme: the force bends within it. The samples that cross one are taken back
 to the beginning of their step and go up to the edge, found by root search in time with steps of its own, and on from
 there; all others keep their step, so that the samples of a batch meet again at its end.
+
+Samples of the reduced model search by themselves (`edge_search`); here is the search of all other systems, and of those
+among them of which a part of a step fails.
 """
 
 from __future__ import annotations

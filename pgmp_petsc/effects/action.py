@@ -40,7 +40,7 @@ class Action:
     parameters
         Of the law, in its order.
     amplitude
-        Of a source at a time (s) or several; None for other laws.
+        Of a source over time, s; None for other laws.
     coordinate
         Number of the coordinate that an angle is, -1 where it is none.
     """
