@@ -31,7 +31,7 @@ ASKED = ("-n", "8000", "--correct", "full=400", "--correct", "full/2=200")
 
 
 def start(rom: Path, output: Path, ranks: int, *options: str) -> subprocess.Popen[bytes]:
-    """Start an ensemble in a session of its own."""
+    """Start an ensemble whose processes are killed together."""
     launch = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
     command = [sys.executable, "-m", "pgmp_petsc.cli.main", "montecarlo", str(rom), *options, "-o", str(output)]
     return subprocess.Popen(
