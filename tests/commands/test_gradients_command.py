@@ -150,6 +150,16 @@ def test_what_a_file_holds_is_said_again_and_drawn_again(made: Callable, tmp_pat
     assert len(list(tmp_path.glob("*.png"))) == 3
 
 
+def test_a_tolerance_chooses_the_step_first(source: Path) -> None:
+    tolerance = "simulation.tolerance=0.2"
+    said = pgmp("sensitivities", source / "rom.h5", "--parameter", "r1", "--override", tolerance).stdout
+    first, table, *_ = said.splitlines()
+    step = float(first.split("simulation.step = ")[1].split(" was chosen")[0])
+    n_steps = int(table.split("reduced model, ")[1].split(" steps")[0])
+    # the step is written with three digits
+    assert step != SCENE.simulation.step and n_steps * step == pytest.approx(SCENE.simulation.duration, abs=step)
+
+
 def test_bad_input_is_one_message_on_every_rank(source: Path, mpirun: Callable) -> None:
     wanted = []
     for command, *options in BAD:
