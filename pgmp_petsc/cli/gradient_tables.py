@@ -45,12 +45,15 @@ def lines_of(found: Derivatives) -> Iterator[str]:
 def _rows(found: Derivatives, output: str, figure: Figure, shown: str) -> Iterator[str]:
     """Yield the rows of one figure."""
     unit = _named(found.units.get(output, "1"))
-    effects = figure.derivatives * np.array([change for change, _ in found.changes.values()])
+    effects = found.effects(figure)
     for k, place in enumerate(np.argsort(-np.abs(effects), kind="stable")):
         name = found.parameters[place]
         value = f"{shown:24s}{figure.name:11s}{figure.value:14.6g}" if k == 0 else " " * 49
         slope = f"{figure.derivatives[place]:.6g} {found.unit(output, name)}"
         yield f"  {value}  {name:20s}{effects[place]:+14.5g} {unit:4s} {slope}".rstrip()
+    if np.count_nonzero(np.diag(found.correlation)) > 1:
+        together = found.deviation(figure)
+        yield f"  {'':51s}{'together':20s}{together:14.5g} {unit:4s} standard deviation of all distributions".rstrip()
 
 
 def _named(unit: str) -> str:

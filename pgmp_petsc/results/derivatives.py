@@ -12,6 +12,8 @@ dataset                              shape            content
 ``/changes/<parameter>``             ()               change of the parameter that effects are told of: one standard
                                                       deviation, or where it has no distribution 1 % of its value;
                                                       attribute ``what`` says which
+``/correlation``                     (n_parameters,   of the parameters' normal variables; zero where one has no
+                                     n_parameters)    distribution
 ``/extremes/<output>/max``, ``min``  ()               largest and smallest value over the run, at an instant of a step
 ``.../time_of_max``, ``time_of_min`` ()               s
 ``.../max_derivatives``,             (n_parameters)   their derivatives: those of the output at that instant
@@ -71,6 +73,8 @@ class Derivatives:
         Of outputs and parameters.
     changes : dict of str to (float, str)
         Change of each parameter that effects are told of, and whether it is `DEVIATION` or `PERCENT`.
+    correlation : ndarray, shape (n_parameters, n_parameters)
+        Of the parameters; zero where one has no distribution.
     steps_divided : int
         By what the scene's step was divided.
     """
@@ -81,10 +85,12 @@ class Derivatives:
     derivatives: dict[str, dict[str, np.ndarray]]
     units: dict[str, str]
     changes: dict[str, tuple[float, str]]
+    correlation: np.ndarray
     steps_divided: int = 1
 
     def __post_init__(self) -> None:
         check_shape("time", self.time, (None,))
+        check_shape("correlation", self.correlation, (len(self.changes),) * 2)
         for output, values in self.outputs.items():
             check_shape(f"output '{output}'", values, (len(self.time),))
             if self.derivatives[output].keys() != self.changes.keys():
@@ -104,6 +110,15 @@ class Derivatives:
             return above
         return f"{above}/({below})" if set(below) & set("/ *") else f"{above}/{below}"
 
+    def effects(self, figure: Figure) -> np.ndarray:
+        """Return what the changes of the parameters do to a figure, to first order, shape (n_parameters,)."""
+        return figure.derivatives * np.array([change for change, _ in self.changes.values()])
+
+    def deviation(self, figure: Figure) -> float:
+        """Return the standard deviation of a figure, to first order: what all distributions do together."""
+        effects = self.effects(figure)
+        return float(np.sqrt(max(effects @ self.correlation @ effects, 0.0)))
+
     def figures(self, output: str) -> Iterator[Figure]:
         """Yield the figures of an output: at the end, the largest and the smallest."""
         values, rows = self.outputs[output], np.array(list(self.derivatives[output].values()))
@@ -117,6 +132,7 @@ class Derivatives:
             self.record.write(file)
             put(file, "time", self.time, "s", "time")
             put_named(file, "outputs", self.outputs, self.units, "output '{name}' over time")
+            put(file, "correlation", self.correlation, "1", "correlation of the parameters")
             for name, (change, what) in self.changes.items():
                 data = put(file, f"changes/{name}", change, self.units.get(name, "1"), f"{what} of '{name}'")
                 data.attrs["what"] = what
@@ -150,5 +166,6 @@ class Derivatives:
                 {output: {name: found[output][name] for name in names} for output in outputs},
                 units_of(file, "outputs", "changes"),
                 changes,
+                take(file, "correlation", 2),
                 int(file.attrs["steps_divided"]),
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
@@ -17,6 +18,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.correlation import correlation_matrix
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 
@@ -82,6 +84,7 @@ def _on_one_rank(model: ReducedModel, names: Sequence[str], comm: MPI.Comm) -> D
         run.derivatives,
         units,
         {name: _change(scene, name) for name in names},
+        _correlation(scene, names),
         run.steps_divided,
     )  # fmt: skip
 
@@ -92,6 +95,13 @@ def _change(scene: Scene, name: str) -> tuple[float, str]:
     if parameter.distribution is not None:
         return parameter.deviation, DEVIATION
     return SHARE * abs(scene.values[name]), PERCENT
+
+
+def _correlation(scene: Scene, names: Sequence[str]) -> np.ndarray:
+    """Return the correlation of parameters, zero where one has no distribution."""
+    matrix = correlation_matrix(scene, names)
+    uncertain = np.array([scene.parameters[name].distribution is not None for name in names], dtype=float)
+    return (np.eye(len(names)) if matrix is None else matrix) * np.outer(uncertain, uncertain)
 
 
 def run_remarks(model: ReducedModel, run: DifferentiatedRun) -> tuple[Remark, ...]:

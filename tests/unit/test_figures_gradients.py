@@ -9,6 +9,7 @@ import pytest
 import synthetic
 from pictures import assert_inside, legend_texts, visible
 
+from pgmp_petsc.cli.gradient_tables import lines_of
 from pgmp_petsc.figures.collection import draw_result
 from pgmp_petsc.figures.design import design
 from pgmp_petsc.figures.fit import fit
@@ -30,7 +31,7 @@ def derivatives() -> Derivatives:
     return Derivatives(
         synthetic.record(), TIME, {"crank_angle": ANGLE, "slider_deformation": BEND}, found,
         {"crank_angle": "rad", "slider_deformation": "m", "r1": "m", "c": "1"},
-        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)},
+        {"r1": (0.56e-3, DEVIATION), "c": (2e-4, PERCENT)}, np.diag([1.0, 0.0]),
     )  # fmt: skip
 
 
@@ -82,8 +83,8 @@ def test_a_design_shows_its_search_and_both_ends() -> None:
     assert_inside(figure)
 
 
-@pytest.mark.parametrize("result", [derivatives(), fitted(), designed()], ids=["sensitivities", "fit", "design"])
-def test_a_result_is_drawn_into_a_folder(result, tmp_path: Path) -> None:
+def test_a_result_is_drawn_into_a_folder(tmp_path: Path) -> None:
+    result = designed()
     path = Path(draw_result(result, tmp_path / "pictures"))
     assert path.is_file() and path.parent == tmp_path / "pictures"
     (tmp_path / "file").write_text("", encoding="utf-8")
@@ -104,6 +105,20 @@ def test_derivatives_come_back_from_a_file(tmp_path: Path) -> None:
 def test_units_of_derivatives_are_written_as_fractions() -> None:
     one = derivatives()
     units = one.units | {"r1": "N m/rad"}
-    other = Derivatives(one.record, one.time, one.outputs, one.derivatives, units, one.changes)
+    other = Derivatives(one.record, one.time, one.outputs, one.derivatives, units, one.changes, one.correlation)
     assert (one.unit("crank_angle", "r1"), one.unit("crank_angle", "c")) == ("rad/m", "rad")
     assert other.unit("crank_angle", "r1") == "rad/(N m/rad)"
+
+
+def test_the_deviation_of_a_figure_is_that_of_all_distributions_together() -> None:
+    one = derivatives()
+    both = {"r1": (0.56e-3, DEVIATION), "c": (0.1, DEVIATION)}
+    effects = np.array([-300.0 * 0.56e-3, 2.0 * 0.1])
+    for coefficient in (0.0, 0.5, -0.9):
+        correlation = np.array([[1.0, coefficient], [coefficient, 1.0]])
+        found = Derivatives(one.record, one.time, one.outputs, one.derivatives, one.units, both, correlation)
+        figure = next(found.figures("crank_angle"))
+        expected = np.sqrt(np.sum(effects**2) + 2.0 * coefficient * effects.prod())
+        assert found.deviation(figure) == pytest.approx(expected, rel=1e-12)
+        assert sum("together" in line for line in lines_of(found)) == 6
+    assert not any("together" in line for line in lines_of(one))

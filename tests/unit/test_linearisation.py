@@ -107,7 +107,7 @@ def test_derivatives_are_those_of_the_engine_s_residual(model: ReducedModel) -> 
                 getattr(other, part)[:, j] += h
                 return engine_residual(model, times, other)
 
-            # differences of local effects' gradients leave 1e-8; a friction law is no polynomial, which leaves truncation
+            # differences of local effects' gradients leave 1e-8; truncation is left of a friction law, no polynomial
             relative = 1e-5 if "friction" in model.scene.effects else 1e-7 if model.actions.actions else 1e-9
             near(by[:, :, j], slopes(moved, step), residual, step, relative)
 

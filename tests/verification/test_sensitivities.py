@@ -57,7 +57,6 @@ SCENES = {
     "friction and damping of a joint": slider_crank(*MODES, *OUTPUTS, *MOVING, *ELBOW),
     "following force": slider_crank(*MODES, *OUTPUTS, *MOVING, *PUSH),
     "driven": slider_crank(*MODES, *OUTPUTS, *DRIVE),
-    "stop out of reach": slider_crank(*MODES, *OUTPUTS, *MOVING, STOP.replace("UPPER", "1.5")),
     "overhauser": slider_crank(*MODES, 'reduction.interpolation="overhauser"', *OUTPUTS, *MOVING),
     "two coordinates": double_pendulum(
         *RUN, "reduction.second_order=true", *WEIGHT, 'parameters.r={nominal=5e-3}', 'bodies.upper.section.radius="r"',
