@@ -68,6 +68,9 @@ def _of_run(source: Source) -> Iterator[Sentence]:
     """Yield the largest size of every output of a run, and when it has it."""
     run = source.result
     for name, values in run.outputs.items():
+        if not np.isfinite(values).any():
+            yield [f"{in_words(name)} is not known at any instant."]
+            continue
         known = np.abs(np.where(np.isfinite(values), values, 0.0))
         place = int(np.argmax(known))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
