@@ -23,6 +23,7 @@ from pgmp_petsc.results import Balance, Band, Sensitivity, Statistics, Tradeoff,
 
 WIDTH, HEIGHT = 4.3, 2.5  # inches: on a phone type is then as large as in the text
 ROW = 58  # characters that keys above a picture may take in a row
+MOST_MARKS = 300  # of samples that failed
 FAILED = "#A32A00"
 LEVEL = "#A32A00"
 _SVG = {"svg.fonttype": "none", "axes.titlesize": 9.5, "figure.facecolor": "none"}
@@ -121,7 +122,8 @@ def _seen(event: Level | None, factor: float, unit: str, *arrays: np.ndarray) ->
     """Return the level where it is within the picture, or as far beyond as the data reach; else what to say."""
     if event is None:
         return None, ""
-    low, high = min(np.nanmin(values) for values in arrays), max(np.nanmax(values) for values in arrays)
+    known = np.concatenate([values[np.isfinite(values)] for values in arrays])
+    low, high = (known.min(), known.max()) if known.size else (event.value, event.value)
     room = high - low
     if low - room <= event.value <= high + room:
         return event.value, ""
@@ -180,6 +182,9 @@ def distribution(
     """Return the density of a quantity with its mean, and where the samples lie that failed."""
     factor, shown = axis_unit(unit, s.edges)
     level, beyond = _seen(event, factor, shown, s.edges)
+    if failed.size > MOST_MARKS:
+        beyond = f"{beyond} {MOST_MARKS} of {failed.size} samples that failed are marked.".strip()
+        failed = failed[np.linspace(0, failed.size - 1, MOST_MARKS).round().astype(int)]
 
     def draw(axes: Axes) -> None:
         edges = factor * s.edges

@@ -43,8 +43,9 @@ def headline_of_comparison(path: Path, better: Path) -> str:
     comparison = Comparison(other, run)
     found = {name: comparison.error_percent(name) for name in run.outputs if name in other.outputs}
     shares = {name: float(np.max(error[1])) / 100.0 for name, error in found.items() if error is not None}
+    shares = {name: share for name, share in shares.items() if np.isfinite(share)}
     if not shares:
-        return f"{MODELS[other.model]}: all its outputs are zero, so no share can be given"
+        return f"{MODELS[other.model]}: its outputs are zero or not known, so no share can be given"
     worst = max(shares, key=shares.__getitem__)
     return f"differs from {MODELS[other.model]} by at most {share_text(shares[worst])} of the largest {worst}"
 

@@ -28,7 +28,7 @@ def verdict(sources: Sequence[Source], error: ModelError | None) -> list[Sentenc
     if not sentences:
         studies = [source.result for source in sources if isinstance(source.result, Tradeoff)]
         sentences += [[line] for study in studies for line in study.advice[:1]]
-    sentences += _of_error(error, runs or ensembles)
+    sentences += _of_error(error, runs or ensembles, ensembles)
     sentences += _of_failures(ensembles, runs)
     return sentences
 
@@ -68,6 +68,9 @@ def _of_run(source: Source) -> Iterator[Sentence]:
     """Yield the largest size of every output of a run, and when it has it."""
     run = source.result
     for name, values in run.outputs.items():
+        if not np.isfinite(values).any():
+            yield [f"{in_words(name)} is not known at any instant."]
+            continue
         known = np.abs(np.where(np.isfinite(values), values, 0.0))
         place = int(np.argmax(known))
         factor, unit = axis_unit(run.units.get(name, "1"), values)
@@ -76,7 +79,8 @@ def _of_run(source: Source) -> Iterator[Sentence]:
         yield [f"{in_words(name)} is furthest from zero at {run.time[place]:.4g} s: ", largest, f"{unit}."]
 
 
-def _of_error(error: ModelError | None, sources: Sequence[Source]) -> Iterator[Sentence]:
+def _of_error(error: ModelError | None, sources: Sequence[Source], ensembles: Sequence[Source]) -> Iterator[Sentence]:
+    """Yield how far off the model is: of single runs, else of the samples that were checked."""
     if not sources:
         return
     models = {source.result.model for source in sources}
@@ -88,11 +92,27 @@ def _of_error(error: ModelError | None, sources: Sequence[Source]) -> Iterator[S
             f" of the largest {of}, the worst of the outputs; {error.how}.",
         ]
     elif "reduced" in models:
-        yield ["Model error: not known; the error budget says why."]
+        checked = [part for source in ensembles for part in _checked(source)]
+        if checked:
+            yield ["Estimated model error at most ", *checked[:-1], " in the samples that were checked."]
+        else:
+            yield ["Model error: not known; the error budget says why."]
     elif models == {"full"}:
         yield ["All runs are full-order: nothing was reduced."]
     else:
         yield [f"Model error: not known of {' and '.join(MODELS[model] for model in sorted(models))}."]
+
+
+def _checked(source: Source) -> Iterator[str | Datum]:
+    """Yield the largest estimated error of every output of an ensemble, commas between them and at the end."""
+    for name, values in source.result.errors.items():
+        if np.isfinite(values).any():
+            place = int(np.nanargmax(values))
+            factor, unit = axis_unit(source.result.units.get(name, "1"), values)
+            text = f"{factor * values[place]:.2g}"
+            yield Datum(values[place], text, source.name, f"/errors/{name}", str(place))
+            yield f"{'' if unit == '1' else f' {unit}'} ({in_words(name)})"
+            yield ", "
 
 
 def _of_failures(ensembles: Sequence[Source], runs: Sequence[Source]) -> Iterator[Sentence]:

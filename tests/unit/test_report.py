@@ -20,8 +20,10 @@ import synthetic
 
 from pgmp_petsc.cli.main import main
 from pgmp_petsc.report.budget import error_budget
+from pgmp_petsc.report.charts import Level, distribution
 from pgmp_petsc.report.downloads import downloads_of
 from pgmp_petsc.report.film import film_of
+from pgmp_petsc.report.headlines import headline_of_comparison
 from pgmp_petsc.report.page import write_report
 from pgmp_petsc.report.sources import read_sources
 from pgmp_petsc.results import Attempt, Balance, Selection
@@ -338,4 +340,32 @@ def test_charts_show_the_level_of_an_event(folder: Path) -> None:
     write_report([folder / "event.h5"], folder / "event.html")
     tree = parsed((folder / "event.html").read_text(encoding="utf-8"))
     charts = {item.get("data-output"): words(item) for item in tree.iter("figure")}
+    verdict = words(next(with_class(tree, "verdict")))
+    assert re.search(r"Estimated model error at most [\d.]+ mrad \(crank angle\), ", verdict)
     assert "late" in charts["crank_angle"] and "late" not in charts["slider_deformation"]
+
+
+def test_outputs_that_are_not_known_are_no_figures(folder: Path) -> None:
+    """A deformation is no number far outside a coordinate's range: it has neither an error nor a largest value."""
+    runs = [synthetic.trajectory(model, n_frames=0, n_times=11) for model in ("reduced", "full")]
+    files = [folder / f"unknown_{run.model}.h5" for run in runs]
+    for run, path in zip(runs, files):
+        unknown = {"slider_deformation": np.full(11, np.nan), "slider_position": run.outputs["slider_position"]}
+        scene = synthetic.SCENE + EVENT.replace("crank_angle", "slider_deformation")
+        replace(run, outputs=unknown, errors=None, record=replace(run.record, scene_toml=scene)).write(path)
+    write_report(files, folder / "unknown.html")
+    tree = parsed((folder / "unknown.html").read_text(encoding="utf-8"))
+    verdict = words(next(with_class(tree, "verdict")))
+    assert "slider deformation is not known at any instant." in verdict and "nan" not in verdict
+    budget = {row[0]: row[1] for row in rows_of(tree, "Error budget")}
+    assert budget["model: slider_deformation"] == "not known" and budget["model: slider_position"] == "0 %"
+    assert headline_of_comparison(*files).startswith("differs from full order by at most 0 % of the largest slider_pos")
+
+
+def test_marks_of_samples_that_failed_are_counted() -> None:
+    s = synthetic.statistics(np.linspace(0.0, 1.0, 50))
+    event = Level("far", 40.0, True, "end")
+    found = distribution("r1", "m", s, "reduced", event, np.linspace(0.0, 1.0, 5000), True)
+    assert found.caption == (
+        "The level of far, 40 m, is far beyond this picture. 300 of 5000 samples that failed are marked."
+    )
