@@ -146,7 +146,7 @@ def test_a_reader_that_takes_the_first_line(parallel_scripts):
         [sys.executable, parallel_scripts / "commands.py", "fine"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
     process.stdout.close()
-    assert (process.stderr.read(), process.wait(timeout=TIMEOUT_SECONDS)) == (b"", 1)
+    assert (process.stderr.read(), process.wait(timeout=TIMEOUT_SECONDS)) == (b"", 0)
     process.stderr.close()
 
 
