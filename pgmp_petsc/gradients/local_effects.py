@@ -125,7 +125,7 @@ def parameter_slopes(
 @njit(cache=True, entry=True, error_model="numpy")
 def _measure(local, grid, strengths, q, v, gradients, measured):
     """Measure all actions in states (n_t, n_eta), LANES of them at once; strengths are (n_t, n_actions)."""
-    places, actions = local
+    places, actions = local.places, local.actions
     n_t, n = q.shape
     d, n_actions, r = actions.statements.axes.shape[2], places.sides.shape[0], len(grid)
     work = allocate_local(local, r, n)
