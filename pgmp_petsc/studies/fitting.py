@@ -12,7 +12,7 @@ those of the covariance ``(J^T J)^-1`` at the end.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +24,14 @@ from pgmp_petsc.results.fit import Fit, FittedOutput, FittedParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, nearest_name
 from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.measured_history import MeasuredHistory
 
+USUAL_RUNS = 20  # what the count of runs begins with; a fit ends when it ends
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none
 WIDE = 100.0  # times the value and its hundredth, of a parameter without distribution and bounds
 TIED = 0.98  # correlation beyond which two parameters are hardly told apart
@@ -78,7 +80,8 @@ def fit(
         names = _names(model.scene, asked)
         _check(history, names, noise)
         if comm.rank == 0:
-            found = _Fitting(model, history, names, noise).result(comm.size)
+            with progress(USUAL_RUNS, "runs of the fit", comm) as bar:
+                found = _Fitting(model, history, names, noise, bar.update).result(comm.size)
     return found
 
 
@@ -124,11 +127,17 @@ def limits_of(scene: Scene, name: str) -> tuple[float, float]:
 
 
 class _Fitting:
-    """One fit."""
+    """One fit; `count` is called after every run."""
 
     def __init__(
-        self, model: ReducedModel, history: MeasuredHistory, names: Sequence[str], noise: Mapping[str, float]
+        self,
+        model: ReducedModel,
+        history: MeasuredHistory,
+        names: Sequence[str],
+        noise: Mapping[str, float],
+        count: Callable[[], object],
     ) -> None:
+        self._count = count
         self._model, self._history, self._names, self._noise = model, history, tuple(names), noise
         scene = model.scene
         self._limits = np.array([limits_of(scene, name) for name in names])
@@ -221,6 +230,7 @@ class _Fitting:
             where = ", ".join(f"{name} = {values[name]:.6g}" for name in self._names)
             raise type(error)(f"at {where}: {error}") from error
         self.n_runs += 1
+        self._count()
         self._runs = [*self._runs[-3:], (key, run)]
         return run
 

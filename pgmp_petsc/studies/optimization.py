@@ -11,7 +11,7 @@ function of the design. Designs are found by sequential quadratic programming (S
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from warnings import catch_warnings, filterwarnings
 
@@ -26,6 +26,7 @@ from pgmp_petsc.results.design import Design, DesignConstraint, DesignParameter
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError, nearest_name
 from pgmp_petsc.runtime.files import RunRecord
+from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
@@ -33,6 +34,7 @@ from pgmp_petsc.studies.fitting import limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
 
 MOST_ITERATIONS = 200
+USUAL_DESIGNS = 20  # what the count of runs begins with; a search ends when it ends
 PRECISE = 1e-7  # of goal and constraints, in units of their sizes: what iterations of runs leave stays below
 MET = 1e-6  # of a constraint's size that it may be missed by
 AT_LIMIT = 1e-6  # of the width of the limits
@@ -99,7 +101,8 @@ def optimize(model: ReducedModel, question: Question, comm: MPI.Comm) -> Design:
     timings = Timings()
     with agreed(comm, "samples"):
         figures = _Figures(model, question, comm)
-    with timings.phase("design"):
+    with timings.phase("design"), progress(USUAL_DESIGNS * figures.n_samples, "runs of designs", comm) as bar:
+        figures.count = bar.update
         scale, start = figures.scale, figures.start
         first = figures.at(start)
         goal_size = abs(first[0].value) or 1.0
@@ -168,6 +171,8 @@ class _Figures:
         Runs of every design.
     tried, goals
         Designs that were asked for, and the goal there, which is minimised.
+    count
+        Called with a number of runs after they were made.
     """
 
     def __init__(self, model: ReducedModel, question: Question, comm: MPI.Comm) -> None:
@@ -182,6 +187,7 @@ class _Figures:
         self.tried: list[np.ndarray] = []
         self.goals: list[float] = []
         self._known: dict[bytes, list[Dual]] = {}
+        self.count: Callable[[int], object] = lambda n: None
 
     def _drawn(self) -> dict[str, np.ndarray] | None:
         """Return the samples: deviations of designed parameters from the design, values of the others, (n_samples,)."""
@@ -236,6 +242,7 @@ class _Figures:
         with agreed(comm, "runs of a design"):
             for sample in range(comm.rank, self.n_samples, comm.size):
                 mine.append((sample, self._of_sample(design, sample)))
+                self.count(min(comm.size, self.n_samples - sample))
         found = dict(pair for part in comm.allgather(mine) for pair in part)
         rows = [found[sample] for sample in range(self.n_samples)]
         return [self._robust([row[k] for row in rows]) for k in range(len(rows[0]))]
