@@ -18,7 +18,7 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
-from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
+from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.rules import read_rule
@@ -39,10 +39,7 @@ from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.prepared import settled
 
-SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
 FEW = 4  # samples of a better model to each Sobol sequence
-MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
-LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
 
 
 @click.command()
