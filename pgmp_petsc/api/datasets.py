@@ -1,7 +1,7 @@
 """Results as datasets of xarray: their arrays by name, with units and descriptions as attributes.
 
-Outputs and parameters have their own names; what else there is begins with its kind and a dot, which no name of a scene
-has: ``state.theta``, ``error.crank_angle``, ``energy.kinetic``.
+Outputs have their own names; what else there is begins with its kind and a dot, which no name of a scene has:
+``parameter.r1``, ``state.theta``, ``error.crank_angle``, ``energy.kinetic``.
 """
 
 from __future__ import annotations
@@ -100,8 +100,10 @@ def _of_run(run: Trajectory) -> tuple[Variables, Variables]:
 def _of_ensemble(ensemble: Ensemble) -> tuple[Variables, Variables]:
     over, units = ("sample",), ensemble.units
     coordinates = {"sample": _entry(over, np.arange(len(ensemble.status)), "1", "number of the sample")}
+    # an output may have the name of a parameter
     found = {
-        name: _entry(over, values, units[name], f"parameter {name}") for name, values in ensemble.parameters.items()
+        f"parameter.{name}": _entry(over, values, units[name], f"parameter {name}")
+        for name, values in ensemble.parameters.items()
     }
     for name, values in ensemble.outputs.items():
         found[name] = _entry(over, values, units[name], f"output {name} at the end time; NaN where the sample failed")
