@@ -17,6 +17,7 @@ from pgmp_petsc.results import Derivatives, Ensemble, ModesTable, Trajectory
 from pgmp_petsc.results.balance import BALANCE
 from pgmp_petsc.results.ensemble import EXTREMES
 from pgmp_petsc.results.errors import VALIDITY
+from pgmp_petsc.results.summary import origin_of
 from pgmp_petsc.runtime.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def dataset_of(result: Result) -> xarray.Dataset:
     record = result.record
     about = {
         "kind": result.kind,
-        "scene": result.scene.name,
+        "scene": origin_of(record)["scene"],
         "program_version": __version__,
         "parameters": json.dumps(record.parameters),
         "remarks": [str(remark) for remark in record.remarks],

@@ -49,8 +49,10 @@ class Result:
         return sorted({*super().__dir__(), *(name for name in dir(self.data) if not name.startswith("_"))})
 
     def __repr__(self) -> str:
+        from pgmp_petsc.results.summary import origin_of
+
         said = "".join(f"\n  {remark}" for remark in self.remarks)
-        return f"<pgmp {self.kind} of scene '{self.scene.name}'>{said}"
+        return f"<pgmp {self.kind} of scene '{origin_of(self.record)['scene']}'>{said}"
 
     @property
     def record(self) -> RunRecord:
