@@ -41,7 +41,7 @@ def dataset_of(result: Result) -> xarray.Dataset:
         import xarray
     except ImportError as error:
         raise InputError(
-            "to_xarray: the package xarray is not installed (pip install 'xarray<2024.2' suits numpy before 2); the "
+            "to_xarray: the package xarray is not installed (pip install 'xarray<2024.4' suits numpy before 2); the "
             f"arrays themselves are attributes of the result ({error})"
         ) from error
     if type(result.data) not in DATASETS:

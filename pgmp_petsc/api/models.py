@@ -37,6 +37,7 @@ def build(scene: Scene, *, ranks_per_angle: int = 1, comm: MPI.Comm | None = Non
     comm = solving_ranks_of(comm)
     from pgmp_petsc.mechanism.capabilities import Purpose
     from pgmp_petsc.runtime.groups import RankGroup
+    from pgmp_petsc.studies.building import Built
     from pgmp_petsc.studies.building import build as build_model
     from pgmp_petsc.studies.inputs import with_meshes
 
@@ -46,7 +47,11 @@ def build(scene: Scene, *, ranks_per_angle: int = 1, comm: MPI.Comm | None = Non
     tell_remarks(comm, scene.remarks)
     with RankGroup.split(comm, ranks_per_angle, "ranks_per_angle") as group:
         built = build_model(scene, meshes, group, lambda text: tell(comm, text))
-    rom = Rom("rom", on_root(comm, lambda: built), comm, scene.directory)
+
+    def handing_out_the_model() -> Built:
+        return built
+
+    rom = Rom("rom", on_root(comm, handing_out_the_model), comm, scene.directory)
     tell_remarks(comm, tuple(remark for remark in rom.remarks if remark not in scene.remarks))
     return rom
 

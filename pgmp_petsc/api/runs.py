@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +16,7 @@ from pgmp_petsc.api.result import Result, Rom, StoppedRun, wrong
 from pgmp_petsc.api.scenes import Overrides, Parameters, changed, overrides_of, settings_of
 from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan
 from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
@@ -75,11 +78,11 @@ def montecarlo(
     parameters: Parameters | None = None,
     model: str | None = None,
     overrides: Overrides = (),
+    output: str | PathLike[str] | None = None,
+    resume: bool = False,
     comm: MPI.Comm | None = None,
 ) -> Result:
     """Integrate samples and describe their distributions, as ``pgmp montecarlo``. Collective on `comm`.
-
-    Nothing is kept on the way: ensembles of hours are for the command, which takes up what a killed run left.
 
     Parameters
     ----------
@@ -91,6 +94,9 @@ def montecarlo(
         Of the random streams: the same samples for any number of ranks.
     sampler
         ``random``, ``latin_hypercube``, ``sobol`` or ``saltelli``; otherwise as ``ensemble.sampler`` says.
+    output, resume
+        File to write, beside which finished samples are kept until then, and whether to take up what a killed run left
+        there. Without a file nothing is kept on the way.
 
     Returns
     -------
@@ -103,25 +109,31 @@ def montecarlo(
         As the command.
     """
     comm = solving_ranks_of(comm)
+    from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
     from pgmp_petsc.ensemble.runner import run_ensemble
     from pgmp_petsc.runtime.groups import RankGroup
 
     with agreed(comm, "looking at the arguments"):
         _whole("n", n, 1, MOST_SAMPLES)
         _whole("seed", seed, 0, LARGEST_SEED)
+        if resume and output is None:
+            raise InputError("resume: without output nothing is kept that could be taken up; give the file's name")
         if sampler is not None and sampler not in SAMPLERS:
             raise InputError(f"sampler = {sampler!r}: allowed are {', '.join(SAMPLERS)}")
         texts = overrides_of(overrides)
         texts += () if sampler is None else (f'ensemble.sampler="{sampler}"',)
     prepared = _prepared(source, parameters, model, texts, comm, ensemble=True)
-    folder = on_root(comm, _temporary_folder)
-    try:
-        with RankGroup.split(comm, 1) as group:
-            found = run_ensemble(prepared, Plan(n, seed, folder / "ensemble.h5"), group)
-    finally:
-        if comm.rank == 0:
-            shutil.rmtree(folder, ignore_errors=True)
-    return _result("ensemble", found, prepared.scene, comm)
+    with _place_of(output, comm) as target, RankGroup.split(comm, 1) as group:
+        plan = Plan(n, seed, target, resume)
+        found = run_ensemble(prepared, plan, group)
+
+        def writing_the_result() -> None:
+            found.write(target)
+            remove_checkpoint(plan)
+
+        if output is not None:
+            on_root(comm, writing_the_result)
+    return _result("ensemble", found, prepared.scene, comm, None if output is None else target)
 
 
 def sensitivities(
@@ -219,15 +231,30 @@ def _check_model(source: object, name: str | None, of_scenes: Sequence[str]) -> 
         )
 
 
-def _result(kind: str, data: object, scene: Scene, comm: MPI.Comm) -> Result:
+def _result(kind: str, data: object, scene: Scene, comm: MPI.Comm, path: Path | None = None) -> Result:
     """Return the result of the first rank on all, and say its remarks but those on the scene. Collective on `comm`."""
 
     def handing_out_the_result() -> object:
         return in_memory(data)
 
-    found = Result(kind, on_root(comm, handing_out_the_result), comm, scene.directory)
+    found = Result(kind, on_root(comm, handing_out_the_result), comm, scene.directory, path)
     tell_remarks(comm, tuple(remark for remark in found.remarks if remark not in scene.remarks))
     return found
+
+
+@contextmanager
+def _place_of(output: str | PathLike[str] | None, comm: MPI.Comm) -> Iterator[Path]:
+    """Yield where an ensemble is kept on the way: beside its file, or in a folder of its own. Collective on `comm`."""
+    if output is not None:
+        with claimed(comm, output, "ensemble") as target:
+            yield target
+        return
+    folder = on_root(comm, _temporary_folder)
+    try:
+        yield folder / "ensemble.h5"
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _temporary_folder() -> Path:

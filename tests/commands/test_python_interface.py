@@ -22,6 +22,7 @@ from runs import IN_TURN, PAPER_SCENE, SMALL, overridden
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
+from pgmp_petsc.ensemble import runner
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
@@ -111,6 +112,24 @@ def test_files_are_those_of_the_commands(
     assert_same(written, commands / f"{kind}.h5")
     # and so are those of a result that was read
     assert_same(pgmp.read(commands / f"{kind}.h5").write(tmp_path / "again.h5"), written)
+
+
+def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "samples.h5"
+    with monkeypatch.context() as broken:
+        broken.setattr(runner, "describe_ensemble", _fail)
+        with pytest.raises(pgmp.RunError, match="the machine went down"):
+            pgmp.montecarlo(rom, n=6, seed=3, output=path)
+    assert not path.exists()
+    with monkeypatch.context() as nothing_is_left_to_do:
+        nothing_is_left_to_do.setattr(runner, "run_batch", _fail)
+        taken_up = pgmp.montecarlo(rom, n=6, seed=3, output=path, resume=True)
+    assert taken_up.path == path and [item.name for item in tmp_path.iterdir()] == ["samples.h5"]
+    assert_same(pgmp.montecarlo(rom, n=6, seed=3).write(tmp_path / "again.h5"), path)
+
+
+def _fail(*_: object, **__: object) -> None:
+    raise pgmp.RunError("the machine went down")
 
 
 def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable, parallel_scripts: Path) -> None:
@@ -272,6 +291,7 @@ WRONG = {
         lambda rom, scene: pgmp.montecarlo(rom, 2, parameters={"r1": 5e-3}),
         "--set r1=0.005: every sample",
     ),
+    "no file": (lambda rom, scene: pgmp.montecarlo(rom, 2, resume=True), "resume: without output nothing is kept"),
     "no rom": (lambda rom, scene: pgmp.sensitivities(scene), "rom: Scene received; allowed is a reduced model"),
     "a name": (lambda rom, scene: pgmp.sensitivities(rom, "r1"), "names = 'r1': allowed is a list"),
     "names": (lambda rom, scene: pgmp.sensitivities(rom, ["r7"]), "--parameter r7: there is no such parameter"),
