@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from pgmp_petsc.bodies.shape import BodyShape
-from pgmp_petsc.cli.output_form import output_form, say_figures
-from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.cli.options import output_option, ranks_per_angle_option, scene_options
+from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
-from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.reduction.build import build_rom
-from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
 from pgmp_petsc.reduction.rom import ReducedOrderModel
-from pgmp_petsc.results.summary import origin_of
-from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.claims import claimed
-from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import Scene
-from pgmp_petsc.selection.choice import choose, leaves_open
-from pgmp_petsc.studies.effect_choice import choose_effects
-from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
+from pgmp_petsc.studies.building import build as build_model
 from pgmp_petsc.studies.inputs import read_scene
 
 
@@ -64,48 +51,15 @@ def build(
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.BUILD)
     say_remarks(context, loaded)
     group = context.with_resource(RankGroup.split(comm, ranks_per_angle))
-    sizes, shapes, choice = None, meshes, None
-    if loaded.reduction.effects == "auto":
-        shapes = condensed(loaded, meshes, group, large=True)
-        loaded, sizes = on_root(comm, choose_effects, loaded, meshes, shapes)
-        say(context, "\n".join(sizes.lines()))
-    if leaves_open(loaded):
-        checkpoint = Finished(output, {"command": "build"}, loaded, meshes, comm, resume)
-    else:
-        checkpoint = BuildCheckpoint(output, loaded, meshes, group, resume)
-    try:
-        if leaves_open(loaded):
-            choice = choose(loaded, meshes, group, lambda text: say(context, text), checkpoint)
-            rom = choice.rom
-        else:
-            rom = build_rom(loaded, shapes, group, checkpoint=checkpoint)
-    except InputError:
-        checkpoint.forget()
-        raise
-    with agreed(comm, "estimating the sizes of effects"):
-        if rom is not None and sizes is None:
-            # with a tolerance for the step it is the chosen scene that runs
-            rom = with_remarks(rom, loaded if choice is None else choice.scene, meshes)
-            choice = None if choice is None else replace(choice, rom=rom)
-    save(context, rom if choice is None else choice, output, *([] if sizes is None else [sizes.write]))
-    checkpoint.remove()
-    if rom is not None:
-        say(context, report(rom, output, loaded.remarks))
-    if choice is not None:
-        say(context, "\n".join(choice.selection.lines(attempts=False)))
-    if rom is not None:
-        chosen = None if choice is None else choice.selection.chosen
-        say_figures(context, {"file": output, **figures_of(rom), "chosen": chosen})
-
-
-def with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
-    """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
-    timings = Timings()
-    with timings.phase("effect sizes"):
-        found = remarks_on_sizes(scene, meshes, rom.branch)
-    record = rom.record
-    remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
-    return replace(rom, record=replace(record, remarks=remarks, timings=seconds))
+    built = build_model(loaded, meshes, group, lambda text: say(context, text), output, resume)
+    save(context, built, output)
+    built.checkpoint.remove()
+    if built.rom is not None:
+        say(context, report(built.rom, output, loaded.remarks))
+    if built.selection is not None:
+        say(context, "\n".join(built.selection.lines(attempts=False)))
+    if built.rom is not None:
+        say_figures(context, {"file": output, **built.figures()})
 
 
 def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> str:
@@ -125,22 +79,6 @@ def report(rom: ReducedOrderModel, path: Path, said: Sequence[Remark] = ()) -> s
     lines += remark_lines(rom.record, said)
     lines += [f"  {phase:14s}{seconds:8.2f} s" for phase, seconds in rom.record.timings.items()]
     return "\n".join(lines)
-
-
-def figures_of(rom: ReducedOrderModel) -> dict[str, object]:
-    """Return the figures of a model as plain data."""
-    tables, frequencies = rom.tables, rom.frequencies_hz
-    return {
-        "kind": "rom",
-        "configurations": len(frequencies),
-        "modes": frequencies.shape[1],
-        "parameter_modes": rom.n_parameter,
-        "other_modes": tables.n_modes - frequencies.shape[1] - rom.n_parameter,
-        "frequencies_hz": {"min": frequencies.min(axis=0), "max": frequencies.max(axis=0)},
-        "terms": {"mass": tables.mass.shape[1], "stiffness": tables.stiffness.shape[1], "load": tables.load.shape[1]},
-        "least_cosine": rom.cosines.min(),
-        **origin_of(rom.record),
-    }
 
 
 def beside_modes(rom: ReducedOrderModel) -> str:

@@ -67,8 +67,8 @@ def describe(path: Path) -> str:
 
 def figures_of(path: Path, scene: bool) -> dict[str, object]:
     """Return what a file holds as plain data; with `scene` its scene's tables alone."""
-    from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Selection, Tradeoff, Trajectory
-    from pgmp_petsc.results.rare_event import RareEvent
+    from pgmp_petsc.results import Selection
+    from pgmp_petsc.results.readers import READERS
     from pgmp_petsc.results.summary import origin_of, summary_of
     from pgmp_petsc.runtime.files import KINDS, RunRecord, open_file, shapes_of
 
@@ -80,11 +80,7 @@ def figures_of(path: Path, scene: bool) -> dict[str, object]:
         selection = Selection.read(file)
         about["chosen"] = None if selection is None else selection.chosen
         about["datasets"] = _shapes(file)
-    readers = {
-        "trajectory": Trajectory, "ensemble": Ensemble, "tradeoff": Tradeoff, "modes": ModesTable,
-        "rare_event": RareEvent, "sensitivities": Derivatives, "fit": Fit, "design": Design,
-    }  # fmt: skip
-    return about if kind not in readers else {**about, **summary_of(readers[kind].read(path))}
+    return about if kind not in READERS else {**about, **summary_of(READERS[kind].read(path))}
 
 
 def _shapes(file) -> dict[str, dict[str, object]]:

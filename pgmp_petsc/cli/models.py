@@ -9,12 +9,11 @@ import click
 
 from pgmp_petsc.cli.options import Command
 from pgmp_petsc.cli.report import say_remarks
-from pgmp_petsc.mechanism.capabilities import Purpose
-from pgmp_petsc.models import FullModel, Model, ReducedModel
-from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.models import Model
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.inputs import read_rom, read_scene
+from pgmp_petsc.studies.prepared import PURPOSES, mesh_model, reduced_model
 
 
 def model_options(command: Command) -> Command:
@@ -48,14 +47,9 @@ def read_model(
         scene, rom = read_rom(source, overrides, settings, comm)
         check(scene)
         say_remarks(context, scene)
-        with agreed(comm, "preparing the reduced model"):
-            return ReducedModel(scene, rom)
-    scene, meshes = read_scene(source, overrides, settings, comm, Purpose.COMPONENTS if components else Purpose.FULL)
+        return reduced_model(scene, rom, comm)
+    name = "components" if components else "full"
+    scene, meshes = read_scene(source, overrides, settings, comm, PURPOSES[name])
     check(scene)
     say_remarks(context, scene)
-    if components:
-        from pgmp_petsc.experiments.reference import component_model  # eigensolvers take a noticeable time
-
-        return component_model(scene, meshes, comm)
-    with agreed(comm, "preparing the full-order model"):
-        return FullModel(scene, meshes)
+    return mesh_model(scene, meshes, name, comm)

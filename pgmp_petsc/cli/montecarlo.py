@@ -18,12 +18,13 @@ from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.rare import alone, event_of, run_rare
 from pgmp_petsc.cli.report import save, say
-from pgmp_petsc.ensemble.batch import Plan, SampleFile, Shard
+from pgmp_petsc.ensemble.batch import LARGEST_SEED, MOST_SAMPLES, SAMPLERS, Plan, SampleFile, Shard
 from pgmp_petsc.ensemble.checkpoint import remove_checkpoint
 from pgmp_petsc.ensemble.retry import read_earlier
 from pgmp_petsc.ensemble.rules import read_rule
 from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.ensemble.sample_file import read_samples
+from pgmp_petsc.ensemble.sampling import refuse_drawn
 from pgmp_petsc.ensemble.stopping import Stop
 from pgmp_petsc.models import Model, ReducedModel
 from pgmp_petsc.reduction.served_range import outside_of, refuse_beyond
@@ -36,11 +37,9 @@ from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.studies.prepared import settled
 
-SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
 FEW = 4  # samples of a better model to each Sobol sequence
-MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
-LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
 
 
 @click.command()
@@ -142,21 +141,19 @@ def montecarlo(
     context.with_resource(claimed(comm, output, kind, (source, failed)))
 
     def refuse(scene: Scene) -> None:
-        _refuse_drawn(scene, settings)
+        refuse_drawn(scene, settings)
         if rare is not None:
             event_of(rare, scene)
 
     model = read_model(context, source, overrides, settings, full, components, refuse)
     loaded = model.scene
-    if loaded.simulation.tolerance is not None:
-        if part is not None:
-            raise InputError(
-                f"--shard {shard}: with simulation.tolerance every shard would measure a step of its own; build with "
-                "the tolerance, or give simulation.step"
-            )
-        from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
-
-        model, remark = settle_step(model, comm, ensemble=True)
+    if loaded.simulation.tolerance is not None and part is not None:
+        raise InputError(
+            f"--shard {shard}: with simulation.tolerance every shard would measure a step of its own; build with the "
+            "tolerance, or give simulation.step"
+        )
+    model, remark = settled(model, comm, ensemble=True)
+    if remark:
         say(context, remark)
     if rare is not None:
         context.exit(run_rare(context, model, rare, n_samples, seed, output))
@@ -313,17 +310,3 @@ def _table(table: Path, model: Model, n_samples: int | None, settings: tuple[str
         said = outside_of(model.served, file.values, f"--samples {table}")
         file = replace(file, remarks=(*file.remarks, *said))
     return file
-
-
-def _refuse_drawn(scene: Scene, settings: tuple[str, ...]) -> None:
-    """Refuse a value for a parameter that every sample draws anew; the same on all ranks."""
-    for setting in settings:
-        name = setting.partition("=")[0].strip()
-        parameter = scene.parameters[name]
-        if parameter.distribution is not None:
-            held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
-            raise InputError(
-                f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no "
-                f"part in an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to "
-                f"hold the parameter, replace it: --override 'parameters.{name}={held}'"
-            )

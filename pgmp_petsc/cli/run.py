@@ -35,6 +35,7 @@ from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.steps import LABEL, Steps
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
+from pgmp_petsc.studies.prepared import settled
 from pgmp_petsc.studies.simulate import simulate_full
 
 IN_FOLDER = "report.html"
@@ -200,11 +201,7 @@ class Job:
         self._say("compare", better.why)
 
         def make(target: Path, resume: bool) -> None:
-            model = better.model
-            if self.scene.simulation.tolerance is not None:
-                from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
-
-                model, _ = settle_step(model, self.context.obj.comm)
+            model, _ = settled(better.model, self.context.obj.comm)
             save(self.context, simulate_full(model, self.context.obj.comm), target)
 
         self._step("compare", BETTER, known, make, self._headline_of_comparison)

@@ -16,6 +16,7 @@ from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
 from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.studies.prepared import settled
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 
 
@@ -74,12 +75,9 @@ def stepped_model(
 ) -> ReducedModel:
     """Return the reduced model of a file, with the step that its tolerance asks for. Collective on the ranks."""
     model = read_model(context, source, overrides, settings, False, False)
-    if model.scene.simulation.tolerance is None:
-        return model
-    from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
-
-    model, remark = settle_step(model, context.obj.comm)
-    say(context, remark)
+    model, remark = settled(model, context.obj.comm)
+    if remark:
+        say(context, remark)
     return model
 
 

@@ -12,13 +12,13 @@ from pgmp_petsc.cli.models import model_options, one_model, read_model
 from pgmp_petsc.cli.options import output_option, scene_options
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say
-from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.runtime.claims import claimed
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
-from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+from pgmp_petsc.studies.prepared import settled
+from pgmp_petsc.studies.simulate import simulate as simulated
 
 
 @click.command()
@@ -46,17 +46,13 @@ def simulate(
     context.with_resource(claimed(comm, output, "trajectory", (source,)))
     model = read_model(context, source, overrides, settings, full, components)
     loaded = model.scene
-    remark = ""
-    if loaded.simulation.tolerance is not None:
-        from pgmp_petsc.studies.settled_step import settle_step  # its many modules take a noticeable time
-
-        model, remark = settle_step(model, comm)
-    trajectory = (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, comm)
+    model, remark = settled(model, comm)
+    trajectory = simulated(model, comm)
     save(context, trajectory, output)
     if trajectory is not None:
         say(context, "\n".join(filter(None, (remark, report(trajectory, output, loaded.remarks)))))
         say_figures(context, {"file": output, **summary_of(trajectory)})
-    stopped = comm.bcast("" if trajectory is None else why_stopped(trajectory))
+    stopped = comm.bcast("" if trajectory is None else trajectory.why_stopped)
     if stopped:
         raise RunError(f"{stopped}; {output} holds the run up to there")
 
@@ -71,12 +67,7 @@ def report(trajectory: Trajectory, path: Path, said: Sequence[Remark] = ()) -> s
     if trajectory.validity:
         lines.append(estimates.of_validity(trajectory.validity))
     # why it stopped is the error that ends the command
-    stopped = why_stopped(trajectory)
+    stopped = trajectory.why_stopped
     lines += [line for line in remark_lines(trajectory.record, said) if not (stopped and line.endswith(stopped))]
     lines += [f"  {phase:24s}{seconds:16.2f} s" for phase, seconds in trajectory.record.timings.items()]
     return "\n".join(lines)
-
-
-def why_stopped(trajectory: Trajectory) -> str:
-    """Return why a run stopped before its end, empty where it did not: the first of its remarks."""
-    return trajectory.record.remarks[0].text if trajectory.status else ""

@@ -9,6 +9,10 @@ import numpy as np
 
 from pgmp_petsc.runtime.remarks import Remark
 
+SAMPLERS = ("random", "latin_hypercube", "sobol", "saltelli")
+MOST_SAMPLES = 10**9  # the pieces of a checkpoint are in order by nine digits
+LARGEST_SEED = 2**63 - 1  # the largest whole number that every reader of the file knows
+
 
 @dataclass(frozen=True)
 class SampleFile:

@@ -240,3 +240,17 @@ def physical(scene: Scene, values: Mapping[str, np.ndarray]) -> np.ndarray:
 def _percent(share: float) -> str:
     """Return a share in percent; one that no ensemble notices is nothing."""
     return f"{100 * share:.2g} %" if share > 1e-9 or share == 0.0 else "less than 1e-7 %"
+
+
+def refuse_drawn(scene: Scene, settings: Sequence[str]) -> None:
+    """Refuse a value for a parameter that every sample draws anew; the same on all ranks."""
+    for setting in settings:
+        name = setting.partition("=")[0].strip()
+        parameter = scene.parameters[name]
+        if parameter.distribution is not None:
+            held = f"{{nominal={parameter.nominal:g}, value={parameter.current:g}}}"
+            raise InputError(
+                f"--set {setting}: every sample draws '{name}' from parameters.{name}.distribution, so a value has no "
+                f"part in an ensemble; to move the distribution, --override parameters.{name}.distribution.loc=...; to "
+                f"hold the parameter, replace it: --override 'parameters.{name}={held}'"
+            )

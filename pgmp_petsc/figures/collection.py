@@ -33,20 +33,11 @@ from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
 from pgmp_petsc.figures.trajectories import labels_of, paired, trajectories
 from pgmp_petsc.results import Derivatives, Design, Ensemble, Fit, ModesTable, Tradeoff, Trajectory
 from pgmp_petsc.results.rare_event import RareEvent
+from pgmp_petsc.results.readers import READERS
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file
 
-READERS = {
-    "modes": ModesTable,
-    "trajectory": Trajectory,
-    "ensemble": Ensemble,
-    "tradeoff": Tradeoff,
-    "sensitivities": Derivatives,
-    "fit": Fit,
-    "design": Design,
-    "rare_event": RareEvent,
-}
 # kinds whose results have a picture each
 ALONE: dict[type, tuple[str, Callable[..., Figure]]] = {
     Derivatives: ("sensitivities", sensitivities),

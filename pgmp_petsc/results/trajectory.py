@@ -154,6 +154,11 @@ class Trajectory:
         if self.modal is not None:
             check_shape("modal", self.modal, (n_times, None))
 
+    @property
+    def why_stopped(self) -> str:
+        """Why the run stopped before its end, empty where it did not: the first of its remarks."""
+        return self.record.remarks[0].text if self.status else ""
+
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the file; by one process only. Raises as :func:`~pgmp_petsc.runtime.files.write_file`."""
         with write_file(path, "trajectory", self._attributes()) as file:

@@ -45,6 +45,16 @@ def scene_from_toml(
     return _scene(parse(text, "the scene's text"), Path(directory), overrides, settings)
 
 
+def scene_from_tables(
+    tables: dict[str, Any], directory: Path | str, overrides: Sequence[str] = (), settings: Sequence[str] = ()
+) -> Scene:
+    """Validate a scene given as the tables of a TOML text, with paths relative to `directory`; see `load_scene`.
+
+    The tables are changed.
+    """
+    return _scene(tables, Path(directory), overrides, settings)
+
+
 def scene_to_toml(scene: Scene) -> str:
     """Return the scene with all defaults and set values; `scene_from_toml` reads it back unchanged."""
     return tomli_w.dumps(scene.model_dump(exclude_none=True))

@@ -54,7 +54,7 @@ def problem(entry: str, allowed: str, received: object = _NOTHING) -> str:
 
 def toml_text(value: object) -> str:
     """Return `value` as it would stand in a scene, shortened if it is long."""
-    return shortened(_toml_text(value), MAX_RECEIVED)
+    return shortened(inline_toml(value), MAX_RECEIVED)
 
 
 def dotted_name(keys: Sequence[str | int]) -> str:
@@ -170,15 +170,16 @@ def _toml_key(key: str) -> str:
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
 
 
-def _toml_text(value: object) -> str:
+def inline_toml(value: object) -> str:
+    """Return a value as TOML on one line, whatever its length."""
     if isinstance(value, Mapping):
         return (
             "{}"
             if not value
-            else "{ " + ", ".join(f"{_toml_key(str(key))} = {_toml_text(item)}" for key, item in value.items()) + " }"
+            else "{ " + ", ".join(f"{_toml_key(str(key))} = {inline_toml(item)}" for key, item in value.items()) + " }"
         )
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml_text, value)) + "]"
+        return "[" + ", ".join(map(inline_toml, value)) + "]"
     if isinstance(value, (str, bool)):
         return json.dumps(value, ensure_ascii=False)
     return str(value)

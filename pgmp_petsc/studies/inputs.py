@@ -52,13 +52,17 @@ def read_scene(
     """
 
     def read() -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
-        scene = load_scene(path, overrides, settings)
-        meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
-        check_capabilities(scene, purpose, meshes)
-        check_stresses(scene, meshes)
-        return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
+        return with_meshes(load_scene(path, overrides, settings), purpose)
 
     return on_root(comm, read)
+
+
+def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
+    """Return a scene with its remarks, and its meshes; by one process. Raises as `read_scene`."""
+    meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
+    check_capabilities(scene, purpose, meshes)
+    check_stresses(scene, meshes)
+    return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
 
 def _mesh_of(scene: Scene, name: str) -> LineMesh | SolidMesh:
@@ -87,14 +91,24 @@ def read_rom(
 
     def read() -> tuple[Scene, ReducedOrderModel]:
         rom = ReducedOrderModel.read(path)
-        built = scene_from_toml(rom.record.scene_toml, path.parent)
-        scene = scene_from_toml(rom.record.scene_toml, path.parent, overrides, settings)
-        _check_tables_hold(built, scene, path)
-        check_capabilities(scene, Purpose.REDUCED)
-        said = check_served(served_ranges(built, rom), scene)
-        return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said)), rom
+        return scene_of_rom(rom, path.parent, overrides, settings, path), rom
 
     return on_root(comm, read)
+
+
+def scene_of_rom(
+    rom: ReducedOrderModel, directory: Path, overrides: Sequence[str], settings: Sequence[str], name: object
+) -> Scene:
+    """Return the scene of a ROM, changed where a change leaves the tables valid, with its remarks; by one process.
+
+    Paths are relative to `directory`; `name` is what messages call the ROM. Raises as `read_rom`.
+    """
+    built = scene_from_toml(rom.record.scene_toml, directory)
+    scene = scene_from_toml(rom.record.scene_toml, directory, overrides, settings)
+    _check_tables_hold(built, scene, name)
+    check_capabilities(scene, Purpose.REDUCED)
+    said = check_served(served_ranges(built, rom), scene)
+    return _step_left_open(built, scene).with_remarks((*plausibility(scene), *said))
 
 
 def _step_left_open(built: Scene, scene: Scene) -> Scene:
@@ -105,26 +119,26 @@ def _step_left_open(built: Scene, scene: Scene) -> Scene:
     return scene.model_copy(update={"simulation": Simulation(**simulation.model_dump(exclude={"step"}))})
 
 
-def _check_tables_hold(built: Scene, scene: Scene, path: Path) -> None:
+def _check_tables_hold(built: Scene, scene: Scene, name: object) -> None:
     for table in BUILT:
         if getattr(built, table) != getattr(scene, table):
-            _refuse(table, path)
+            _refuse(table, name)
     if built.effects.keys() != scene.effects.keys():
-        _refuse("effects", path)
-    for name, effect in scene.effects.items():
-        free = {key: getattr(effect, key) for key in OF_EFFECTS.get(effect.type, ())}
-        if type(built.effects[name]) is not type(effect) or built.effects[name].model_copy(update=free) != effect:
-            _refuse(f"effects.{name}", path)
+        _refuse("effects", name)
+    for key, effect in scene.effects.items():
+        free = {entry: getattr(effect, entry) for entry in OF_EFFECTS.get(effect.type, ())}
+        if type(built.effects[key]) is not type(effect) or built.effects[key].model_copy(update=free) != effect:
+            _refuse(f"effects.{key}", name)
     if built.parameters.keys() != scene.parameters.keys():
-        _refuse("parameters", path)
-    for name, parameter in scene.parameters.items():
-        if built.parameters[name].nominal != parameter.nominal:
-            _refuse(f"parameters.{name}.nominal", path)
+        _refuse("parameters", name)
+    for key, parameter in scene.parameters.items():
+        if built.parameters[key].nominal != parameter.nominal:
+            _refuse(f"parameters.{key}.nominal", name)
 
 
-def _refuse(entry: str, path: Path) -> None:
+def _refuse(entry: str, name: object) -> None:
     raise InputError(
-        f"--override {entry}: the tables of '{path}' were built from this entry; override it in pgmp build instead. "
+        f"--override {entry}: the tables of '{name}' were built from this entry; override it in pgmp build instead. "
         "With a reduced model, simulation, initial, ensemble, outputs, distributions and bounds of parameters, their "
         "correlation, and the numbers of loads, joints' forces and motions may be changed"
     )

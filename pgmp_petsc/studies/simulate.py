@@ -46,6 +46,11 @@ UNKNOWNS_PER_RANK = 3000
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for
 
 
+def simulate(model: FullModel | ReducedModel, comm: MPI.Comm) -> Trajectory | None:
+    """Run a model of any kind; see `simulate_reduced` and `simulate_full`. Collective on `comm`."""
+    return (simulate_reduced if isinstance(model, ReducedModel) else simulate_full)(model, comm)
+
+
 def simulate_reduced(model: ReducedModel, comm: MPI.Comm) -> Trajectory | None:
     """Run the reduced model; one sample needs one rank, the others wait. Collective on `comm`.
 

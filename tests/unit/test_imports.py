@@ -36,6 +36,7 @@ ORDER = (
     "figures",
     "export",
     "report",
+    "api",
     "cli",
 )
 FREE = ("runtime", "")  # "" is the package itself: its version

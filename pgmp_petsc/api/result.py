@@ -1,0 +1,149 @@
+"""Results of a program: the package's own data, with what needs the ranks that made it."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.remarks import Remark
+from pgmp_petsc.scene import Scene, scene_from_toml
+
+if TYPE_CHECKING:
+    import xarray
+    from mpi4py import MPI
+
+    from pgmp_petsc.runtime.files import RunRecord
+
+
+class Result:
+    """A result, the same on all ranks; attributes of its data are its own.
+
+    Parameters
+    ----------
+    kind : str
+        One of `runtime.claims.KINDS`.
+    data
+        A dataclass of `pgmp_petsc.results`, or `studies.building.Built`: arrays of numpy in SI units.
+    comm : mpi4py.MPI.Comm
+        The ranks that hold it.
+    directory : Path
+        Folder that paths of the scene are relative to.
+    path : Path or None
+        The file that it was read from or last written to.
+    """
+
+    def __init__(self, kind: str, data: Any, comm: MPI.Comm, directory: Path, path: Path | None = None) -> None:
+        self.kind, self.data, self.comm, self.directory, self.path = kind, data, comm, directory, path
+
+    def __getattr__(self, name: str) -> Any:
+        # copying and pickling ask for names before there is any data
+        if name.startswith("_") or "data" not in self.__dict__:
+            raise AttributeError(name)
+        return getattr(self.data, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(name for name in dir(self.data) if not name.startswith("_"))})
+
+    def __repr__(self) -> str:
+        from pgmp_petsc.results.summary import origin_of
+
+        said = "".join(f"\n  {remark}" for remark in self.remarks)
+        return f"<pgmp {self.kind} of scene '{origin_of(self.record)['scene']}'>{said}"
+
+    @property
+    def record(self) -> RunRecord:
+        """Where it comes from."""
+        return self.data.record
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What its reader has to know: warnings, and notes on what is absent."""
+        return self.record.remarks
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is of."""
+        return scene_from_toml(self.record.scene_toml, self.directory)
+
+    def summary(self) -> dict[str, Any]:
+        """Return its figures as plain data, those of the command's ``--json``."""
+        from pgmp_petsc.results.summary import plain, summary_of
+
+        return plain(summary_of(self.data))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return its arrays as a dataset of xarray with units as attributes.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed, or results of this kind have no dataset.
+        """
+        from pgmp_petsc.api.datasets import dataset_of
+
+        return dataset_of(self)
+
+    def write(self, path: str | PathLike[str]) -> Path:
+        """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
+
+        Raises
+        ------
+        InputError
+            If there is another file of this name, or it cannot be made there.
+        RunError
+            If the system fails to write.
+        """
+
+        def writing_the_result() -> None:
+            self.data.write(target)
+
+        with claimed(self.comm, path, self.kind) as target:
+            on_root(self.comm, writing_the_result)
+        self.path = target
+        return target
+
+
+class Rom(Result):
+    """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or "data" not in self.__dict__:
+            raise AttributeError(name)
+        return getattr(self.data.rom, name)
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(name for name in dir(self.data.rom) if not name.startswith("_"))})
+
+    @property
+    def record(self) -> RunRecord:
+        """Where it comes from."""
+        return self.data.rom.record
+
+    def summary(self) -> dict[str, Any]:
+        """Return its figures as plain data, those of ``pgmp build --json``."""
+        from pgmp_petsc.results.summary import plain
+
+        return plain(self.data.figures())
+
+
+class StoppedRun(RunError):
+    """A run stopped before its end.
+
+    Attributes
+    ----------
+    result : Result
+        The run up to there.
+    """
+
+    def __init__(self, message: str, result: Result | None = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+def wrong(what: str, received: object, allowed: str) -> InputError:
+    """Return the error of an argument of another kind."""
+    return InputError(f"{what}: {type(received).__name__} received; allowed is {allowed}")

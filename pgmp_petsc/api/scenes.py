@@ -1,0 +1,134 @@
+"""Scenes of a program: from a file or from tables, and with other values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pgmp_petsc.api.ranks import ranks_of, tell_remarks
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
+from pgmp_petsc.scene.messages import inline_toml
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+Overrides = Mapping[str, object] | Sequence[str]
+Parameters = Mapping[str, float]
+
+
+def load(
+    path: str | PathLike[str],
+    overrides: Overrides = (),
+    parameters: Parameters | None = None,
+    *,
+    comm: MPI.Comm | None = None,
+) -> Scene:
+    """Return the scene of a TOML file. Collective on `comm`.
+
+    Parameters
+    ----------
+    path
+        The file; paths of meshes are relative to its folder.
+    overrides
+        Entries to create or replace before the scene is validated: a mapping of dotted keys to values, or texts
+        ``"dotted.key=VALUE"`` with a TOML value.
+    parameters
+        Values of parameters in single runs, SI units; their nominal values stay.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no TOML, or says what a scene may not say.
+    """
+    comm = ranks_of(comm)
+    with agreed(comm, "reading the scene"):
+        changes = overrides_of(overrides), settings_of(parameters)
+    found = on_root(comm, load_scene, Path(path), *changes)
+    tell_remarks(comm, found.remarks)
+    return found
+
+
+def compose(tables: Mapping[str, Any], directory: str | PathLike[str] = ".", *, comm: MPI.Comm | None = None) -> Scene:
+    """Return the scene of tables as a TOML file has them. Collective on `comm`; those of the first rank count.
+
+    Parameters
+    ----------
+    tables
+        ``{"scene": {"name": ...}, "bodies": {...}, ...}``; numbers and arrays of numpy may stand for plain ones. They
+        are left as they are.
+    directory
+        Folder that paths of meshes are relative to.
+
+    Raises
+    ------
+    InputError
+        If they say what a scene may not say.
+    """
+    comm = ranks_of(comm)
+
+    def composing_the_scene() -> Scene:
+        if not isinstance(tables, Mapping):
+            raise InputError(f"the scene: {type(tables).__name__} received; allowed is a mapping of tables")
+        return scene_from_tables(plain(tables), Path(directory))
+
+    found = on_root(comm, composing_the_scene)
+    tell_remarks(comm, found.remarks)
+    return found
+
+
+def changed(scene: Scene, overrides: Overrides, parameters: Parameters | None) -> Scene:
+    """Return a scene with other entries and values of parameters; by every rank alike. Raises `InputError`.
+
+    What the scene does not give stays open: a tolerance may choose it.
+    """
+    texts, settings = overrides_of(overrides), settings_of(parameters)
+    if not texts and not settings:
+        return scene
+    tables = scene.model_dump(exclude_none=True, exclude_unset=True)
+    return scene_from_tables(tables, scene.directory, texts, settings)
+
+
+def overrides_of(overrides: Overrides) -> tuple[str, ...]:
+    """Return overrides as a command takes them; raises `InputError` where they are something else."""
+    if isinstance(overrides, Mapping):
+        return tuple(f"{key}={inline_toml(plain(value))}" for key, value in overrides.items())
+    if isinstance(overrides, str) or not all(isinstance(text, str) for text in overrides):
+        raise InputError(
+            f"overrides = {overrides!r}: allowed are a mapping such as {{'reduction.modes': 8}}, or a list of texts "
+            "such as ['reduction.modes=8']"
+        )
+    return tuple(overrides)
+
+
+def settings_of(parameters: Parameters | None) -> tuple[str, ...]:
+    """Return values of parameters as a command takes them, to the last bit; raises `InputError`."""
+    if parameters is None:
+        return ()
+    if not isinstance(parameters, Mapping):
+        raise InputError(
+            f"parameters = {parameters!r}: allowed is a mapping of names to numbers, such as {{'r1': 5e-3}}"
+        )
+    return tuple(f"{name}={_number(value)}" for name, value in parameters.items())
+
+
+def _number(value: object) -> str:
+    return repr(float(value)) if isinstance(value, (int, float, np.number)) else str(value)
+
+
+def plain(value: object) -> Any:
+    """Return tables without numpy's types, tuples and paths, which TOML does not have."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return fspath(value) if isinstance(value, PathLike) else value

@@ -1,0 +1,146 @@
+"""The build of a reduced model: effects chosen by size, tolerances met, and what is kept beside the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.components.condensing import condensed
+from pgmp_petsc.experiments.finished import Finished
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import EffectSizes, Selection
+from pgmp_petsc.results.summary import origin_of
+from pgmp_petsc.runtime.agreement import agreed, on_root
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.files import open_file, shapes_of
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.selection.choice import choose, leaves_open
+from pgmp_petsc.studies.effect_choice import choose_effects
+from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
+
+Said = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Built:
+    """A reduced model and what its file keeps beside it.
+
+    Attributes
+    ----------
+    rom
+        On the first rank, None elsewhere.
+    selection
+        What was chosen for tolerances; None where nothing was.
+    sizes
+        Of effects, where they were chosen by size.
+    checkpoint
+        What is to be removed once the file is written; None where nothing was kept on the way.
+    """
+
+    rom: ReducedOrderModel | None
+    selection: Selection | None = None
+    sizes: EffectSizes | None = None
+    checkpoint: BuildCheckpoint | Finished | None = None
+
+    def write(self, path: Path) -> None:
+        """Write ROM.h5; by one process."""
+        parts = [] if self.selection is None else [self.selection.write_into]
+        parts += [] if self.sizes is None else [self.sizes.write]
+        self.rom.write(path, *parts)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read ROM.h5; by one process. Raises as `ReducedOrderModel.read`."""
+        rom = ReducedOrderModel.read(path)
+        with open_file(path, "rom") as file, shapes_of(file):
+            return cls(rom, Selection.read(file), EffectSizes.read(file))
+
+    def figures(self) -> dict[str, object]:
+        """Return the figures of the model as plain data."""
+        rom = self.rom
+        tables, frequencies = rom.tables, rom.frequencies_hz
+        terms = {name: getattr(tables, name).shape[1] for name in ("mass", "stiffness", "load")}
+        return {
+            "kind": "rom",
+            "configurations": len(frequencies),
+            "modes": frequencies.shape[1],
+            "parameter_modes": rom.n_parameter,
+            "other_modes": tables.n_modes - frequencies.shape[1] - rom.n_parameter,
+            "frequencies_hz": {"min": frequencies.min(axis=0), "max": frequencies.max(axis=0)},
+            "terms": terms,
+            "least_cosine": rom.cosines.min(),
+            **origin_of(rom.record),
+            "chosen": None if self.selection is None else self.selection.chosen,
+        }
+
+
+def build(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    say: Said = lambda text: None,
+    output: Path | None = None,
+    resume: bool = False,
+) -> Built:
+    """Build the reduced model of a scene. Collective on ``group.world``.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene, and the mesh of every body.
+    group
+        Ranks that share an eigenproblem.
+    say
+        Gets the sizes of effects, and what errors are measured against, before it is run.
+    output, resume
+        The file beside which finished parts are kept until `Built.checkpoint` is removed, None to keep nothing; whether
+        to take up what is there.
+
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, whichever rank met it.
+    """
+    comm = group.world
+    sizes, shapes, choice, checkpoint = None, meshes, None, None
+    if scene.reduction.effects == "auto":
+        shapes = condensed(scene, meshes, group, large=True)
+        scene, sizes = on_root(comm, choose_effects, scene, meshes, shapes)
+        say("\n".join(sizes.lines()))
+    is_open = leaves_open(scene)
+    if output is not None and is_open:
+        checkpoint = Finished(output, {"command": "build"}, scene, meshes, comm, resume)
+    elif output is not None:
+        checkpoint = BuildCheckpoint(output, scene, meshes, group, resume)
+    try:
+        if is_open:
+            choice = choose(scene, meshes, group, say, checkpoint)
+            rom = choice.rom
+        else:
+            rom = build_rom(scene, shapes, group, checkpoint=checkpoint)
+    except InputError:
+        if checkpoint is not None:
+            checkpoint.forget()
+        raise
+    with agreed(comm, "estimating the sizes of effects"):
+        if rom is not None and sizes is None:
+            # with a tolerance for the step it is the chosen scene that runs
+            rom = _with_remarks(rom, scene if choice is None else choice.scene, meshes)
+    return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
+
+
+def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:
+    """Add to a reduced model's remarks which effects its scene leaves out although they matter; on one rank."""
+    timings = Timings()
+    with timings.phase("effect sizes"):
+        found = remarks_on_sizes(scene, meshes, rom.branch)
+    record = rom.record
+    remarks, seconds = (*record.remarks, *found), {**record.timings, **timings.as_dict()}
+    return replace(rom, record=replace(record, remarks=remarks, timings=seconds))

@@ -1,0 +1,343 @@
+"""The Python interface: what commands compute, bit for bit, on one rank and on two; its errors; its documentation."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import pickle
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import synthetic
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from mpi4py import MPI
+from runs import IN_TURN, PAPER_SCENE, SMALL, overridden
+
+import pgmp_petsc as pgmp
+from pgmp_petsc.api import ranks
+from pgmp_petsc.ensemble import runner
+from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
+
+SCENES = sorted((ROOT / "scenes").glob("*.toml"))
+QUICK = (*SMALL, "ensemble.bands=10")
+KINDS = ("rom", "run", "ensemble", "derivatives")
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the commands write."""
+    folder = tmp_path_factory.mktemp("by_commands")
+    rom, run, ensemble, derivatives, full = (str(folder / f"{name}.h5") for name in (*KINDS, "full"))
+    calls = [
+        ["build", str(PAPER_SCENE), "-o", rom, *overridden(*QUICK)],
+        ["simulate", rom, "-o", run, "--set", "r1=5e-3"],
+        ["montecarlo", rom, "-n", "12", "--seed", "7", "-o", ensemble],
+        ["sensitivities", rom, "-o", derivatives],
+        ["simulate", str(PAPER_SCENE), "--full", "-o", full, "--set", "r1=5e-3", *overridden(*QUICK)],
+    ]
+    command = [sys.executable, "-c", IN_TURN, json.dumps(calls)]
+    environment = {"PYTHONPATH": str(ROOT), **MPI_ENVIRONMENT}
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, **environment}, timeout=TIMEOUT_SECONDS
+    )
+    statuses = [line for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == ["[0]"] * len(calls), done.stdout + done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return pgmp.load(PAPER_SCENE, QUICK)
+
+
+@pytest.fixture(scope="module")
+def rom(scene: Scene) -> pgmp.Rom:
+    return pgmp.build(scene)
+
+
+@pytest.fixture(scope="module")
+def run(rom: pgmp.Rom) -> pgmp.Result:
+    return pgmp.simulate(rom, {"r1": 5e-3})
+
+
+def bits(value: object) -> bytes:
+    """Return all of a value; of texts, whose arrays hold references, what they say."""
+    array = np.asarray(value)
+    return repr(array.tolist()).encode() if array.dtype.kind == "O" else array.tobytes()
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """Return every dataset and attribute of a file but those that say how it was made."""
+    found = {}
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if not name.startswith("timings"):
+            found.update({f"{name}@{key}": bits(value) for key, value in item.attrs.items()})
+            if isinstance(item, h5py.Dataset):
+                found[name] = bits(item[()])
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+        found["scene"] = file.attrs["scene"].encode()
+        found["parameters"] = file.attrs["parameters"].encode()
+        found["remarks"] = file.attrs["remarks"].encode()
+    return found
+
+
+def assert_same(one: Path, other: Path) -> None:
+    first, second = contents(one), contents(other)
+    assert first.keys() == second.keys()
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "full"])
+def test_files_are_those_of_the_commands(
+    kind: str, commands: Path, scene: Scene, rom: pgmp.Rom, run: pgmp.Result, tmp_path: Path
+) -> None:
+    make = {
+        "rom": lambda: rom,
+        "run": lambda: run,
+        "ensemble": lambda: pgmp.montecarlo(rom, n=12, seed=7),
+        "derivatives": lambda: pgmp.sensitivities(rom),
+        "full": lambda: pgmp.simulate(scene, {"r1": 5e-3}, model="full"),
+    }
+    written = make[kind]().write(tmp_path / f"{kind}.h5")
+    assert_same(written, commands / f"{kind}.h5")
+    # and so are those of a result that was read
+    assert_same(pgmp.read(commands / f"{kind}.h5").write(tmp_path / "again.h5"), written)
+
+
+def test_a_killed_ensemble_is_taken_up(rom: pgmp.Rom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "samples.h5"
+    with monkeypatch.context() as broken:
+        broken.setattr(runner, "describe_ensemble", _fail)
+        with pytest.raises(pgmp.RunError, match="the machine went down"):
+            pgmp.montecarlo(rom, n=6, seed=3, output=path)
+    assert not path.exists()
+    with monkeypatch.context() as nothing_is_left_to_do:
+        nothing_is_left_to_do.setattr(runner, "run_batch", _fail)
+        taken_up = pgmp.montecarlo(rom, n=6, seed=3, output=path, resume=True)
+    assert taken_up.path == path and [item.name for item in tmp_path.iterdir()] == ["samples.h5"]
+    assert_same(pgmp.montecarlo(rom, n=6, seed=3).write(tmp_path / "again.h5"), path)
+
+
+def _fail(*_: object, **__: object) -> None:
+    raise pgmp.RunError("the machine went down")
+
+
+def test_two_ranks_of_a_script(commands: Path, tmp_path: Path, mpirun: Callable, parallel_scripts: Path) -> None:
+    small = json.dumps(QUICK)
+    done = mpirun(2, parallel_scripts / "python_interface.py", PAPER_SCENE, small, tmp_path)
+    first, second = json.loads(done.stdout.splitlines()[-1])
+    assert first == second
+    assert first["end"] == first["again"] == first["alone"]
+    starts = ("--set r7=1.0: the scene has no parameter", "nowhere.toml: there is no", "n = 0: allowed", "output file ")
+    assert len(first["failures"]) == len(starts)
+    for failure, start in zip(first["failures"], starts):
+        assert failure.startswith(start)
+    # the samples' and the run's numbers are those of one rank; those of the build are its eigensolver's
+    with h5py.File(commands / "ensemble.h5") as one, h5py.File(tmp_path / "ensemble.h5") as two:
+        assert np.array_equal(one["parameters/r1"], two["parameters/r1"]) and two.attrs["ranks"] == 2
+        np.testing.assert_allclose(two["outputs/crank_angle"], one["outputs/crank_angle"], rtol=1e-9)
+
+
+def test_importing_loads_nothing() -> None:
+    script = "import sys, pgmp_petsc; print({m.split('.')[0] for m in sys.modules} & {'numpy', 'mpi4py', 'petsc4py'})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_every_name_is_there() -> None:
+    for name in pgmp.__all__:
+        assert getattr(pgmp, name) is not None and name in dir(pgmp)
+    with pytest.raises(AttributeError, match="no attribute 'simulat'; its interface: Scene, load"):
+        _ = pgmp.simulat
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_a_scene_survives_a_change(path: Path) -> None:
+    """What was not given stays open, what was given keeps its value; that of a parameter is the last bit's."""
+    before = load_scene(path)
+    tables = before.model_dump(exclude_none=True, exclude_unset=True)
+    after = scene_from_tables(tables, before.directory)
+    assert after == before
+    assert after.reduction.model_fields_set == before.reduction.model_fields_set
+    assert after.simulation.model_fields_set == before.simulation.model_fields_set
+
+
+def test_overrides_as_a_mapping_are_those_of_the_command() -> None:
+    values = {
+        "reduction.modes": np.int64(5),
+        "simulation.step": 1e-4,
+        "scene.name": 'a "b"',
+        "initial.equilibrium": False,
+    }
+    given = pgmp.load(
+        PAPER_SCENE, {**values, "effects.motor.table": np.array([[0.0, 0.0], [1.0, 0.5]])}, {"r1": 0.1 * 0.1 * 0.3}
+    )
+    texts = ["reduction.modes=5", "simulation.step=1e-4", 'scene.name="a \\"b\\""', "initial.equilibrium=false"]
+    wanted = load_scene(
+        PAPER_SCENE, [*texts, "effects.motor.table=[[0.0, 0.0], [1.0, 0.5]]"], ["r1=0.0030000000000000005"]
+    )
+    assert given == wanted and given.values == {"r1": 0.1 * 0.1 * 0.3}
+
+
+def test_a_scene_of_tables_is_that_of_its_file(scene: Scene) -> None:
+    tables = scene.model_dump(exclude_none=True)
+    tables["effects"]["motor"]["table"] = np.array(tables["effects"]["motor"]["table"])
+    before = repr(tables)
+    assert pgmp.compose(tables, PAPER_SCENE.parent) == scene
+    assert repr(tables) == before
+
+
+def test_datasets_have_the_arrays_and_their_units(rom: pgmp.Rom, run: pgmp.Result) -> None:
+    data = run.to_xarray()
+    assert np.array_equal(data["slider_deformation"].values, run.outputs["slider_deformation"])
+    assert data["slider_deformation"].attrs["units"] == "m" and data["time"].attrs["units"] == "s"
+    assert np.array_equal(data["state.theta"].values, run.coordinates[:, 0])
+    assert data["state.theta"].attrs["units"] == "rad"
+    assert data["error.crank_angle"].dims == ("error_time",) and data["energy.kinetic"].attrs["units"] == "J"
+    assert data.attrs["scene"] == "slider_crank_paper" and json.loads(data.attrs["parameters"]) == {"r1": 5e-3}
+
+    overrides = ["ensemble.extremes=true"]
+    ensemble = pgmp.montecarlo(rom, n=4, seed=1, sampler="latin_hypercube", overrides=overrides)
+    data = ensemble.to_xarray()
+    assert np.array_equal(data["parameter.r1"].values, ensemble.parameters["r1"]) and dict(data.sizes)["sample"] == 4
+    assert np.array_equal(data["max.crank_angle"].values, ensemble.extremes["crank_angle/max"])
+    assert np.array_equal(data["mean.crank_angle"].values, ensemble.bands["crank_angle"].mean)
+    assert (data["sample.status"] == 0).all() and data.attrs["seed"] == 1
+    assert ensemble.scene.ensemble.sampler == "latin_hypercube"
+
+    data = pgmp.sensitivities(rom, ["r1"]).to_xarray()
+    assert data["derivative.crank_angle.r1"].attrs["units"] == "rad/m"
+
+
+def test_a_dataset_of_frequencies(commands: Path) -> None:
+    table = synthetic.modes_table()
+    data = pgmp.Result("modes", table, MPI.COMM_SELF, Path()).to_xarray()
+    assert np.array_equal(data["frequency.full"].values, table.full_hz)
+    with pytest.raises(pgmp.InputError, match="there is no dataset of a rom"):
+        pgmp.read(commands / "rom.h5").to_xarray()
+
+
+def test_without_xarray(run: pgmp.Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(pgmp.InputError, match="xarray is not installed .pip install"):
+        run.to_xarray()
+
+
+def test_an_output_named_like_an_axis(rom: pgmp.Rom) -> None:
+    renamed = {"outputs.mode": {"type": "angle", "joint": "crank_hinge"}}
+    with pytest.raises(pgmp.InputError, match="'mode' is the name of an axis"):
+        pgmp.simulate(rom, overrides=renamed).to_xarray()
+
+
+def test_a_result_says_what_it_is(rom: pgmp.Rom, run: pgmp.Result) -> None:
+    assert repr(rom).startswith("<pgmp rom of scene 'slider_crank_paper'>\n  note: the scene leaves out")
+    assert run.scene.values == {"r1": 5e-3} and rom.scene == pgmp.load(PAPER_SCENE, QUICK)
+    assert run.summary()["outputs"]["crank_angle"]["at_end"] == run.outputs["crank_angle"][-1]
+    assert rom.summary()["modes"] == 4 and rom.frequencies_hz.shape == (24, 4)
+    assert "outputs" in dir(run) and "tables" in dir(rom)
+    with pytest.raises(AttributeError):
+        pickle.loads(pickle.dumps(run.data)).nothing
+
+
+def test_a_run_that_stops_early_keeps_what_it_computed(rom: pgmp.Rom) -> None:
+    with pytest.raises(pgmp.StoppedRun, match="the error's result holds") as stopped:
+        pgmp.simulate(rom, overrides={"effects.motor.table": [[0.0, 0.0], [0.05, 1e4]]})
+    found = stopped.value.result
+    assert found.status != 0 and 0.0 < found.time[-1] < 0.05 and isinstance(stopped.value, pgmp.RunError)
+
+
+def test_warnings_are_logged(rom: pgmp.Rom, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, "pgmp_petsc"):
+        made = pgmp.simulate(rom, overrides={"effects.motor.table": [[0.0, 0.0], [0.05, 300.0]]})
+    logged = [record.message for record in caplog.records]
+    assert logged == [str(remark) for remark in (*made.scene.remarks, *made.remarks)]
+    assert {record.levelname for record in caplog.records} >= {"WARNING"}
+
+
+def test_a_tolerance_for_the_step_chooses_one(rom: pgmp.Rom, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, "pgmp_petsc"):
+        made = pgmp.simulate(rom, overrides={"simulation.tolerance": 1e-2})
+    (chosen,) = (record.message for record in caplog.records if record.message.startswith("simulation.tolerance"))
+    assert f"simulation.step = {made.scene.simulation.step:g} was chosen" in chosen
+
+
+WRONG = {
+    "a source": (lambda rom, scene: pgmp.simulate("rom.h5"), "source: str received; allowed is a reduced model"),
+    "no model": (lambda rom, scene: pgmp.simulate(scene), "model = None: of a scene there are 'full' and 'components'"),
+    "a model": (lambda rom, scene: pgmp.simulate(rom, model="full"), "model = 'full': a reduced model is given"),
+    "a parameter": (lambda rom, scene: pgmp.simulate(rom, {"r7": 1}), "--set r7=1.0: the scene has no parameter 'r7'"),
+    "a value": (lambda rom, scene: pgmp.simulate(rom, {"r1": "x"}), "--set r1=x: 'x' is not a finite number"),
+    "parameters": (lambda rom, scene: pgmp.simulate(rom, ["r1"]), r"parameters = \['r1'\]: allowed is a mapping"),
+    "an override": (lambda rom, scene: pgmp.simulate(rom, overrides="a=1"), "overrides = 'a=1': allowed are a mapping"),
+    "what tables are of": (
+        lambda rom, scene: pgmp.simulate(rom, overrides={"reduction.modes": 5}),
+        "--override reduction: the tables of 'the reduced model' were built from this entry",
+    ),
+    "samples": (lambda rom, scene: pgmp.montecarlo(rom, n=0), "n = 0: allowed are whole numbers from 1"),
+    "a float": (lambda rom, scene: pgmp.montecarlo(rom, n=1e3), "n = 1000.0: allowed are whole numbers"),
+    "a seed": (lambda rom, scene: pgmp.montecarlo(rom, 2, seed=-1), "seed = -1: allowed are whole numbers from 0"),
+    "a sampler": (lambda rom, scene: pgmp.montecarlo(rom, 2, sampler="x"), "sampler = 'x': allowed are random, latin"),
+    "a drawn one": (
+        lambda rom, scene: pgmp.montecarlo(rom, 2, parameters={"r1": 5e-3}),
+        "--set r1=0.005: every sample",
+    ),
+    "no file": (lambda rom, scene: pgmp.montecarlo(rom, 2, resume=True), "resume: without output nothing is kept"),
+    "no rom": (lambda rom, scene: pgmp.sensitivities(scene), "rom: Scene received; allowed is a reduced model"),
+    "a name": (lambda rom, scene: pgmp.sensitivities(rom, "r1"), "names = 'r1': allowed is a list"),
+    "names": (lambda rom, scene: pgmp.sensitivities(rom, ["r7"]), "--parameter r7: there is no such parameter"),
+    "a scene": (lambda rom, scene: pgmp.build("scene.toml"), "scene: str received; allowed is a scene"),
+    "ranks an angle": (
+        lambda rom, scene: pgmp.build(scene, ranks_per_angle=2),
+        "ranks_per_angle = 2: allowed are 1 to 1",
+    ),
+    "a file": (lambda rom, scene: pgmp.read("nowhere.h5"), "nowhere.h5"),
+    "tables": (lambda rom, scene: pgmp.compose([1]), "the scene: list received; allowed is a mapping of tables"),
+    "an entry": (lambda rom, scene: pgmp.compose({"bodies": 3}), "bodies = 3: a table is needed"),
+    "a communicator": (lambda rom, scene: pgmp.simulate(rom, comm=3), "comm = 3: allowed is a communicator of mpi4py"),
+    "no results": (lambda rom, scene: pgmp.write_report([], "x.html"), "results: list received; allowed is a list"),
+    "a result": (lambda rom, scene: pgmp.write_report([3], "x.html"), "results: int received; allowed is a result"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_said(case: str, rom: pgmp.Rom, scene: Scene, tmp_path: Path, monkeypatch) -> None:
+    call, message = WRONG[case]
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(pgmp.InputError, match=message):
+        call(rom, scene)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ranks_of_a_call() -> None:
+    assert ranks.ranks_of(None) == MPI.COMM_SELF and ranks.ranks_of(MPI.COMM_WORLD) == MPI.COMM_WORLD
+    with pytest.raises(pgmp.InputError, match="allowed is a communicator"):
+        ranks.ranks_of(MPI.COMM_NULL)
+
+
+def test_the_documentation_runs(tmp_path: Path) -> None:
+    """The blocks of docs/python.md run in order, in a folder of their own and as one program."""
+    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+    assert len(blocks) > 4
+    (tmp_path / "example.py").write_text("\n".join(blocks), encoding="utf-8")
+    environment = {**os.environ, **MPI_ENVIRONMENT, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "example.py"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        timeout=TIMEOUT_SECONDS,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "report.html").stat().st_size > 0
