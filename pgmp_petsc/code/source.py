@@ -23,8 +23,12 @@ PER_LINE = 6
 
 def sources_of(constants: Constants) -> dict[str, str]:
     """Return the text of every file of a model in C by its name."""
-    common = {name: files("pgmp_petsc.code").joinpath("c", name).read_text(encoding="utf-8") for name in COMMON}
-    return {**common, "sizes.h": _sizes(constants), "tables.c": _tables(constants)}
+    return {**{name: read_common(name) for name in COMMON}, "sizes.h": _sizes(constants), "tables.c": _tables(constants)}
+
+
+def read_common(name: str) -> str:
+    """Return the text of a file that is the same for all models."""
+    return files("pgmp_petsc.code").joinpath("c", name).read_text(encoding="utf-8")
 
 
 def write_sources(constants: Constants, folder: str | Path) -> int:

@@ -3,7 +3,9 @@
      T = 1/2 eta'^T Mass eta',   U = 1/2 delta^T K delta + 1/6 V delta^3 - a(t) (Q.eta + 1/2 delta^T B delta)
 
    stepped by the generalised-alpha scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007), with
-   CORRECTIONS Newton corrections a step, whatever they are worth: pgmp_model.correction says it. */
+   CORRECTIONS Newton corrections a step, whatever they are worth: pgmp_model.correction says it.
+
+   written by pgmp_petsc */
 
 #include <math.h>
 #include <string.h>
@@ -113,8 +115,8 @@ static void place_bodies(double theta, double poses[N_BODIES][3], double turning
     }
 }
 
-static void gradients_of_dampers(const struct pgmp_model *m, const double q[N], const int rows[4],
-                                 const double weights[4], const double slopes[4], struct terms *t) {
+static void gradients_of_dampers(const double q[N], const int rows[4], const double weights[4],
+                                 const double slopes[4], struct terms *t) {
     double poses[N_BODIES][3], turning[N_BODIES];
     place_bodies(q[0], poses, turning);
     for (int d = 0; d < N_DAMPERS; d++) {
@@ -140,7 +142,6 @@ static void gradients_of_dampers(const struct pgmp_model *m, const double q[N], 
             }
         }
     }
-    (void)m;
 }
 
 static void interpolate(const struct pgmp_model *m, const double q[N], const double amplitudes[], struct terms *t) {
@@ -166,7 +167,7 @@ static void interpolate(const struct pgmp_model *m, const double q[N], const dou
                 t->load[e] += amplitudes[load] * weights[k] * m->loads[load][rows[k]][e];
                 t->load_slope[e] += amplitudes[load] * slopes[k] * m->loads[load][rows[k]][e];
             }
-    if (N_DAMPERS > 0) gradients_of_dampers(m, q, rows, weights, slopes, t);
+    if (N_DAMPERS > 0) gradients_of_dampers(q, rows, weights, slopes, t);
 }
 
 static void substitute(const double factor[PACKED(M)], double x[M]) {
@@ -190,7 +191,6 @@ static void correct(const struct pgmp_model *m, const double q[N], const double 
     interpolate(m, q, amplitudes, &t);
     /* damping proportional to the mass is what it adds to the accelerations */
     for (int i = 0; i < N; i++) a[i] = rates[i] + MASS_DAMPING * v[i];
-    double velocity_gain = gain_v;
     gain_a += gain_v * MASS_DAMPING;
     double v0 = v[0], a0 = a[0], v00 = v0 * v0;
     r[0] = t.rigid * a0; /* M_00 theta'' */
@@ -296,7 +296,7 @@ static void correct(const struct pgmp_model *m, const double q[N], const double 
         }
         r[0] += 0.5 * (v00 * energy - leaning2) - (held * a0 + 2.0 * moving * v0 + energy * v00);
         corner -= gain_a * held + 2.0 * gain_v * moving;
-        double pushed = a0 + 2.0 * gain_v * v0, changing = 0.0, total = 0.0;
+        double pushed = a0 + 2.0 * gain_v * v0, total = 0.0;
         for (int i = 0, e = GYROSCOPIC; i < M; i++)
             for (int j = 0; j < i; j++, e++) {
                 double w = t.value[e], change = t.slope[e] * v0;
@@ -304,7 +304,6 @@ static void correct(const struct pgmp_model *m, const double q[N], const double 
                 along[j] -= w * q[i + 1];
                 across[i] += 2.0 * w * v[j + 1] + change * q[j + 1];
                 across[j] -= 2.0 * w * v[i + 1] + change * q[i + 1];
-                changing += t.slope[e] * (v[i + 1] * q[j + 1] - v[j + 1] * q[i + 1]);
                 skew[e - GYROSCOPIC] = -(w * pushed + v0 * change);
             }
         for (int i = 0; i < M; i++) {
@@ -314,12 +313,11 @@ static void correct(const struct pgmp_model *m, const double q[N], const double 
             row[i] -= gain_a * along[i];
         }
         r[0] -= total; /* terms of d A cancel in the row of the one coordinate */
-        (void)changing;
     }
     if (STRUCTURAL_DAMPING)
         for (int i = 0, e = DAMPING; i < N; i++)
             for (int j = 0; j <= i; j++, e++) {
-                double d = t.value[e], braked = velocity_gain * d;
+                double d = t.value[e], braked = gain_v * d;
                 r[i] += d * v[j]; /* D eta' */
                 if (j < i) r[j] += d * v[i];
                 if (i == 0)
@@ -334,7 +332,7 @@ static void correct(const struct pgmp_model *m, const double q[N], const double 
         double rate = 0.0;
         for (int i = 0; i < N; i++) rate += g[i] * v[i];
         for (int i = 0; i < N; i++) r[i] += m->dampers[d] * rate * g[i]; /* c s' ds/d eta */
-        double braked = velocity_gain * m->dampers[d];
+        double braked = gain_v * m->dampers[d];
         corner += braked * g[0] * g[0];
         for (int i = 0, e = 0; i < M; i++) {
             column[i] += braked * g[0] * g[i + 1];
@@ -381,7 +379,7 @@ void pgmp_initialise(struct pgmp_model *m) {
     for (int k = 0; k < N_LOADS; k++) m->follows_scene[k] = 1;
 }
 
-static void weigh_tables(struct pgmp_model *m) {
+void pgmp_weigh(struct pgmp_model *m) {
     double of_terms[N_TERMS], of_loads[AT_LEAST_ONE(N_LOAD_TERMS)];
     weigh(m->parameters, of_terms, of_loads, m->dampers);
     memset(m->rigid, 0, sizeof m->rigid);
@@ -396,6 +394,9 @@ static void weigh_tables(struct pgmp_model *m) {
     for (int t = 0; t < N_LOAD_TERMS; t++)
         for (int k = 0; k < N_ROWS; k++)
             for (int e = 0; e < LOAD_END; e++) m->loads[load_of_term[t]][k][e] += of_loads[t] * loads_table[t][k][e];
+    for (int k = 0; k < N_PARAMETERS; k++)
+        if (!(m->parameters[k] >= parameter_lower[k] && m->parameters[k] <= parameter_upper[k]))
+            m->validity |= PGMP_PARAMETER;
 }
 
 static void look_at_state(struct pgmp_model *m) {
@@ -406,11 +407,8 @@ static void look_at_state(struct pgmp_model *m) {
 
 void pgmp_start(struct pgmp_model *m) {
     double amplitudes[AT_LEAST_ONE(N_LOADS)], r[N];
-    weigh_tables(m);
     m->number = 0, m->validity = 0, m->correction = 0.0;
-    for (int k = 0; k < N_PARAMETERS; k++)
-        if (!(m->parameters[k] >= parameter_lower[k] && m->parameters[k] <= parameter_upper[k]))
-            m->validity |= PGMP_PARAMETER;
+    pgmp_weigh(m);
     for (int i = 0; i < N; i++) m->q[i] = m->v[i] = m->a[i] = 0.0;
     m->q[0] = START_POSITION, m->v[0] = START_VELOCITY;
     for (int k = 0; k < N_LOADS; k++) amplitudes[k] = strength(m, k, 0.0);

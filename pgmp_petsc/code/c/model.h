@@ -55,6 +55,7 @@ struct pgmp_model {
 
 void pgmp_initialise(struct pgmp_model *model);
 void pgmp_start(struct pgmp_model *model);
+void pgmp_weigh(struct pgmp_model *model); /* parameters that changed within a run */
 int pgmp_step(struct pgmp_model *model);
 void pgmp_observe(struct pgmp_model *model);
 double pgmp_time(const struct pgmp_model *model);

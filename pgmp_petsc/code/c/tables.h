@@ -1,4 +1,6 @@
-/* Constant tables of the model, in tables.c. */
+/* Constant tables of the model, in tables.c.
+
+   written by pgmp_petsc */
 
 #ifndef PGMP_TABLES_H
 #define PGMP_TABLES_H
