@@ -117,7 +117,9 @@ def description(constants: Constants, identifier: str, guid: str) -> bytes:
 def _add_variables(root: ElementTree.Element, constants: Constants) -> None:
     variables, outputs = ElementTree.SubElement(root, "ModelVariables"), []
 
-    def add(name: str, reference: int, kind: str, causality: str, variability: str, about: str, start: str = "") -> None:
+    def add(
+        name: str, reference: int, kind: str, causality: str, variability: str, about: str, start: str = ""
+    ) -> None:
         variable = ElementTree.SubElement(
             variables, "ScalarVariable", name=name, valueReference=str(reference), causality=causality,
             variability=variability, description=about,

@@ -23,7 +23,11 @@ PER_LINE = 6
 
 def sources_of(constants: Constants) -> dict[str, str]:
     """Return the text of every file of a model in C by its name."""
-    return {**{name: read_common(name) for name in COMMON}, "sizes.h": _sizes(constants), "tables.c": _tables(constants)}
+    return {
+        **{name: read_common(name) for name in COMMON},
+        "sizes.h": _sizes(constants),
+        "tables.c": _tables(constants),
+    }
 
 
 def read_common(name: str) -> str:
