@@ -13,6 +13,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.seal import BrokenSeal, seal_of
 
 FMU = ".fmu"
+XDMF = (".xdmf", ".xmf")
 
 
 @click.command()
@@ -30,7 +31,7 @@ def export(
     A reduced model becomes a folder of C99 (-o model/) or an FMU for co-simulation, FMI 2.0 (-o model.fmu).
     """
     suffix = output.suffix.lower()
-    if suffix == FMU or (not suffix and on_root(context.obj.comm, _is_rom, file)):
+    if suffix == FMU or (suffix not in XDMF and on_root(context.obj.comm, _is_rom, file)):
         _export_model(context, file, output, settings, overrides)
         return
     if settings or overrides:
@@ -61,8 +62,13 @@ def _export_model(
     from pgmp_petsc.models import ReducedModel
     from pgmp_petsc.studies.inputs import read_rom
 
-    scene, rom = read_rom(file, overrides, settings, context.obj.comm)
     is_fmu = output.suffix.lower() == FMU
+    if output.suffix and not is_fmu:
+        raise InputError(
+            f"output '{output}': a reduced model is exported as a folder of C99, whose name has no ending (-o "
+            f"{output.with_suffix('')}/), or as an FMU (-o {output.with_suffix(FMU)})"
+        )
+    scene, rom = read_rom(file, overrides, settings, context.obj.comm)
 
     def write() -> str:
         check_scene(scene, str(output))
