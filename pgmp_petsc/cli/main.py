@@ -53,7 +53,9 @@ COMMANDS = {
     "optimize": LazyCommand("pgmp_petsc.cli.optimize:optimize", "Find the parameters that meet a goal best."),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
     "report": LazyCommand("pgmp_petsc.cli.page:report", "Write results as one page that needs no network.", False),
-    "export": LazyCommand("pgmp_petsc.cli.export:export", "Write a trajectory for ParaView.", False),
+    "export": LazyCommand(
+        "pgmp_petsc.cli.export:export", "A trajectory for ParaView, a reduced model as C99 or FMU.", False
+    ),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
 }
 

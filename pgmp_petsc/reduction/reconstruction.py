@@ -15,7 +15,7 @@ import numpy as np
 from pgmp_petsc.bodies.body import DOFS_PER_NODE
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.space import SPATIAL
-from pgmp_petsc.reduction.interpolation import interpolant
+from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_changes, pair_products
 from pgmp_petsc.runtime.compiled import njit
@@ -66,6 +66,14 @@ class Reconstruction:
         bodies = kinematics.mechanism.bodies
         self._bodies = np.repeat(np.arange(len(bodies)), [body.n_nodes for body in bodies])[self._nodes]
         self._points = np.concatenate([body.mesh.nodes for body in bodies])[self._nodes]
+
+    @property
+    def displacements(self) -> Interpolant:
+        """Displacements and rotations of the nodes in body frames, values of shape (n_factors, n_unknowns).
+
+        Factors are the flexible coordinates and, where the model is curved, their `pair_products`.
+        """
+        return self._shapes
 
     def frames(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of the nodes, shape (n_nodes, 3, n), for eta of shape (n, n_eta).

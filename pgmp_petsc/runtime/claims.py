@@ -40,6 +40,8 @@ _OTHERS = {
     "xdmf": ("XDMF description", (".xdmf", ".xmf"), b"pgmp_petsc"),
     "picture": ("picture", (".png",), b"pgmp_petsc"),
     "report": ("report", (".html", ".htm"), b'name="generator" content="pgmp_petsc'),
+    "fmu": ("functional mock-up unit", (".fmu",), b"written by pgmp_petsc"),
+    "code": ("model in C", (".c", ".h"), b"written by pgmp_petsc"),
     "scaling": ("record of a scaling study", (".json",), b'"factorisations"'),
     "beams": ("record of fine beams", (".json",), b'"differences"'),
 }
@@ -103,8 +105,8 @@ def check_output(
     output
         The file to be written.
     kind
-        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``scaling``,
-        ``beams``).
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``fmu``,
+        ``code``, ``scaling``, ``beams``).
     inputs
         Files that are read for it.
 

@@ -147,6 +147,15 @@ def test_results_are_replaced_by_the_same_kind(folder: Path) -> None:
         ends_with(0, "export", folder / "trajectory.h5", "-o", folder / "run.xdmf")
 
 
+def test_models_for_other_programs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for _ in range(2):
+        ends_with(0, "export", folder / "rom.h5", "-o", folder / "model/", "--override", "simulation.step=5e-4")
+        ends_with(0, "export", folder / "rom.h5", "-o", folder / "model.fmu")
+    said = capsys.readouterr().out
+    assert "C99" in said and "FMI 2.0, co-simulation, sources" in said and "error estimates" in said
+    assert "#define STEP 0.0005" in (folder / "model" / "sizes.h").read_text()
+
+
 def test_a_second_job_with_the_same_output_is_refused(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

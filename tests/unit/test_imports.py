@@ -35,6 +35,7 @@ ORDER = (
     "studies",
     "figures",
     "export",
+    "code",
     "report",
     "api",
     "cli",

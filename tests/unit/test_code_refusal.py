@@ -1,0 +1,125 @@
+"""What a model in C does not have is refused by its name; what stands in the way of files is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from exported import scene_of
+from runs import QUICK_RETURN, quick_return, reduced_model
+
+from pgmp_petsc.code import constants, fmu
+from pgmp_petsc.code.constants import constants_of
+from pgmp_petsc.code.fmu import write_fmu
+from pgmp_petsc.code.refusal import check_scene
+from pgmp_petsc.code.source import write_sources
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
+
+STRESS = '[outputs.stress]\ntype = "stress"\nbody = "rocker"\nquantity = "stress_max"\n'
+EXTRA = {
+    "joint_friction": 'joint = "rocker_hinge"\nlimit = 0.1\nspeed = 0.1',
+    "spring_damper": 'joint = "rocker_hinge"\nstiffness = 0.1',
+    "end_stop": 'joint = "rocker_hinge"\nupper = 3.0\nstiffness = 10.0',
+    "force": 'point = "rocker:tip"\ntable = [[0.0, 1.0]]\ndirection = [1.0, 0.0]\nfollows = true',
+    "joint_damping": 'joint = "pin"\ncoefficient = 0.1',
+}
+
+
+@pytest.fixture(scope="module")
+def model() -> ReducedModel:
+    return reduced_model(quick_return())
+
+
+def loaded(name: str) -> Scene:
+    return load_scene(ROOT / "scenes" / f"{name}.toml", (), ())
+
+
+@pytest.mark.parametrize(
+    ("scene", "entry"),
+    [
+        (lambda: loaded("spatial_slider_crank"), "scene.dimension = 3"),
+        (lambda: loaded("five_bar"), "coordinates: a model in C has one rigid coordinate, not 2"),
+        (lambda: loaded("spinning_beam"), "effects.*: a prescribed_motion"),
+        (
+            lambda: quick_return("initial.equilibrium=true", "simulation.initial.theta.velocity=0.0"),
+            "initial.equilibrium: a model in C starts undeformed",
+        ),
+        (lambda: scene_of("slider_crank", "simulation.tolerance=0.01"), "simulation.tolerance: the step"),
+        (
+            lambda: scene_from_toml(QUICK_RETURN + '[effects.slow]\ntype = "gyroscopic"\nkeep = false\n', "."),
+            "effects.slow: a model in C always has",
+        ),
+        (lambda: scene_from_toml(QUICK_RETURN + STRESS, "."), "outputs.stress: an output of type stress"),
+        (lambda: with_field(), "fields.stiff: a model in C has no random fields"),
+    ],
+)
+def test_what_a_scene_asks_for(scene, entry) -> None:
+    with pytest.raises(InputError, match=f"{entry}.*; it cannot be written"):
+        check_scene(scene(), "it")
+
+
+def with_field() -> Scene:
+    """Return a scene with a random field."""
+    field = '[fields.stiff]\nbody = "rocker"\nquantity = "E"\nvariation = 0.1\nlength = 0.3\nterms = 2\n'
+    return scene_from_toml(QUICK_RETURN + field, ".")
+
+
+@pytest.mark.parametrize("kind", EXTRA)
+def test_local_effects(kind) -> None:
+    effect = f'[effects.extra]\ntype = "{kind}"\n{EXTRA[kind]}\n'
+    found = reduced_model(scene_from_toml(QUICK_RETURN + effect, "."))
+    with pytest.raises(InputError, match=rf"effects\.extra: a {kind} that depends on where .* Build without it"):
+        constants_of(found, "it")
+
+
+def test_poses_that_are_no_table(model) -> None:
+    rom = replace(model.rom, branch=replace(model.rom.branch, is_exact=False))
+    with pytest.raises(InputError, match="near a dead centre"):
+        constants_of(ReducedModel(model.scene, rom, model.kinematics), "it")
+
+
+def test_tables_too_large(model, monkeypatch) -> None:
+    monkeypatch.setattr(constants, "MOST_NUMBERS", 10)
+    with pytest.raises(InputError, match=r"it: the tables have \d+ numbers; at most 10 are written"):
+        constants_of(model, "it")
+
+
+def test_an_fmu_without_a_compiler_has_sources(model, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(fmu.shutil, "which", lambda name: None)
+    assert write_fmu(constants_of(model, "it"), tmp_path / "m.fmu") == ""
+    with fmu.zipfile.ZipFile(tmp_path / "m.fmu") as archive:
+        names = set(archive.namelist())
+    assert {"modelDescription.xml", "sources/fmi2.c", "sources/fmu.h", "sources/tables.c"} <= names
+    assert not any(name.startswith("binaries") for name in names)
+
+
+def test_a_compiler_that_fails(model, tmp_path) -> None:
+    with pytest.raises(RunError, match="C compiler false ended with status 1: no word"):
+        write_fmu(constants_of(model, "it"), tmp_path / "m.fmu", compiler="false")
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders(model, tmp_path) -> None:
+    """A folder is written again; a file of others in it, or in its place, is not touched."""
+    found = constants_of(model, "it")
+    for _ in range(2):
+        write_sources(found, tmp_path / "model")
+    (tmp_path / "model" / "main.c").write_text("int main(void) { return 0; }\n")
+    with pytest.raises(InputError, match=r"main\.c' exists and is not a model in C of this program"):
+        write_sources(found, tmp_path / "model")
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="is a file; give the name of a folder"):
+        write_sources(found, tmp_path / "file")
+    with pytest.raises(InputError, match="cannot be made: No such file"):
+        write_sources(found, tmp_path / "none" / "model")
+
+
+def test_an_fmu_takes_the_place_of_an_fmu_only(model, tmp_path) -> None:
+    path = Path(tmp_path / "m.fmu")
+    path.write_text("of others")
+    with pytest.raises(InputError, match="is not a functional mock-up unit of this program"):
+        write_fmu(constants_of(model, "it"), path)
