@@ -152,7 +152,19 @@ def test_a_limited_range_overhauser_gravity_and_every_kind_of_output(tmp_path) -
     model = reduced_model(scene_from_toml(KINDS, "."))
     (axis,) = model.terms.terms.axes
     assert (axis.periodic, axis.basis) == (False, OVERHAUSER)
-    assert_equal(outputs_of(compiled(model, tmp_path)), converged(model))
+    program = compiled(model, tmp_path)
+    assert_equal(outputs_of(program), converged(model))
+    # narrower limits than the model's own: what crosses them is flagged from there on, and stays so
+    sizes = (tmp_path / "sizes.h").read_text()
+    for name, value in (("BRANCH_UPPER", "0.35"), ("ROTATION_LIMIT", "1e-9")):
+        sizes, n = re.subn(rf"#define {name} \S+", f"#define {name} {value}", sizes)
+        assert n == 1
+    (tmp_path / "sizes.h").write_text(sizes)
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", "model.c", "tables.c", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=TIMEOUT_SECONDS)
+    flags = outputs_of(program)["validity"].astype(int)
+    assert (flags[0], flags[-1]) == (0, 1 + 2)
+    assert (np.diff(flags) >= 0).all()
 
 
 def test_several_turns(tmp_path) -> None:
@@ -178,6 +190,13 @@ def test_flags(slider_crank_program) -> None:
     assert not outputs_of(slider_crank_program)["validity"].any()
     far = outputs_of(slider_crank_program, "r1=8.5e-3")
     assert (far["validity"].astype(int) & 16).all()
+
+
+def test_a_run_that_breaks_down_ends_with_its_flags(slider_crank_program) -> None:
+    """A crank of 1.1 mm cannot carry the torque: not converged, then no finite number."""
+    done = subprocess.run([slider_crank_program, "r1=1.1e-3"], capture_output=True, text=True, timeout=TIMEOUT_SECONDS)
+    assert done.returncode == 1
+    assert int(done.stdout.splitlines()[-1].split(",")[-1]) == 4 + 8 + 16
 
 
 def test_a_parameter_that_is_none(slider_crank_program) -> None:
@@ -210,6 +229,17 @@ def test_a_strength_from_outside(loaded) -> None:
     assert loaded.get("Real", OUTPUTS) > 0.0
     assert loaded.call("Reset") == 0
     assert loaded.get("Boolean", STRENGTHS) == 1
+
+
+def test_a_parameter_that_is_tuned_within_a_run(loaded) -> None:
+    loaded.begin()
+    assert loaded.step(0.0, 0.05) == 0
+    before = loaded.get("Real", OUTPUTS)
+    assert loaded.set("Real", 0, 8.5e-3) == 0
+    assert loaded.get("Real", OUTPUTS) == before
+    assert (loaded.get("Integer", 0), loaded.get("Boolean", 0)) == (16, 0)
+    assert loaded.step(0.05, 0.05) == 0
+    assert loaded.get("Real", OUTPUTS) > before
 
 
 @pytest.mark.parametrize(
