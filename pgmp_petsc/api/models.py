@@ -65,21 +65,30 @@ def read(path: str | PathLike[str], *, comm: MPI.Comm | None = None) -> Result:
         If it is no whole result of this program.
     """
     comm, path = ranks_of(comm), Path(path)
-    kind, data = on_root(comm, _read, path)
+    kind = on_root(comm, _kind_of, path)
+    if kind == "rom":
+        # its modules need PETSc, which all ranks start together
+        solving_ranks_of(comm)
+    data = on_root(comm, _read, path, kind)
     return (Rom if kind == "rom" else Result)(kind, data, comm, path.parent, path)
 
 
-def _read(path: Path) -> tuple[str, Any]:
+def _kind_of(path: Path) -> str:
     from pgmp_petsc.results.readers import READERS
     from pgmp_petsc.runtime.files import open_file
 
     with open_file(path, ("rom", *READERS)) as file:
-        kind = str(file.attrs["kind"])
+        return str(file.attrs["kind"])
+
+
+def _read(path: Path, kind: str) -> Any:
     if kind != "rom":
-        return kind, in_memory(READERS[kind].read(path))
+        from pgmp_petsc.results.readers import READERS
+
+        return in_memory(READERS[kind].read(path))
     from pgmp_petsc.studies.building import Built
 
-    return kind, Built.read(path)
+    return Built.read(path)
 
 
 def in_memory(data: Any) -> Any:

@@ -39,14 +39,18 @@ class Result:
     def __init__(self, kind: str, data: Any, comm: MPI.Comm, directory: Path, path: Path | None = None) -> None:
         self.kind, self.data, self.comm, self.directory, self.path = kind, data, comm, directory, path
 
+    def _own(self) -> Any:
+        """Return what the attributes are of."""
+        return self.data
+
     def __getattr__(self, name: str) -> Any:
         # copying and pickling ask for names before there is any data
         if name.startswith("_") or "data" not in self.__dict__:
             raise AttributeError(name)
-        return getattr(self.data, name)
+        return getattr(self._own(), name)
 
     def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *(name for name in dir(self.data) if not name.startswith("_"))})
+        return sorted({*super().__dir__(), *(name for name in dir(self._own()) if not name.startswith("_"))})
 
     def __repr__(self) -> str:
         from pgmp_petsc.results.summary import origin_of
@@ -57,7 +61,7 @@ class Result:
     @property
     def record(self) -> RunRecord:
         """Where it comes from."""
-        return self.data.record
+        return self._own().record
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
@@ -110,18 +114,8 @@ class Result:
 class Rom(Result):
     """A reduced model; attributes of `reduction.rom.ReducedOrderModel` are its own."""
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or "data" not in self.__dict__:
-            raise AttributeError(name)
-        return getattr(self.data.rom, name)
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *(name for name in dir(self.data.rom) if not name.startswith("_"))})
-
-    @property
-    def record(self) -> RunRecord:
-        """Where it comes from."""
-        return self.data.rom.record
+    def _own(self) -> Any:
+        return self.data.rom
 
     def summary(self) -> dict[str, Any]:
         """Return its figures as plain data, those of ``pgmp build --json``."""
