@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from pgmp_petsc.cli.models import components_of
+from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel
 from pgmp_petsc.results.trajectory import Trajectory
@@ -59,7 +59,7 @@ def main() -> None:
     for n_modes in given.modes:
         overrides = (*given.override, f"reduction.modes={n_modes}")
         scene, meshes = read_scene(given.scene, overrides, (), MPI.COMM_SELF, Purpose.COMPONENTS)
-        model = components_of(scene, meshes, MPI.COMM_SELF)
+        model = component_model(scene, meshes, MPI.COMM_SELF)
         found = run(model)
         errors = " | ".join(f"{error:.2g}" for error in shares(found, exact).values())
         seconds = found.record.timings["integration"]

@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.tables import Table
-from pgmp_petsc.cli.models import components_of
+from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
@@ -55,7 +55,7 @@ def run(path: Path) -> None:
         away = (np.max(np.abs(found.outputs[name] - exact[name])) / np.max(exact[name]) for name in bodies)
         return [f"{100 * share:.2g} %" for share in away]
 
-    rows = [["component modes", "", *cells(simulate_full(components_of(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF))]]
+    rows = [["component modes", "", *cells(simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF))]]
     for answers in ANSWERS:
         rows += [
             [f"{n} modes", ", ".join(answers), *cells(reduced(path, overrides, n, answers, ANGLES[2]))] for n in MODES
