@@ -55,7 +55,8 @@ def run(path: Path) -> None:
         away = (np.max(np.abs(found.outputs[name] - exact[name])) / np.max(exact[name]) for name in bodies)
         return [f"{100 * share:.2g} %" for share in away]
 
-    rows = [["component modes", "", *cells(simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF))]]
+    components = component_model(scene, meshes, MPI.COMM_SELF)
+    rows = [["component modes", "", *cells(simulate_full(components, MPI.COMM_SELF))]]
     for answers in ANSWERS:
         rows += [
             [f"{n} modes", ", ".join(answers), *cells(reduced(path, overrides, n, answers, ANGLES[2]))] for n in MODES
