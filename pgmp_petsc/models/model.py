@@ -16,6 +16,8 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
+AT_REST = 1e-12  # rad over a run: less is round-off of sines
+
 
 class Model(Protocol):
     """A model of a scene.
@@ -65,7 +67,7 @@ def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray
             start.append((state.position, state.velocity))
     positions, velocities = np.array(start).T
     for number, motion in motions.items():
-        if scene.initial.equilibrium and velocities[number] != 0.0:
+        if scene.initial.equilibrium and abs(velocities[number]) * scene.simulation.duration > AT_REST:
             raise InputError(
                 f"effects.{motion.name}: it moves {motion.coordinate} at {velocities[number]:.6g} rad/s at time zero, "
                 "but with initial.equilibrium = true the run starts at rest; take a motion that begins at rest "
