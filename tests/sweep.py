@@ -122,7 +122,8 @@ def commands(scene: Path, folder: Path, whole: bool, alone: bool) -> Iterator[tu
     if not (whole or alone):  # the first rank does the rest
         return
     made = [file for kind, file in files.items() if kind != "rom" and Path(file).exists()]
-    yield "plot", ["plot", *made, "-o", str(folder / "pictures")]
+    runs = [files[kind] for kind in ("run", "full") if files[kind] in made]
+    yield "plot", ["plot", *(made if whole else runs[:1]), "-o", str(folder / "pictures")]
     for kind in ("run", "full"):
         if files[kind] in made:
             yield f"export {kind}", ["export", files[kind], "-o", str(folder / f"{name}_{kind}.xdmf")]
