@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from pgmp_petsc.cli.ensemble_table import report
-from pgmp_petsc.cli.options import output_option
+from pgmp_petsc.cli.options import files_argument, output_option
 from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.ensemble.shards import Shards
@@ -21,7 +21,7 @@ from pgmp_petsc.runtime.claims import claimed
 
 
 @click.command()
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@files_argument
 @output_option
 @output_form
 @click.pass_context

@@ -33,6 +33,12 @@ def scene_options(command: Command) -> Command:
     )(command)
 
 
+def files_argument(command: Command) -> Command:
+    """Add the names of one or more files; the function receives ``files`` (tuple of Path)."""
+    path = click.Path(path_type=Path)
+    return click.argument("files", nargs=-1, required=True, metavar="FILE...", type=path)(command)
+
+
 def output_option(command: Command) -> Command:
     """Add the required ``-o/--output FILE``; the function receives ``output`` (Path)."""
     return click.option(

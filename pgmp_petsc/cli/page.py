@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
+from pgmp_petsc.cli.options import files_argument
 from pgmp_petsc.cli.report import say, stopped_runs
 from pgmp_petsc.runtime.agreement import on_root
 
 
 @click.command()
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@files_argument
 @click.option(
     "-o",
     "--output",

@@ -125,12 +125,12 @@ def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"
     """
     if not scene.static_stretching:
         return
-    slenderness = LongAxis(meshed.solid).slenderness
-    if slenderness < SLENDER:
+    axis = LongAxis(meshed.solid)
+    if not axis.is_long:
         effects = (name for name, effect in scene.effects.items() if effect.type == "geometric_stiffening")
         entry = next((f"effects.{name}" for name in effects), "reduction")
         raise InputError(
-            f'{entry}.stretching = "static": bodies.{meshed.solid.name} is only {slenderness:.3g} times as '
+            f'{entry}.stretching = "static": bodies.{meshed.solid.name} is only {axis.slenderness:.3g} times as '
             f"long as wide, and its stretching is not told from its bending below {SLENDER:g}; {cure}"
         )
 
