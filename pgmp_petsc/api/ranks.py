@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.ending import release_petsc
 from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.installed import alone, is_communicator
 from pgmp_petsc.runtime.petsc import start_mpi, start_petsc
 
 if TYPE_CHECKING:
@@ -29,17 +30,18 @@ def ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
         If it is no communicator of mpi4py.
     """
     world = start_mpi()
-    from mpi4py import MPI
-
     if comm is None:
-        return world if world.size > 1 else MPI.COMM_SELF
-    if not isinstance(comm, MPI.Intracomm) or comm == MPI.COMM_NULL:
+        return world if world.size > 1 else alone()
+    if not is_communicator(comm):
         raise InputError(f"comm = {comm!r}: allowed is a communicator of mpi4py, such as MPI.COMM_WORLD")
     return comm
 
 
 def solving_ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
-    """Return the same, with PETSc and SLEPc started: the first such call of a program is collective on COMM_WORLD."""
+    """Return the same, with PETSc and SLEPc started where they are installed.
+
+    The first such call of a program is collective on COMM_WORLD.
+    """
     own = ranks_of(comm)
     _start()
     return own
@@ -48,10 +50,8 @@ def solving_ranks_of(comm: MPI.Comm | None) -> MPI.Comm:
 @cache
 def _start() -> None:
     """Start PETSc once; a program that did so itself has given its own options."""
-    from mpi4py import MPI
-
     start_petsc()
-    atexit.register(release_petsc, MPI.COMM_WORLD)
+    atexit.register(release_petsc, start_mpi())
 
 
 def tell(comm: MPI.Comm, text: str) -> None:

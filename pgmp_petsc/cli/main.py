@@ -75,7 +75,12 @@ def pgmp(context: click.Context) -> None:
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
-    comm = start_mpi()
+    try:
+        comm = start_mpi()
+    except InputError as error:
+        if str(error):
+            print(f"pgmp: error: {error}", file=sys.stderr, flush=True)
+        sys.exit(error.exit_status)
     # A communicator of its own: what a failed rank sends must not meet collectives that others still run.
     closing = comm.Dup()
     session = Session(comm, petsc_options)

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 from scipy.linalg import eigh
 
 from pgmp_petsc.bodies.affine import Monomial
@@ -31,10 +31,14 @@ from pgmp_petsc.components.floating_component import foreshortened, free_modes, 
 from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
 from pgmp_petsc.components.large_deformation import with_second_order
 from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.points import points_used
 from pgmp_petsc.scene.stress_checks import stressed_bodies
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 NOT_SLENDER = "leave geometric_stiffening out, or take pgmp simulate --full"
 DEPENDENT = 1e-9  # of a load, the part that deforms; of answers of norm 1, the square of what is new
@@ -89,12 +93,12 @@ def _of_solid(scene: Scene, meshed: FramedSolid) -> FloatingBody:
         meshed.frames,
         serving_points(scene, meshed),
         n_modes,
-        MPI.COMM_SELF,
+        alone(),
         stressed=stressed,
         large=scene.static_stiffening,
     )
     if scene.static_stiffening:
-        component = with_second_order(component, meshed.solid, recovery, MPI.COMM_SELF, scene.nominal)
+        component = with_second_order(component, meshed.solid, recovery, alone(), scene.nominal)
     return in_floating_frame(component, scene.nominal)
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, StepsAsked, StepTaken
 from pgmp_petsc.dynamics.energies import Energies
@@ -26,6 +25,7 @@ from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.runtime.vectors import aligned_zeros
 from pgmp_petsc.effects import Effect, Motion, driven
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.runtime.installed import alone
 
 STEPS_AT_ONCE = 32  # a call from Python costs what some steps of a small mechanism do
 LARGEST = 2**18  # unknowns of all samples and steps that are kept from a call
@@ -61,7 +61,6 @@ class FullBatch:
         States of a run whose frames and energies are best evaluated together.
     """
 
-    comm = MPI.COMM_SELF
     instants_at_once = 256
 
     def __init__(
@@ -74,7 +73,7 @@ class FullBatch:
         motions: Mapping[int, Motion] = MappingProxyType({}),
         settled: Settled | None = None,
     ) -> None:
-        self.settled = settled
+        self.comm, self.settled = alone(), settled
         blocks = self._blocks = SampleBlocks.of(n_samples)
         equations = self._equations = FullEquations(kinematics, effects, values, blocks, initial)
         self.n_samples, self.n_dofs = n_samples, equations.n_dofs

@@ -19,10 +19,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
-from petsc4py import PETSc
 
 from pgmp_petsc.dynamics.energies import Energies, joined
 from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
@@ -36,6 +35,9 @@ from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Held, Motion, driven
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 ITSELF = np.empty((0, 1))  # no residual but c
 
@@ -221,7 +223,7 @@ class FullDistributed:
 
     def reasons(self, time: float, state: State, samples: np.ndarray) -> np.ndarray:
         """Return why the sample fails; see `SecondOrderSystem.reasons`. Collective on `comm`."""
-        finite = self.comm.allreduce(bool(np.isfinite(state.v).all()), op=MPI.LAND)
+        finite = all(self.comm.allgather(bool(np.isfinite(state.v).all())))
         if self._solver_failed:
             return np.array([Status.SOLVER_FAILED])
         return np.array([Status.NOT_CONVERGED if finite else Status.NOT_FINITE])
@@ -300,7 +302,7 @@ class FullDistributed:
         """Return the size of a correction, the same on all ranks."""
         units = self._problem.units[self._own]
         moved = float(np.max(np.abs(step) * units, initial=0.0)) if np.all(np.isfinite(step)) else np.inf
-        return self.comm.allreduce(moved, op=MPI.MAX)
+        return max(self.comm.allgather(moved))
 
     def _counted_edges(self) -> list[int]:
         counted = self._problem.actions.counted
@@ -325,6 +327,6 @@ class FullDistributed:
         starts = [equations.unknowns.share(rank, size).start for rank in range(size)]
         firsts = np.concatenate([np.arange(self.n_dofs), equations.owners])
         ranks = np.searchsorted(starts, firsts, side="right") - 1
-        rows = np.empty(ranks.size, dtype=PETSc.IntType)
+        rows = np.empty(ranks.size, dtype=np.intp)
         rows[np.argsort(ranks, kind="stable")] = np.arange(ranks.size)
         return rows

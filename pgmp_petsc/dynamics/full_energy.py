@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.beam2d import strain_rates, strains, stresses, viscous_stresses, work_of
 from pgmp_petsc.dynamics.energies import Energies
@@ -21,6 +21,9 @@ from pgmp_petsc.dynamics.full_solids import add_energies
 from pgmp_petsc.runtime.lane_items import items, sine_cosine
 from pgmp_petsc.effects import Held, Motion
 from pgmp_petsc.runtime.compiled import njit
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 KINETIC, STRAIN, OF_EFFECTS = range(3)  # rows of the table; those of effects begin at the last
 

@@ -8,8 +8,9 @@ coordinates are all prescribed. Minus the multiplier of a held coordinate is the
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.full_problem import FullEquations
@@ -17,6 +18,9 @@ from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.static_equilibrium import LONGEST, MAX_CORRECTIONS, ROUND_OFF, SHARES, TOLERANCE
 from pgmp_petsc.effects import Held
 from pgmp_petsc.runtime.errors import RunError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 class FullStatics:

@@ -1,4 +1,4 @@
-"""Generalised-alpha time integration of second-order systems with constraints, as a PETSc TS.
+"""Generalised-alpha time integration of second-order systems with constraints, driven by PETSc's TS.
 
 The scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007) for the index-3 equations
 ``r(t, q, q', q'') + C^T lambda = 0``, ``c(q) = 0``: dynamics and constraints hold exactly at the end of every step,
@@ -32,15 +32,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pgmp_petsc.dynamics.alpha_step import FIRST_CONTRACTION, AlphaStep
+from pgmp_petsc.dynamics.drivers import driver_here
 from pgmp_petsc.dynamics.event_location import EventLocation
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
 from pgmp_petsc.dynamics.status import Outcome, Status
-from pgmp_petsc.dynamics.ts_options import PREFIX, check_end, check_ts_options, looks_on
-from pgmp_petsc.runtime.petsc import as_raised, petsc_solver
+from pgmp_petsc.dynamics.ts_options import PREFIX, check_ts_options
+from pgmp_petsc.runtime.petsc import has_options
 
 if TYPE_CHECKING:
-    from petsc4py import PETSc
-
     from pgmp_petsc.scene.numerics import Simulation
 
 MOST_AT_ONCE = 50  # steps of the scheme in one of the TS: more gain nothing
@@ -99,7 +98,7 @@ class Together:
 
 
 class GeneralisedAlpha:
-    """Python context of a PETSc TS that steps a `SecondOrderSystem`.
+    """Steps a `SecondOrderSystem` from stop to stop, as a `drivers.Driver` calls it.
 
     Attributes
     ----------
@@ -112,7 +111,7 @@ class GeneralisedAlpha:
     instants
         Of the start and the ends of all steps, shape (n_steps + 1,), s.
     stops
-        Numbers of the steps at which PETSc's TS sees the state, 0 and the last one included.
+        Numbers of the steps at which the driver sees the state, 0 and the last one included.
     n_done
         Steps that are behind it.
     """
@@ -153,13 +152,12 @@ class GeneralisedAlpha:
     def _show(self, number: int, state: State) -> None:
         """Show the state after a step to the observer."""
         if self._observer is not None:
-            # not the TS's own time, a sum of steps: its round-off grows over the run
+            # not PETSc's own time, a sum of steps: its round-off grows over the run
             self._observer(number, float(self.instants[number]), state)
 
-    def solveStep(self, ts: PETSc.TS, end: float, u: PETSc.Vec) -> None:  # noqa: N802 (called by PETSc)
+    def advance(self) -> None:
         """Advance all living samples to the next stop."""
         last = int(self.stops[np.searchsorted(self.stops, self.n_done, side="right")])
-        ts.setTimeStep(float(self.instants[last] - self.instants[self.n_done]))
         if hasattr(self.system, "advance"):
             self._advance_at_once(last)
         else:
@@ -167,7 +165,6 @@ class GeneralisedAlpha:
                 self._advance_one_step(number)
                 self._show(number + 1, self.state)
         self.n_done = last
-        u.setArray(self.state.q.ravel())
         if self._pulse is not None:
             self._pulse()
 
@@ -306,7 +303,7 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
 
 def stops_of(n_steps: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
-    if looks_on(prefix):
+    if has_options(prefix):
         return np.arange(n_steps + 1)
     return np.append(np.arange(0, n_steps, MOST_AT_ONCE), n_steps)
 
@@ -334,7 +331,7 @@ def integrate(
     prefix
         Of the options that reach this integration.
     pulse
-        Called at every step of PETSc's TS, which may be many of the integrator's.
+        Called at every step of the driver, which may be many of the integrator's.
 
     Raises
     ------
@@ -343,8 +340,6 @@ def integrate(
     RunError
         If the run ends early, with PETSc's reason. A sample that fails ends nothing: it is a status.
     """
-    from petsc4py import PETSc
-
     check_ts_options()
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
@@ -352,24 +347,5 @@ def integrate(
     stops = stops_of(n_steps, prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
-    solution = PETSc.Vec().createMPI((stepper.state.q.size, None), comm=system.comm)
-    solution.setArray(stepper.state.q.ravel())
-    ts = PETSc.TS().create(comm=system.comm)
-    try:
-        ts.setOptionsPrefix(prefix)
-        ts.setType(PETSc.TS.Type.PYTHON)
-        ts.setPythonContext(stepper)
-        ts.setTime(0.0)
-        ts.setTimeStep(float(stepper.instants[stops[1]]))
-        ts.setMaxTime(2 * simulation.duration)  # the number of steps ends the run, not round-off in their sum
-        ts.setMaxSteps(len(stops) - 1)
-        ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        with petsc_solver(prefix, "time integration"):
-            ts.setFromOptions()
-        with as_raised():
-            ts.solve(solution)
-        check_end(ts, len(stops) - 1, simulation.duration)
-    finally:
-        ts.destroy()
-        solution.destroy()
+    driver_here().drive(stepper, system.comm, prefix)
     return Run(stepper.state, stepper.status, stepper.failure_time, n_steps, stepper.n_iterations)

@@ -5,13 +5,17 @@ Options prefix: ``pgmp_full_`` (e.g. ``-pgmp_full_mat_mumps_icntl_4 2``).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from mpi4py import MPI
-from petsc4py import PETSc
 
 from pgmp_petsc.dynamics.layout import RankLayout
 from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.installed import needs_petsc
 from pgmp_petsc.runtime.petsc import petsc_solver
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 PREFIX = "pgmp_full_"
 SPARE_MEMORY, MOST_SPARE_MEMORY = 20, 5000  # per cent of what MUMPS foresees, its ICNTL(14): its default, and the most
@@ -34,6 +38,9 @@ class RankSolver:
     """
 
     def __init__(self, layout: RankLayout, own: np.ndarray, rows: np.ndarray, comm: MPI.Comm) -> None:
+        needs_petsc("full-order runs of large meshes, of solids in space, from equilibrium or on several ranks")
+        from petsc4py import PETSc
+
         self._comm = comm
         columns = rows[layout.needed]
         row_here = np.full(layout.needed.size, -1)
@@ -55,7 +62,7 @@ class RankSolver:
         )
         self._x, self._rhs = self._matrix.createVecs()
         needed = PETSc.IS().createGeneral(columns.astype(PETSc.IntType), comm=PETSc.COMM_SELF)
-        self._ghosts = PETSc.Vec().createSeq(columns.size)
+        self._ghosts, self._forward = PETSc.Vec().createSeq(columns.size), PETSc.Scatter.Mode.SCATTER_FORWARD
         self._scatter = PETSc.Scatter().create(self._x, needed, self._ghosts, None)
         needed.destroy()
         self._ksp = PETSc.KSP().create(comm)
@@ -76,7 +83,7 @@ class RankSolver:
     def gather(self, own: np.ndarray) -> np.ndarray:
         """Return what is needed here, shape (n_needed,), of a vector that every rank has its rows of."""
         self._x.setArray(own)
-        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=PETSc.Scatter.Mode.SCATTER_FORWARD)
+        self._scatter.scatter(self._x, self._ghosts, addv=False, mode=self._forward)
         return self._ghosts.getArray(readonly=True).copy()
 
     def assemble(self, diagonal: np.ndarray, lower: np.ndarray) -> None:
@@ -99,7 +106,7 @@ class RankSolver:
         is then given more. What an iteration that ran away made of the system is no matter of memory: it is not solved.
         """
         finite = self._finite_matrix and bool(np.isfinite(self._rhs.getArray(readonly=True)).all())
-        if not self._comm.allreduce(finite, op=MPI.LAND):
+        if not all(self._comm.allgather(finite)):
             return False
         solved = self._solve_once()
         while not solved and self._short_of_memory() and self._spare < MOST_SPARE_MEMORY:
@@ -114,7 +121,7 @@ class RankSolver:
 
     def _short_of_memory(self) -> bool:
         preconditioner = self._ksp.getPC()
-        direct = preconditioner.getType() == PETSc.PC.Type.LU and preconditioner.getFactorSolverType() == "mumps"
+        direct = preconditioner.getType() == "lu" and preconditioner.getFactorSolverType() == "mumps"
         return direct and preconditioner.getFactorMatrix().getMumpsInfog(1) in SHORT_OF_MEMORY
 
     def _solve_once(self) -> bool:
@@ -124,4 +131,4 @@ class RankSolver:
             solved = self._ksp.getConvergedReason() > 0
         except RunError:  # a factorisation that ends in an error, or -pgmp_full_ksp_error_if_not_converged
             solved = False
-        return bool(self._comm.allreduce(solved, op=MPI.LAND))
+        return all(self._comm.allgather(solved))

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.action_kernel import DEPTH, POWER, STORED
 from pgmp_petsc.dynamics.energies import Energies
@@ -24,6 +23,7 @@ from pgmp_petsc.dynamics.static_equilibrium import Settled
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.effects import Effect, Motion
 from pgmp_petsc.effects.action import amplitudes_over
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.vectors import same_in_all_lanes
 
 LARGE = 1e30  # gain that makes stiffness negligible beside mass in the iteration matrix
@@ -51,8 +51,6 @@ class ReducedSystem:
         Local effects, if there are any.
     """
 
-    comm = MPI.COMM_SELF
-
     def __init__(
         self,
         terms: ReducedTerms,
@@ -65,7 +63,7 @@ class ReducedSystem:
     ) -> None:
         tables, layout = terms.tables, terms.layout
         self.tables = tables
-        self.n_samples = n_samples
+        self.comm, self.n_samples = alone(), n_samples
         self.settled: Settled | None = None
         self._initial = initial
         self._terms, self._motions = terms, motions

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.petsc import options_of
 
 if TYPE_CHECKING:
     from petsc4py import PETSc
@@ -39,10 +40,8 @@ def check_ts_options() -> None:
     InputError
         Naming the first option that is refused; the same on all ranks, because options are.
     """
-    from petsc4py import PETSc
-
     for prefix in (PREFIX, ERROR_PREFIX):
-        for name, value in sorted(PETSc.Options(prefix).getAll().items()):
+        for name, value in sorted(options_of(prefix).items()):
             if not name.startswith(LOOKING_ON):
                 shown = f"-{prefix}{name} {'' if value is None else value}".strip()
                 cure = _CURES.get(name, "how a run is integrated follows from the scene's [simulation]")
@@ -50,13 +49,6 @@ def check_ts_options() -> None:
                     f"option {shown}: it cannot be changed here; {cure} (allowed with this prefix: "
                     f"{', '.join(f'-{prefix}{allowed}' for allowed in LOOKING_ON)})"
                 )
-
-
-def looks_on(prefix: str) -> bool:
-    """Return whether an option lets PETSc itself look at the steps of a TS."""
-    from petsc4py import PETSc
-
-    return bool(PETSc.Options(prefix).getAll())
 
 
 def check_end(ts: PETSc.TS, n_steps: int, duration: float) -> None:

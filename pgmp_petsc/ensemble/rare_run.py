@@ -7,9 +7,9 @@ decides what comes next: so all decide the same, and any number of ranks finds t
 from __future__ import annotations
 
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 from scipy.special import ndtr
 
 from pgmp_petsc.dynamics.ts_options import check_ts_options
@@ -31,6 +31,9 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_to_toml
 from pgmp_petsc.scene.ensemble import Ensemble, Event
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 FEWEST = 500  # samples: three levels of the least size, and as many to be weighted
 LEAST, MOST, PIECES = 16, 128, 16  # samples of a piece, and pieces that samples are cut into

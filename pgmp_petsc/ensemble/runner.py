@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem
@@ -41,9 +41,13 @@ from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.runtime.dealing import Pulse, deal_to_groups
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import scene_to_toml
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 class Integration:
@@ -229,7 +233,7 @@ def run_batch(
     values: Mapping[str, np.ndarray],
     first: int = 0,
     watchers: Sequence[Watcher] = (),
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm | None = None,
     pulse: Pulse | None = None,
     divisors: tuple[int, ...] = DIVISORS,
 ) -> Batch:
@@ -239,7 +243,7 @@ def run_batch(
     nothing is known. `pulse` is called now and then, `divisors` are those of the steps that are tried. Collective on
     `comm`.
     """
-    scene = model.scene
+    scene, comm = model.scene, comm or alone()
     alive = physical(scene, values)
     n = alive.size
     # an unphysical sample takes the place of a nominal one in the arrays, and is never advanced

@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -21,6 +21,9 @@ from pgmp_petsc.runtime.identity import identity
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.runtime.seal import BrokenSeal
 from pgmp_petsc.scene import Scene, scene_to_toml
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 FORMAT = 1
 Arrays = dict[str, np.ndarray]

@@ -10,8 +10,9 @@ xi of every body, frames move by ``u = R r + S xi``, constraints say ``C u = 0``
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from mpi4py import MPI
 from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.bodies.affine import Monomial
@@ -26,6 +27,9 @@ from pgmp_petsc.models.model import start_of
 from pgmp_petsc.modes.problem import ModalProblem
 from pgmp_petsc.runtime.agreement import agreed, on_root
 from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 DEPENDENT = 1e-9  # of the largest singular value of the constraints: those below follow from others
 

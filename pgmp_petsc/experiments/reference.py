@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.floating_frames import floating_shapes
@@ -25,6 +25,9 @@ from pgmp_petsc.models import ComponentModel, FullModel
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 CHECK_SHARE = 0.1  # of the budget, for the distance of the component model from the mesh
 FEWEST_STEPS = 16  # of the mesh that tell anything about that distance

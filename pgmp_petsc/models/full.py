@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
@@ -28,8 +27,12 @@ from pgmp_petsc.models.stress_fields import FieldPoints, Fields
 from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.petsc import has_options
 from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 MOST_IN_LANES = 3500  # unknowns; beyond, the fill-in of a mesh in space outgrows the caches, and PETSc's solvers win
@@ -81,7 +84,7 @@ class FullModel:
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> FullBatch | FullDistributed:
         """Return a batch of samples on this rank, at most `largest_batch`."""
         if not self._in_lanes:
-            return self.distributed({name: float(value[0]) for name, value in values.items()}, MPI.COMM_SELF)
+            return self.distributed({name: float(value[0]) for name, value in values.items()}, alone())
         sized = self._sized({name: float(value[0]) for name, value in values.items()})
         settled = sized.settled(values, n_samples) if self.scene.initial.equilibrium else None
         return FullBatch(sized.kinematics, sized._effects, values, sized._start, n_samples, sized._motions, settled)
@@ -135,8 +138,7 @@ class FullModel:
     def settled(self, values: Mapping[str, np.ndarray], n_samples: int) -> Settled:
         """Return the static equilibria of samples, each found by itself."""
         each = [
-            self._settled({name: float(value[k]) for name, value in values.items()}, MPI.COMM_SELF)
-            for k in range(n_samples)
+            self._settled({name: float(value[k]) for name, value in values.items()}, alone()) for k in range(n_samples)
         ]
         return Settled(
             np.concatenate([one.theta for one in each]),

@@ -28,6 +28,7 @@ from pgmp_petsc.modes.dense_pencil import MOST_UNKNOWNS, DensePencil
 from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.sparse_pencil import SparsePencil
 from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
+from pgmp_petsc.runtime.petsc import has_options
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -377,9 +378,7 @@ class ModalProblem:
 
 def _pencil(mass: sp.csr_matrix, stiffness: sp.csr_matrix, comm: MPI.Comm) -> SparsePencil | DensePencil:
     """Return a pencil; PETSc's and SLEPc's where ranks share it, it is large, or the user has options for them."""
-    from petsc4py import PETSc
-
     small = comm.size == 1 and mass.shape[0] <= MOST_UNKNOWNS
-    if small and not any(PETSc.Options(prefix).getAll() for prefix in (PREFIX, SCALE_PREFIX)):
+    if small and not any(has_options(prefix) for prefix in (PREFIX, SCALE_PREFIX)):
         return DensePencil(mass, stiffness)
     return SparsePencil(mass, stiffness, comm)

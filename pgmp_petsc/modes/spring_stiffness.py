@@ -127,8 +127,6 @@ class SpringStiffness:
         self, theta: np.ndarray, forces: Sequence[float], matrices: AffineMatrices, comm: MPI.Comm
     ) -> np.ndarray:
         """Return ``-(sum_j F_j g_j + f).rho,kl`` of the free coordinates, shape (n_free, n_free), N m."""
-        from mpi4py import MPI
-
         motion = self.kinematics.motion(theta)
         poses = motion.poses
         curvature = linear_motion(self._mechanism, motion.accelerations)
@@ -136,7 +134,7 @@ class SpringStiffness:
         pulled = self._forces.at(poses) @ np.array(forces)
         own = slice(matrices.rows.start, matrices.rows.stop)
         weight = self._weight(poses, matrices)
-        work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1), op=MPI.SUM)
+        work = comm.allreduce(np.tensordot(weight, curvature[own], axes=1))
         return -(np.tensordot(pulled, curvature, axes=1) + work)
 
     def _weight(self, poses: np.ndarray, matrices: AffineMatrices) -> np.ndarray:

@@ -98,14 +98,10 @@ class _Shares:
 
     def of(self, chosen: Sequence[int]) -> np.ndarray:
         """Return the largest missed share of every candidate over the configurations, shape (n_candidates,)."""
-        from mpi4py import MPI
-
         worst = np.zeros(self._n_candidates)
         for configuration in self._own:
             worst = np.maximum(worst, configuration.shares(chosen, self._n_vectors))
-        everywhere = np.empty_like(worst)
-        self._group.world.Allreduce(worst, everywhere, op=MPI.MAX)
-        return np.round(everywhere, DIGITS)
+        return np.round(np.max(self._group.world.allgather(worst), axis=0), DIGITS)
 
 
 @dataclass(frozen=True, eq=False)

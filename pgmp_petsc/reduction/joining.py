@@ -117,8 +117,6 @@ def _overlaps(
     The sample before is that along each axis; without one the product is zero. Neighbours are passed on in one order on
     all groups, so that nobody waits in a circle.
     """
-    from mpi4py import MPI
-
     overlaps = {k: np.zeros((samples.n_coordinates, sample.n_kept, sample.n_kept)) for k, sample in own.items()}
     for axis in range(samples.n_coordinates):
         for here, before in enumerate(samples.before(axis)):
@@ -136,7 +134,7 @@ def _overlaps(
                 whole = None if group.roots is None else group.roots.recv(source=int(giver), tag=here)
                 rows = _own_rows(group, own[here], group.comm.bcast(whole))
             product = own[here].mass_kept.T @ rows
-            overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product, op=MPI.SUM)
+            overlaps[here][axis] = product if group.comm.size == 1 else group.comm.allreduce(product)
     return overlaps
 
 

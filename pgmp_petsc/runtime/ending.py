@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NoReturn
 
 from pgmp_petsc.runtime.errors import PgmpError
+from pgmp_petsc.runtime.petsc import start_mpi
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -20,10 +21,8 @@ def release_petsc(comm: MPI.Comm) -> None:
     destroyed with PETSc itself. Python has ended by then, and a time stepper written in Python crashes there.
     That is so with PETSc 3.18, and was not seen with 3.26.
     """
-    from mpi4py import MPI
-
     # a rank whose work failed early may never have loaded PETSc
-    if comm.allreduce("petsc4py.PETSc" in sys.modules, op=MPI.LAND):
+    if all(comm.allgather("petsc4py.PETSc" in sys.modules)):
         from petsc4py import PETSc
 
         gc.collect()
@@ -42,7 +41,5 @@ def guarded(work: Callable[[], None]) -> int:
 
 def end(status: int) -> NoReturn:
     """Exit from a script of one's own; collective on COMM_WORLD."""
-    from mpi4py import MPI
-
-    release_petsc(MPI.COMM_WORLD)
+    release_petsc(start_mpi())
     sys.exit(status)

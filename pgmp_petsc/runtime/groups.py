@@ -52,13 +52,12 @@ class RankGroup:
             raise InputError(
                 f"{option} = {ranks_per_group}: allowed are 1 to {world.size}, the number of ranks of this run"
             )
-        from mpi4py import MPI
-
         count = world.size // ranks_per_group
         index = min(world.rank // ranks_per_group, count - 1)
         comm = world.Split(color=index, key=world.rank)
-        # ranks that are no roots get no communicator
-        roots = world.Split(color=0 if comm.rank == 0 else MPI.UNDEFINED, key=index)
+        roots = world.Split(color=int(comm.rank > 0), key=index)
+        if comm.rank > 0:
+            roots.Free()
         return cls(world, comm, roots if comm.rank == 0 else None, index, count)
 
     def close(self) -> None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
+from pgmp_petsc.runtime.installed import needs_petsc
+
 if TYPE_CHECKING:
     from mpi4py import MPI
     from petsc4py import PETSc
@@ -17,6 +19,7 @@ FEW = 8  # columns that are multiplied one by one: the set-up for all at once ta
 
 def aij_matrix(local: sp.csr_matrix, comm: MPI.Comm, n_local_columns: int) -> PETSc.Mat:
     """Make a distributed AIJ matrix of this rank's rows (global column numbers)."""
+    needs_petsc("eigenproblems of many unknowns or on several ranks, and bodies of continuum elements")
     from petsc4py import PETSc
 
     local.sort_indices()

@@ -19,13 +19,20 @@ def free_share(comm: MPI.Comm) -> float | None:
 
     None where the system does not tell.
     """
+    n_ranks = 1 if comm.size == 1 else _ranks_of_node(comm)
+    free = free_memory()
+    return None if free is None else free / n_ranks
+
+
+def _ranks_of_node(comm: MPI.Comm) -> int:
+    """Return how many ranks of `comm` are on this rank's node. Collective on `comm`."""
     from mpi4py import MPI
 
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    n_ranks = node.size
-    node.Free()
-    free = free_memory()
-    return None if free is None else free / n_ranks
+    try:
+        return node.size
+    finally:
+        node.Free()
 
 
 def free_memory() -> float | None:

@@ -18,6 +18,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.installed import alone, has_mpi, has_petsc, needs_petsc, refuse_ranks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -44,13 +45,21 @@ ABOUT_VALUES = (56, 60, 62, 63, 64, 65, 67, 83, 86, 89, 92)  # PETSc's errors of
 
 
 def start_mpi() -> MPI.Comm:
-    """Start MPI and return COMM_WORLD.
+    """Start MPI and return COMM_WORLD; without mpi4py the communicator of this process alone.
 
     Open MPI starts a daemon and looks for networks, a third of a second, also for a process that nobody started
     together with others; it needs neither. Processes that it starts later are not told so.
+
+    Raises
+    ------
+    InputError
+        If several processes were started together, and there is no mpi4py.
     """
-    alone = not any(name in os.environ for name in OF_RANKS)
-    given = {name: value for name, value in ALONE.items() if alone and name not in os.environ}
+    if not has_mpi():
+        refuse_ranks()
+        return alone()
+    on_its_own = not any(name in os.environ for name in OF_RANKS)
+    given = {name: value for name, value in ALONE.items() if on_its_own and name not in os.environ}
     os.environ.update(given)
     from mpi4py import MPI
 
@@ -60,14 +69,18 @@ def start_mpi() -> MPI.Comm:
 
 
 def start_petsc(arguments: Sequence[str] = ()) -> None:
-    """Start PETSc with a user's options, and SLEPc. Collective on COMM_WORLD.
+    """Start PETSc with a user's options, and SLEPc; nothing where they are not installed. Collective on COMM_WORLD.
 
     Raises
     ------
     InputError
-        If a word is no option, or PETSc refuses one.
+        If a word is no option, PETSc refuses one, or there is no PETSc that would take them.
     """
     option_names(arguments)
+    if not has_petsc():
+        if arguments:
+            needs_petsc(f"options after '--' ({' '.join(arguments)})")
+        return
     # what nothing used is named in one line at the end; PETSc has warnings of its own, by its version. A user's word is
     # last
     words = ["pgmp", "-options_left", "no", *arguments]
@@ -130,9 +143,16 @@ def _printed_reason(text: str) -> str:
 
 def has_options(prefix: str) -> bool:
     """Return whether a user gave any option with a prefix."""
+    return bool(options_of(prefix))
+
+
+def options_of(prefix: str) -> dict[str, str | None]:
+    """Return the options that a user gave with a prefix, by their names without it; none where there is no PETSc."""
+    if not has_petsc():
+        return {}
     from petsc4py import PETSc
 
-    return bool(PETSc.Options(prefix).getAll())
+    return PETSc.Options(prefix).getAll()
 
 
 def option_names(arguments: Sequence[str]) -> list[str]:

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from mpi4py import MPI
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
 from pgmp_petsc.bodies.affine import evaluate_weights
@@ -37,6 +36,7 @@ from pgmp_petsc.reduction.sampler import TurnedLoads
 from pgmp_petsc.results.effect_sizes import EffectSize, EffectSizes
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.studies.rigid_run import RigidRun, run_rigid
@@ -75,8 +75,8 @@ def estimate_effects(
     """
     check_capabilities(scene, Purpose.SIZES)
     if shapes is None:
-        with RankGroup.split(MPI.COMM_SELF, 1) as alone:
-            shapes = condensed(scene, meshes, alone, large=True)
+        with RankGroup.split(alone(), 1) as group:
+            shapes = condensed(scene, meshes, group, large=True)
     kinematics = RigidKinematics(Mechanism.from_scene(scene, shapes), branch)
     run = run_rigid(scene, meshes, kinematics)
     tolerance = scene.reduction.tolerance or DEFAULT_TOLERANCE
@@ -190,7 +190,7 @@ def _shares_of_terms(scene: Scene, kinematics: RigidKinematics, run: RigidRun) -
     mass_weights = evaluate_weights(mechanism.mass_weights, scene.values)
     instants = _instants(run, kinematics)
     by_speed, by_acceleration, stiffening, spins = [], [], [0.0], [0.0]
-    with ModalProblem(kinematics, scene.values, 1, MPI.COMM_SELF, matrices) as problem:
+    with ModalProblem(kinematics, scene.values, 1, alone(), matrices) as problem:
         turned, probe = TurnedLoads(problem, loads), InfluenceProbe(problem, ())
         kinematics.follow(run.theta[instants])
         for k in instants:

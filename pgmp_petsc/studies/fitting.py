@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
 from pgmp_petsc.models import ReducedModel
@@ -30,6 +30,9 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.spanning_values import spanning_values, uncertain_names
 from pgmp_petsc.studies.measured_history import MeasuredHistory
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 USUAL_RUNS = 20  # what the count of runs begins with; a fit ends when it ends
 MOST_ROUNDS, SETTLED = 8, 1e-3  # of deviations that follow from what is left, and their change that is none

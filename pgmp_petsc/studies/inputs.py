@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.random_fields import field_remarks
 from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
@@ -20,6 +20,9 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene, load_scene, scene_from_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.plausibility import plausibility
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 # what a ROM's tables depend on; all else may be changed when it is used
 BUILT = ("ground", "materials", "bodies", "fields", "joints", "coordinates", "reduction")

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 from warnings import catch_warnings, filterwarnings
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.sampling import Sampler
@@ -32,6 +32,9 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.fitting import limits_of
 from pgmp_petsc.studies.goals import Constraint, Dual, Goal, Outcome
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 MOST_ITERATIONS = 200
 USUAL_DESIGNS = 20  # what the count of runs begins with; a search ends when it ends

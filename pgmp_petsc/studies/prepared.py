@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.capabilities import Purpose
@@ -13,6 +12,9 @@ from pgmp_petsc.models import FullModel, Model, ReducedModel
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 #: What a scene is read for, by the name of the model.
 PURPOSES = {"full": Purpose.FULL, "components": Purpose.COMPONENTS}

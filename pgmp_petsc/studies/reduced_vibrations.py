@@ -22,6 +22,7 @@ from pgmp_petsc.modes.spring_stiffness import SpringStiffness
 from pgmp_petsc.modes.vibration import frequencies_of
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.runtime.installed import alone
 
 
 def reduced_vibrations(
@@ -45,13 +46,11 @@ def reduced_vibrations(
     ndarray, shape (n, n_free + n_delta - n_rigid)
         Ascending, without the rigid motions that no spring resists, Hz; below zero as in `frequencies_of`.
     """
-    from mpi4py import MPI
-
     tables, kinematics = rom.tables, springs.kinematics
     mechanism, r, free = kinematics.mechanism, rom.tables.n_coordinates, springs.free
     matrices = assemble(mechanism.bodies, range(mechanism.n_dofs))
     whole_mass = weighted_sum(matrices.mass, values)
-    n_rigid = free.size - springs.n_resisted(matrices, MPI.COMM_SELF)
+    n_rigid = free.size - springs.n_resisted(matrices, alone())
     kept = np.concatenate([free, np.arange(r, r + tables.n_modes)])
     mass = np.einsum(
         "t,ntij->nij", evaluate_weights(tables.mass_weights, values),
@@ -70,7 +69,7 @@ def reduced_vibrations(
         rigid = rigid_velocities(mechanism, poses[..., 0], kinematics.rates(poses)[..., 0])[:, free]
         mass[number, : free.size, : free.size] = rigid.T @ (whole_mass @ rigid)
         psi = np.hstack([rigid[dofs], shapes[number]])
-        for block in springs.at(configuration, matrices, MPI.COMM_SELF):
+        for block in springs.at(configuration, matrices, alone()):
             own = psi[np.searchsorted(dofs, block.dofs)]
             stiffness[number] += own.T @ block.matrix @ own
         # scaled to a unit diagonal of the mass: coordinates have units of their own

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.body import Body
 from pgmp_petsc.bodies.shape import BodyShape
@@ -24,6 +23,7 @@ from pgmp_petsc.models import FullModel
 from pgmp_petsc.outputs.outputs import joint_angle
 from pgmp_petsc.results.balance import Balance
 from pgmp_petsc.runtime.errors import RunError
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.effects import StructuralDamping
 from pgmp_petsc.scene.fields import Table
@@ -100,7 +100,7 @@ def _run(model: FullModel, n_steps: int) -> tuple[Status | None, RigidRun]:
     times, states, frames, energies = [], [], [], []
     simulation = model.scene.simulation
     simulation = simulation.model_copy(update={"step": simulation.duration / n_steps})
-    system = model.single(model.scene.values, MPI.COMM_SELF)
+    system = model.single(model.scene.values, alone())
     require_settled(system)
     with system:
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.gradients.differentiated import DifferentiatedRun, differentiate
@@ -19,6 +19,9 @@ from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.correlation import correlation_matrix
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 SHARE = 0.01  # of the value of a parameter without a distribution
 

@@ -5,10 +5,9 @@ The runs are those to come: the scene's own loads; for an ensemble with the trai
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.experiments.period import period_of
@@ -25,6 +24,9 @@ from pgmp_petsc.selection.step_choice import StepChoice
 from pgmp_petsc.selection.training import Training, training_loads
 from pgmp_petsc.selection.trial import Errors, Trial
 from pgmp_petsc.studies.simulate import UNKNOWNS_PER_RANK
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 AnyModel = TypeVar("AnyModel", FullModel, ReducedModel)
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, Together, count_steps, integrate
 from pgmp_petsc.dynamics.reduced_energy import least_stiffness
@@ -41,6 +40,9 @@ from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
 from pgmp_petsc.studies.stress_frames import stress_frames
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 UNKNOWNS_PER_RANK = 3000
 LOOK_BACK = 400  # steps before a failure in which its cause is looked for

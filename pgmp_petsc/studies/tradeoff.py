@@ -15,9 +15,9 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from time import process_time
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.experiments.finished import Finished
@@ -53,6 +53,9 @@ from pgmp_petsc.studies.tradeoff_settings import (
     settings_around,
 )
 from pgmp_petsc.studies.tradeoff_values import held_out
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 MORE_MODES = 1.5  # of the component model as a reference, for each that a basis or another component model has
 COARSER = 4  # of the scene's steps, for the distance of the component model from the mesh

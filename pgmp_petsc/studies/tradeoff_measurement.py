@@ -17,7 +17,6 @@ from time import perf_counter, process_time
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.dynamics.generalised_alpha import integrate
@@ -32,6 +31,7 @@ from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.errors import PgmpError
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.installed import alone
 from pgmp_petsc.runtime.vectors import LANES
 from pgmp_petsc.scene import scene_from_toml, scene_to_toml
 from pgmp_petsc.scene.spanning_values import uncertain_names
@@ -323,7 +323,7 @@ class Bench:
     def _build(self, setting: Setting) -> tuple[ReducedModel, int, float]:
         scene = scene_from_toml(self._toml, self.scene.directory, setting.overrides(self.scene))
         shapes = self._subject.shapes if setting.refinement == 1 else self._refined(setting.refinement)
-        with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        with RankGroup.split(alone(), 1) as group:
             rom = build_rom(scene, shapes, group)
         n_coordinates = rom.tables.n_coordinates + rom.tables.n_modes
         return ReducedModel(scene, rom), n_coordinates, float(rom.cosines.min())
@@ -334,7 +334,7 @@ class Bench:
         return model, model.kinematics.mechanism.n_dofs, 1.0
 
     def _components(self, setting: Setting) -> tuple[ComponentModel, int, float]:
-        model = component_model(self.scene, self._subject.meshes, MPI.COMM_SELF, setting.component_modes)
+        model = component_model(self.scene, self._subject.meshes, alone(), setting.component_modes)
         return model, sum(model.n_amplitudes.values()), 1.0
 
     def _surface(self, setting: Setting) -> tuple[ResponseSurface, int, float]:

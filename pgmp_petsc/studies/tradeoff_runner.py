@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.experiments.finished import Arrays, Finished
 from pgmp_petsc.experiments.history import History
@@ -15,6 +15,9 @@ from pgmp_petsc.runtime.progress import progress, without_progress
 from pgmp_petsc.studies.tradeoff_dealing import ReferenceRun, Task
 from pgmp_petsc.studies.tradeoff_measurement import FAILURES, Bench, Measured
 from pgmp_petsc.studies.tradeoff_settings import Setting
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 OF_HISTORY = "history."  # names of arrays that are parts of a history
