@@ -103,6 +103,14 @@ def accurate_rom() -> object:
 
 
 @pytest.fixture(scope="session")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the commands write; see `result_files.written_by_commands`."""
+    from result_files import written_by_commands
+
+    return written_by_commands(tmp_path_factory.mktemp("by_commands"))
+
+
+@pytest.fixture(scope="session")
 def parallel_scripts() -> Path:
     """Return the directory of the scripts that tests run on several ranks."""
     return SCRIPTS

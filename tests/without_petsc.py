@@ -1,7 +1,7 @@
-"""Runs ``pgmp``, or another module, as in a Python without PETSc, SLEPc and MPI: the packages are refused.
+"""Runs a program as in a Python without PETSc, SLEPc and MPI: these packages are refused.
 
-python tests/without_petsc.py pgmp simulate ROM.h5 -o FILE.h5
-python tests/without_petsc.py script.py ARGUMENTS
+python tests/without_petsc.py -m pgmp_petsc.cli.main simulate ROM.h5 -o FILE.h5
+python tests/without_petsc.py -c CODE ARGUMENTS
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class Refusing:
 
 if __name__ == "__main__":
     sys.meta_path.insert(0, Refusing())
-    del sys.argv[0]
-    if sys.argv[0] == "pgmp":
-        from pgmp_petsc.cli.main import main
-
-        main()
-    runpy.run_path(sys.argv[0], run_name="__main__")
+    kind, program = sys.argv[1:3]
+    sys.path[0], sys.argv = "", [kind, *sys.argv[3:]]
+    if kind == "-m":
+        runpy.run_module(program, run_name="__main__", alter_sys=True)
+    else:
+        exec(program, {"__name__": "__main__"})  # as the interpreter does

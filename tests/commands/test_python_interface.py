@@ -5,20 +5,19 @@ from __future__ import annotations
 import copy
 import json
 import logging
-import os
 import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import synthetic
-from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from conftest import ROOT
 from mpi4py import MPI
-from runs import IN_TURN, PAPER_SCENE, SMALL, overridden
+from result_files import KINDS, QUICK, assert_same
+from runs import PAPER_SCENE
 
 import pgmp_petsc as pgmp
 from pgmp_petsc.api import ranks
@@ -26,30 +25,6 @@ from pgmp_petsc.ensemble import runner
 from pgmp_petsc.scene import Scene, load_scene, scene_from_tables
 
 SCENES = sorted((ROOT / "scenes").glob("*.toml"))
-QUICK = (*SMALL, "ensemble.bands=10")
-KINDS = ("rom", "run", "ensemble", "derivatives")
-
-
-@pytest.fixture(scope="module")
-def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with what the commands write."""
-    folder = tmp_path_factory.mktemp("by_commands")
-    rom, run, ensemble, derivatives, full = (str(folder / f"{name}.h5") for name in (*KINDS, "full"))
-    calls = [
-        ["build", str(PAPER_SCENE), "-o", rom, *overridden(*QUICK)],
-        ["simulate", rom, "-o", run, "--set", "r1=5e-3"],
-        ["montecarlo", rom, "-n", "12", "--seed", "7", "-o", ensemble],
-        ["sensitivities", rom, "-o", derivatives],
-        ["simulate", str(PAPER_SCENE), "--full", "-o", full, "--set", "r1=5e-3", *overridden(*QUICK)],
-    ]
-    command = [sys.executable, "-c", IN_TURN, json.dumps(calls)]
-    environment = {"PYTHONPATH": str(ROOT), **MPI_ENVIRONMENT}
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, **environment}, timeout=TIMEOUT_SECONDS
-    )
-    statuses = [line for line in done.stdout.splitlines() if line.startswith("[")]
-    assert statuses == ["[0]"] * len(calls), done.stdout + done.stderr
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -65,36 +40,6 @@ def rom(scene: Scene) -> pgmp.Rom:
 @pytest.fixture(scope="module")
 def run(rom: pgmp.Rom) -> pgmp.Result:
     return pgmp.simulate(rom, {"r1": 5e-3})
-
-
-def bits(value: object) -> bytes:
-    """Return all of a value; of texts, whose arrays hold references, what they say."""
-    array = np.asarray(value)
-    return repr(array.tolist()).encode() if array.dtype.kind == "O" else array.tobytes()
-
-
-def contents(path: Path) -> dict[str, bytes]:
-    """Return every dataset and attribute of a file but those that say how it was made."""
-    found = {}
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if not name.startswith("timings"):
-            found.update({f"{name}@{key}": bits(value) for key, value in item.attrs.items()})
-            if isinstance(item, h5py.Dataset):
-                found[name] = bits(item[()])
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-        found["scene"] = file.attrs["scene"].encode()
-        found["parameters"] = file.attrs["parameters"].encode()
-        found["remarks"] = file.attrs["remarks"].encode()
-    return found
-
-
-def assert_same(one: Path, other: Path) -> None:
-    first, second = contents(one), contents(other)
-    assert first.keys() == second.keys()
-    assert [name for name in first if first[name] != second[name]] == []
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "full"])

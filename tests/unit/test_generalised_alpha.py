@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.alpha_step import CAREFUL_ITERATIONS, MAX_ITERATIONS
+from pgmp_petsc.dynamics.drivers import Driver, LoopDriver, PetscDriver
 from pgmp_petsc.dynamics.generalised_alpha import Run, count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
@@ -20,6 +21,13 @@ from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Simulation
 
 RADII = (0.0, 0.5, 0.8, 1.0)
+
+
+@pytest.fixture(params=[PetscDriver, LoopDriver], autouse=True)
+def driver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Driver:
+    """Both drivers pass the same tests, but those of PETSc's options."""
+    monkeypatch.setattr(generalised_alpha, "driver_here", request.param)
+    return request.param()
 
 
 @dataclass
@@ -279,6 +287,21 @@ def test_the_steps_are_equal_and_none_is_longer_than_asked_for(duration: float, 
     assert times[-1] == duration
 
 
+def test_drivers_make_the_same_calls_in_the_same_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """State, failures and what is seen agree in every bit, also where samples fail and stops are many steps apart."""
+    found = []
+    for driver in (PetscDriver, LoopDriver):
+        monkeypatch.setattr(generalised_alpha, "driver_here", driver)
+        seen: list[object] = []
+        done = run(
+            two_masses(3, beyond=0.45), 0.8, 7e-3, observer=lambda number, time, state: seen.append((number, time,
+            state.q.tobytes())), pulse=lambda: seen.append("pulse"),
+        )  # fmt: skip
+        parts = (done.state.q, done.state.v, done.state.a, done.status, done.failure_time)
+        found.append((seen, [part.tobytes() for part in parts], done.n_iterations))
+    assert found[0] == found[1] and done.status.any() and not done.status.all() and seen.count("pulse") > 1
+
+
 def test_times_of_decimal_steps_are_written_as_they_are_read() -> None:
     seen: list[float] = []
     run(two_masses(), 0.8, 1e-3, 1.0, observer=lambda _, time, __: seen.append(time))
@@ -407,6 +430,9 @@ def test_every_status_has_its_words() -> None:
     assert all(bool(status.cure) == (status is not Status.FINE) for status in Status)
 
 
+OF_PETSC = pytest.mark.parametrize("driver", [PetscDriver], indirect=True)
+
+
 @pytest.fixture
 def options():
     """Return PETSc's options; what a test sets is taken back."""
@@ -439,6 +465,7 @@ def options():
     ],
 )
 @pytest.mark.parametrize("prefix", ["pgmp_ts_", "pgmp_error_ts_"])
+@OF_PETSC
 def test_options_that_would_change_a_run_are_refused(
     options: object, prefix: str, name: str, value: str, cure: str
 ) -> None:
@@ -449,11 +476,13 @@ def test_options_that_would_change_a_run_are_refused(
     assert system.n_corrections == 0
 
 
+@OF_PETSC
 def test_options_that_look_on_are_taken(options: object) -> None:
     options("pgmp_ts_ts_view", ":/dev/null")
     assert run(two_masses(), 0.8, 0.1).status[0] == Status.FINE
 
 
+@OF_PETSC
 def test_a_run_that_ends_early_is_an_error_with_petscs_reason(options: object, monkeypatch: pytest.MonkeyPatch) -> None:
     """What no option may do, something else may: the end is looked at, not trusted."""
     monkeypatch.setattr(generalised_alpha, "check_ts_options", lambda: None)

@@ -138,6 +138,18 @@ def test_no_petsc_after_importing() -> None:
 
 
 @pytest.mark.parametrize("command", ["simulate", "montecarlo"])
+@pytest.mark.parametrize("package", [*ORDER, "runtime"])
+def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
+    """Within functions alone, so that every module can be imported in a Python without them."""
+    for path in files(package):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for statement in tree.body:
+            if not (isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.dump(statement.test)):
+                names = {alias.name for alias in getattr(statement, "names", ())} | {getattr(statement, "module", "")}
+                roots = {(name or "").split(".")[0] for name in names}
+                assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
+
+
 def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) -> None:
     """A reduced model stands alone: no eigensolver, no reader of meshes."""
     script = f"import sys, pgmp_petsc.cli.{command}\nprint(*sys.modules)"

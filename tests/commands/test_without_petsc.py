@@ -1,0 +1,94 @@
+"""A Python without PETSc, SLEPc and MPI: the same numbers bit for bit, and one message where they are needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
+from result_files import KINDS, assert_same, in_turn, statuses, written_by_commands
+from runs import besides_progress
+
+LAUNCHER = ROOT / "tests" / "without_petsc.py"
+SOLIDS = str(ROOT / "scenes" / "slider_crank_solid2d.toml")
+PAGES = ("rom", "run", "ensemble")
+
+
+@pytest.fixture(scope="module")
+def without(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the commands write there."""
+    return written_by_commands(tmp_path_factory.mktemp("without_petsc"), LAUNCHER)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "full"])
+def test_files_are_the_same(kind: str, commands: Path, without: Path) -> None:
+    assert_same(commands / f"{kind}.h5", without / f"{kind}.h5")
+
+
+def test_pages_and_pictures_are_the_same(commands: Path, tmp_path: Path) -> None:
+    found = []
+    for name, launcher in (("with", ()), ("without", (LAUNCHER,))):
+        files = [str(commands / f"{kind}.h5") for kind in PAGES]
+        place = tmp_path / name
+        calls = [["plot", *files[1:], "-o", str(place)], ["report", *files, "-o", str(place / "report.html")]]
+        assert statuses(in_turn(calls, *launcher)) == [0, 0]
+        found.append({path.name: path.read_bytes() for path in sorted(place.iterdir())})
+    assert found[0] == found[1] and {"report.html", "trajectories.png", "densities.png"} <= found[0].keys()
+
+
+def test_what_needs_petsc_says_so(commands: Path, tmp_path: Path) -> None:
+    """One message with what needs it, what is missing and the cure; nothing is written."""
+    out, rom = str(tmp_path / "F.h5"), str(commands / "rom.h5")
+    bodies = "eigenproblems of many unknowns or on several ranks, and bodies of continuum elements"
+    refused = {
+        bodies: ["build", SOLIDS, "-o", out],
+        f"{bodies} ": ["check", SOLIDS, "--trial"],
+        "full-order runs of large meshes, of solids in space, from equilibrium or on several ranks": [
+            "simulate", str(ROOT / "scenes" / "slider_crank_solid3d.toml"), "--full", "-o", out,
+        ],
+        "options after '--' (-pgmp_ts_ts_monitor)": ["simulate", rom, "-o", out, "--", "-pgmp_ts_ts_monitor"],
+    }  # fmt: skip
+    done = in_turn(list(refused.values()), LAUNCHER)
+    assert statuses(done) == [2] * len(refused), done.stdout + done.stderr
+    messages = besides_progress(done.stderr).splitlines()
+    for what, message in zip(refused, messages, strict=True):
+        assert message.startswith(
+            f"pgmp: error: {what.strip()} need PETSc and SLEPc, and this Python has no petsc4py, "
+        )
+        assert "docs/without_petsc.md" in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("rank", ["0", "1"])
+def test_several_processes_that_do_not_know_of_each_other_are_refused(rank: str) -> None:
+    """Each would do the whole work and write the same file; the first one alone speaks."""
+    done = in_turn([["info", "F.h5"]], LAUNCHER, OMPI_COMM_WORLD_SIZE="3", OMPI_COMM_WORLD_RANK=rank)
+    assert statuses(done) == [2]
+    said = "pgmp: error: 3 processes were started together, and this Python has no mpi4py, so that none knows of the "
+    assert done.stderr == ("" if rank == "1" else f"{said}others; start one, or install mpi4py\n")
+
+
+def test_the_python_interface(commands: Path, without: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys, pgmp_petsc as pgmp\n"
+        "rom = pgmp.read(sys.argv[1])\n"
+        "pgmp.simulate(rom, {'r1': 5e-3}).write(sys.argv[2])\n"
+        "try:\n"
+        "    pgmp.simulate(rom, comm=3)\n"
+        "except pgmp.InputError as error:\n"
+        "    print(error)\n"
+        "try:\n"
+        "    pgmp.build(pgmp.load(sys.argv[3]))\n"
+        "except pgmp.InputError as error:\n"
+        "    print(error)\n"
+        "print('mpi4py' in sys.modules)\n"
+    )
+    words = [sys.executable, LAUNCHER, "-c", code, commands / "rom.h5", tmp_path / "run.h5", SOLIDS]
+    environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=TIMEOUT_SECONDS, check=True)
+    of_ranks, of_bodies, loaded = done.stdout.splitlines()
+    assert of_ranks.startswith("comm = 3: allowed is ") and "need PETSc and SLEPc" in of_bodies and loaded == "False"
+    assert_same(tmp_path / "run.h5", commands / "run.h5")
