@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 import pytest
 from runs import paper_scene, rom_of
@@ -62,13 +61,6 @@ class Oscillators:
         delta = [part[:, 1:] @ self.modes.shapes[0].T for part in (state.q, state.v, state.a)]
         whole = [part[:, :1] - d @ self.modes.follow[0].T for part, d in zip((state.q, state.v, state.a), delta)]
         return [np.hstack([w, d]) for w, d in zip(whole, delta)]
-
-
-class Vector:
-    """What the stepper leaves its solution in."""
-
-    def setArray(self, array: np.ndarray) -> None:  # noqa: N802 (PETSc's name)
-        """Do nothing."""
 
 
 def made_up_modes(frequencies: list[float], ratios: tuple[float, ...] = (0.0,)) -> Modes:
