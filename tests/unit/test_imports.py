@@ -137,7 +137,6 @@ def test_no_petsc_after_importing() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("command", ["simulate", "montecarlo"])
 @pytest.mark.parametrize("package", [*ORDER, "runtime"])
 def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
     """Within functions alone, so that every module can be imported in a Python without them."""
@@ -150,6 +149,7 @@ def test_petsc_and_mpi_are_imported_where_they_are_used(package: str) -> None:
                 assert not roots & {"petsc4py", "slepc4py", "mpi4py"}, path
 
 
+@pytest.mark.parametrize("command", ["simulate", "montecarlo"])
 def test_runs_of_a_reduced_model_import_nothing_that_builds_one(command: str) -> None:
     """A reduced model stands alone: no eigensolver, no reader of meshes."""
     script = f"import sys, pgmp_petsc.cli.{command}\nprint(*sys.modules)"
