@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -27,10 +28,10 @@ for argv in json.loads(sys.argv[1]):
 """
 
 
-def written_by_commands(folder: Path, *launcher: object) -> Path:
+def written_by_commands(folder: Path, *launcher: object, further: Sequence[list[str]] = ()) -> Path:
     """Let commands write a file of every one of `KINDS`, and "full", into a folder; return it.
 
-    `launcher` is what runs Python's ``-c`` in place of the interpreter of the tests.
+    `launcher` is what runs Python's ``-c`` in place of the interpreter of the tests, `further` are more commands.
     """
     rom, run, ensemble, derivatives, full = (str(folder / f"{name}.h5") for name in (*KINDS, "full"))
     calls = [
@@ -39,6 +40,7 @@ def written_by_commands(folder: Path, *launcher: object) -> Path:
         ["montecarlo", rom, "-n", "12", "--seed", "7", "-o", ensemble],
         ["sensitivities", rom, "-o", derivatives],
         ["simulate", str(PAPER_SCENE), "--full", "-o", full, "--set", "r1=5e-3", *overridden(*QUICK)],
+        *further,
     ]
     done = in_turn(calls, *launcher)
     assert statuses(done) == [0] * len(calls), done.stdout + done.stderr
