@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from configparser import ConfigParser
 from importlib import metadata
 from pathlib import Path
@@ -146,8 +146,8 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.max(np.abs(a[finite] - b[finite]), initial=0.0) / np.max(np.abs(a[finite]), initial=1e-300))
 
 
-def numbers(folder: Path, python: Path) -> list[Table]:
-    """Run all commands in both environments; return what agrees, and how long they took."""
+def numbers(folder: Path, python: Path) -> Iterator[Table]:
+    """Run all commands in both environments; yield what agrees, and how long they took."""
     made, bare = folder / "made", folder / "by_wheel"
     for path in (made, bare):
         path.mkdir(exist_ok=True)
@@ -161,7 +161,7 @@ def numbers(folder: Path, python: Path) -> list[Table]:
         shown = "" if equal == n else f"{largest:.1e} ({where})"
         rows.append([output, f"{equal} of {n}", shown, f"{own:.1f}", f"{first:.1f}", f"{again:.1f}"])
     header = ("file", "equal datasets", "largest difference", ".venv, s", "wheel, first, s", "again, s")
-    table = Table("Results", header, rows)
+    yield Table("Results", header, rows)
     pages = []
     for output, words in PAGES.items():
         for environment, place in ((sys.executable, made), (python, bare)):
@@ -169,7 +169,7 @@ def numbers(folder: Path, python: Path) -> list[Table]:
         ours, theirs = (contents(place / output) for place in (made, bare))
         same = sum(theirs.get(name) == text for name, text in ours.items())
         pages.append([output, f"{same} of {len(ours)}"])
-    return [table, Table("Pages and pictures of the same results", ("", "equal files"), pages)]
+    yield Table("Pages and pictures of the same results", ("", "equal files"), pages)
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -198,7 +198,8 @@ def main() -> None:
         python = make_environment(folder, arguments.newest)
         absent = run(python, "-c", "from pgmp_petsc.runtime.installed import missing; print(*missing())").stdout.split()
         print(f"without {', '.join(absent)}")
-        for table in (starts(python), *numbers(folder, python)):
+        print(f"\n{starts(python).markdown()}", flush=True)
+        for table in numbers(folder, python):
             print(f"\n{table.markdown()}", flush=True)
         words = [word.format(root=ROOT) for word in REFUSED]
         done = run(python, "-m", "pgmp_petsc.cli.main", *words, "-o", folder / "refused.h5", check=False)

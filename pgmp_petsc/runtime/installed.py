@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 OF_PETSC = ("petsc4py", "slepc4py", "mpi4py")  # PETSc is handed communicators of mpi4py
-CURE = "install them as docs/without_petsc.md says, or run this where they are: ROM.h5 can be taken elsewhere"
+CURE = "a ROM.h5 built where they are runs here; scripts/setup of the sources installs them (docs/without_petsc.md)"
 #: What programs that start several processes tell each of how many there are, and which it is.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 NUMBERS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MPI_LOCALRANKID")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,15 @@ def test_several_processes_that_do_not_know_of_each_other_are_refused(rank: str)
     assert statuses(done) == [2]
     said = "pgmp: error: 3 processes were started together, and this Python has no mpi4py, so that none knows of the "
     assert done.stderr == ("" if rank == "1" else f"{said}others; start one, or install mpi4py\n")
+
+
+def test_with_mpi_alone_several_ranks_share_an_ensemble(
+    mpirun: Callable, commands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("REFUSED", "petsc4py,slepc4py")
+    words = ("montecarlo", commands / "rom.h5", "-n", 12, "--seed", 7, "-o", tmp_path / "ensemble.h5")
+    mpirun(2, LAUNCHER, "-m", "pgmp_petsc.cli.main", *words)
+    assert_same(tmp_path / "ensemble.h5", commands / "ensemble.h5")
 
 
 def test_the_python_interface(commands: Path, without: Path, tmp_path: Path) -> None:
