@@ -7,13 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis
 import pytest
+import warm_start
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = Path(__file__).resolve().parent / "parallel"
@@ -62,9 +62,9 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
     check_status : int or None
         Exit status that the test needs; None for any.
     """
-    arguments = ["mpirun", "-n", str(n), sys.executable, *(str(word) for word in command)]
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    arguments = ["mpirun", "-n", str(n), *warm_start.python(environment), *(str(word) for word in command)]
     process = subprocess.Popen(
         arguments,
         stdin=subprocess.DEVNULL,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from conftest import MPI_ENVIRONMENT, ROOT, TIMEOUT_SECONDS
 from mpi4py import MPI
 from scenes import HEADER, meshes_of
+import warm_start
 
 from pgmp_petsc.dynamics.generalised_alpha import Run, integrate
 from pgmp_petsc.dynamics.second_order_system import SecondOrderSystem, State
@@ -192,12 +192,13 @@ def history(model: Model, values: Mapping[str, np.ndarray], n: int) -> tuple[np.
 
 def pgmp(*arguments: object, status: int | None = 0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run ``pgmp`` on one rank, as a user does, and check its exit status (None: any)."""
+    environment = os.environ | MPI_ENVIRONMENT
     done = subprocess.run(
-        [sys.executable, *PGMP, *map(str, arguments)],
+        [*warm_start.python(environment), *PGMP, *map(str, arguments)],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        env=os.environ | MPI_ENVIRONMENT,
+        env=environment,
         cwd=cwd,
         timeout=TIMEOUT_SECONDS,
     )

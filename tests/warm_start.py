@@ -1,0 +1,214 @@
+"""Python processes that begin with their libraries loaded: commands in tests start in less than half the time.
+
+A server loads what commands need and what starts neither MPI nor PETSc. For every command it forks a child, which takes
+over the files, the folder and the environment of whoever asked and ends as an interpreter ends: nothing that one
+command does is left for the next. Under mpirun a small stand-in waits for it and passes signals on.
+
+    python warm_start.py SOCKET                              the server; it leaves when its stdin is closed
+    python -I -S warm_start.py SOCKET -m MODULE ARGUMENTS     the stand-in; -c TEXT and FILE as with python
+"""
+
+from __future__ import annotations
+
+import array
+import atexit
+import json
+import os
+import selectors
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import types
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import NoReturn
+
+STANDARD_FILES = (0, 1, 2)
+# what mpirun, a scheduler or a user sends to a process
+PASSED_ON = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
+# variables that are read when an interpreter or a library starts: with others than the server's, a process starts cold
+READ_AT_START = ("PYTHON", "NUMBA", "LD_", "OMP_NUM", "OPENBLAS", "MPL")
+NUMBER = 8  # bytes of a number on the connection
+
+
+def python(environment: Mapping[str, str]) -> list[str]:
+    """Return the words that run Python: the stand-in, or the interpreter where an environment starts it otherwise."""
+    path, started = _server()
+    names = {name for name in {*environment, *started} if name.startswith(READ_AT_START)} - {"PYTHONPATH"}
+    if any(environment.get(name) != started.get(name) for name in names):
+        return [sys.executable]
+    return [sys.executable, "-I", "-S", __file__, path]
+
+
+def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
+    """Be a process of the server's for whoever waits for this one: pass signals on, and end as it ends."""
+    wanted = {"arguments": list(arguments), "environment": dict(os.environ), "folder": os.getcwd()}
+    text = json.dumps(wanted).encode()
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.connect(path)
+    rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", STANDARD_FILES))]
+    connection.sendmsg([len(text).to_bytes(NUMBER, "little")], rights)
+    connection.sendall(text)
+    child = _number(connection)
+
+    def pass_on(number: int, _frame: object) -> None:
+        try:
+            os.kill(child, number)
+        except ProcessLookupError:
+            pass  # it has just ended
+
+    for number in PASSED_ON:
+        signal.signal(number, pass_on)
+    status = _number(connection)
+    if status < 0:
+        if -status in PASSED_ON:
+            signal.signal(-status, signal.SIG_DFL)
+        os.kill(os.getpid(), -status)
+    sys.exit(status)
+
+
+def serve(path: str) -> None:
+    """Fork a process for every connection to a socket, until stdin is closed."""
+    _preload()
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(path)
+    listener.listen()
+    woken, wake = os.pipe()
+    os.set_blocking(woken, False)
+    os.set_blocking(wake, False)
+    signal.set_wakeup_fd(wake)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    events = selectors.DefaultSelector()
+    for file in (listener, woken, sys.stdin):
+        events.register(file, selectors.EVENT_READ)
+    children: dict[socket.socket, int] = {}
+    print("ready", flush=True)
+    while True:
+        for key, _ in events.select():
+            if key.fileobj is sys.stdin:
+                for child in children.values():
+                    os.kill(child, signal.SIGKILL)
+                return
+            if key.fileobj is listener:
+                connection, _ = listener.accept()
+                child = _forked(connection, [listener, *children])
+                children[connection] = child
+                events.register(connection, selectors.EVENT_READ)
+                connection.sendall(child.to_bytes(NUMBER, "little", signed=True))
+            elif key.fileobj == woken:
+                os.read(woken, 4096)
+            elif key.fileobj in children:  # whoever asked was killed: so is the process
+                events.unregister(key.fileobj)
+                os.kill(children[key.fileobj], signal.SIGKILL)
+        for connection, child in list(children.items()):
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                del children[connection]
+                if connection in events.get_map():
+                    events.unregister(connection)
+                    connection.sendall(os.waitstatus_to_exitcode(status).to_bytes(NUMBER, "little", signed=True))
+                connection.close()
+
+
+def _forked(connection: socket.socket, others: Sequence[socket.socket]) -> int:
+    """Fork the process that a connection asks for; return its number, in the server alone."""
+    size, rights, _, _ = connection.recvmsg(NUMBER, socket.CMSG_SPACE(4 * len(STANDARD_FILES)))
+    files = array.array("i", rights[0][2])
+    wanted = json.loads(_received(connection, int.from_bytes(size, "little")))
+    child = os.fork()
+    if child == 0:
+        for other in (connection, *others):
+            other.close()
+        _become(wanted, files)
+    for file in files:
+        os.close(file)
+    return child
+
+
+def _become(wanted: Mapping, files: Sequence[int]) -> NoReturn:
+    """Be the process that somebody wants, from here to its end."""
+    import runpy
+
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    for place, file in zip(STANDARD_FILES, files, strict=True):
+        os.dup2(file, place)
+        os.close(file)
+    os.environ.clear()
+    os.environ.update(wanted["environment"])
+    os.chdir(wanted["folder"])
+    first, *others = wanted["arguments"]
+    own = {os.path.dirname(os.path.abspath(__file__)), os.path.dirname(os.path.dirname(os.path.abspath(__file__)))}
+    given = wanted["environment"].get("PYTHONPATH", "").split(os.pathsep)
+    sys.path[:] = ["", *filter(None, given), *(path for path in sys.path if path not in own)]
+    if first == "-m":
+        sys.modules.pop(others[0], None)
+        sys.path[0], sys.argv = os.getcwd(), others
+        runpy.run_module(others[0], run_name="__main__", alter_sys=True)
+    elif first == "-c":
+        sys.path[0], sys.argv = "", ["-c", *others[1:]]
+        main = sys.modules["__main__"] = types.ModuleType("__main__")
+        exec(compile(others[0], "<string>", "exec"), main.__dict__)
+    else:
+        sys.path[0], sys.argv = os.path.dirname(os.path.abspath(first)), [first, *others]
+        runpy.run_path(first, run_name="__main__")
+    sys.exit(0)
+
+
+def _preload() -> None:
+    """Import the package's modules, which start neither MPI nor PETSc when they are imported, and what is slow to."""
+    import importlib
+    import pkgutil
+
+    import pgmp_petsc
+
+    slow = ("scipy.interpolate", "scipy.linalg", "scipy.optimize", "scipy.sparse.csgraph", "scipy.sparse.linalg")
+    modules = (module.name for module in pkgutil.walk_packages(pgmp_petsc.__path__, "pgmp_petsc."))
+    for name in (*slow, "scipy.stats", *modules):
+        importlib.import_module(name)
+    assert not {"mpi4py.MPI", "petsc4py.PETSc"} & set(sys.modules), "a module starts MPI or PETSc when it is imported"
+
+
+@cache
+def _server() -> tuple[str, Mapping[str, str]]:
+    """Start the server, which ends with this process; return its socket and its environment."""
+    from conftest import MPI_ENVIRONMENT, ROOT
+
+    folder = Path(tempfile.mkdtemp(prefix="pgmp_warm_"))
+    path, environment = str(folder / "socket"), os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": str(ROOT)}
+    words = [sys.executable, __file__, path]
+    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    assert process.stdout.readline(), "the server of warm starts did not start"
+
+    def leave() -> None:
+        process.stdin.close()
+        process.wait()
+        shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(leave)
+    return path, environment
+
+
+def _number(connection: socket.socket) -> int:
+    return int.from_bytes(_received(connection, NUMBER), "little", signed=True)
+
+
+def _received(connection: socket.socket, size: int) -> bytes:
+    """Return so many bytes of a connection."""
+    data = b""
+    while len(data) < size:
+        part = connection.recv(size - len(data))
+        if not part:
+            raise SystemExit("the server of warm starts has left")
+        data += part
+    return data
+
+
+if __name__ == "__main__":
+    if sys.argv[2:]:
+        stand_in(sys.argv[1], sys.argv[2:])
+    serve(sys.argv[1])
