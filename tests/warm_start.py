@@ -23,6 +23,7 @@ import sys
 import tempfile
 import types
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import NoReturn
@@ -56,10 +57,8 @@ def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
     child = _number(connection)
 
     def pass_on(number: int, _frame: object) -> None:
-        try:
+        with suppress(ProcessLookupError):  # it may have ended just now
             os.kill(child, number)
-        except ProcessLookupError:
-            pass  # it has just ended
 
     for number in PASSED_ON:
         signal.signal(number, pass_on)
@@ -110,6 +109,7 @@ def serve(path: str) -> None:
                 del children[connection]
                 if connection in events.get_map():
                     events.unregister(connection)
+                with suppress(OSError):  # whoever asked may have left just now
                     connection.sendall(os.waitstatus_to_exitcode(status).to_bytes(NUMBER, "little", signed=True))
                 connection.close()
 
