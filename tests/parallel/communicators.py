@@ -10,6 +10,7 @@ from runs import full_model, paper_scene
 
 from pgmp_petsc.runtime.ending import end
 from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.runtime.petsc import start_petsc
 from pgmp_petsc.studies.simulate import simulate_full
 
 N_SPLITS, N_RUNS = 300, 20
@@ -24,6 +25,7 @@ def next_handle() -> int:
 
 
 def main() -> None:
+    start_petsc()
     world = MPI.COMM_WORLD
     model = full_model(paper_scene("simulation.duration=0.002", "simulation.step=1e-3"))
     simulate_full(model, world)  # what PETSc makes once and keeps

@@ -11,7 +11,10 @@ import sys
 from mpi4py import MPI
 from tradeoffs import LEAST, TINY, small_scene, study
 
+from pgmp_petsc.runtime.petsc import start_petsc
+
 if __name__ == "__main__":
+    start_petsc()
     comm = MPI.COMM_WORLD
     result = study(small_scene(*sys.argv[2:]), {"tiny": TINY, "least": LEAST}[sys.argv[1]], comm=comm)
     assert (result is None) == (comm.rank > 0)
