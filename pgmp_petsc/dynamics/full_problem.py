@@ -67,8 +67,8 @@ class Sources:
         n = times.size
         of_effects = {id(effect): np.broadcast_to(effect.amplitude(times), n) for effect in self.loads}
         loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
-        moved = np.array([[motion.at(time)[:2] for motion in self.motions] for time in times]).reshape(n, -1, 2)
-        angles, speeds = (np.ascontiguousarray(moved[..., k]) for k in range(2))
+        moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
+        angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
         return Strengths(np.ascontiguousarray(loads.T), amplitudes_over(self.actions, times), angles, speeds)
 
 
