@@ -31,7 +31,10 @@ def first_numbers(seed: int, numbers: np.ndarray, d: int) -> np.ndarray:
     words = _words(seed, np.asarray(numbers, dtype=np.uint32))
     parts = [(high.astype(np.uint64) << HALF) | low for low, high in zip(words[::2], words[1::2])]
     state, increment = (parts[0], parts[1]), (parts[2], parts[3])
-    increment = (increment[0] << np.uint64(1)) | (increment[1] >> np.uint64(63)), (increment[1] << np.uint64(1)) | np.uint64(1)
+    increment = (
+        (increment[0] << np.uint64(1)) | (increment[1] >> np.uint64(63)),
+        (increment[1] << np.uint64(1)) | np.uint64(1),
+    )
     state = _stepped(_sum(increment, state), increment)
     found = np.empty((len(numbers), d))
     for column in found.T:

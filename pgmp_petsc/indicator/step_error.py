@@ -197,12 +197,8 @@ def _oscillate(now, b, held, modal, vibration):
         constant, rise = modal[b, 2, k], force - modal[b, 2, k]
         # a free vibration of the error and of the motion, from the same instant
         x, y = vibration[b, 0, k] + modal[b, 0, k], vibration[b, 1, k] + modal[b, 1, k]
-        vibration[b, 0, k] = (
-            of[b, 0, k] * x + of[b, 1, k] * y + of[b, 4, k] * constant + of[b, 5, k] * rise - now[0, k]
-        )
-        vibration[b, 1, k] = (
-            of[b, 2, k] * x + of[b, 3, k] * y + of[b, 6, k] * constant + of[b, 7, k] * rise - now[1, k]
-        )
+        vibration[b, 0, k] = of[b, 0, k] * x + of[b, 1, k] * y + of[b, 4, k] * constant + of[b, 5, k] * rise - now[0, k]
+        vibration[b, 1, k] = of[b, 2, k] * x + of[b, 3, k] * y + of[b, 6, k] * constant + of[b, 7, k] * rise - now[1, k]
         modal[b, 0, k], modal[b, 1, k], modal[b, 2, k] = now[0, k], now[1, k], force
 
 
