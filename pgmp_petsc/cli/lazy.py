@@ -41,6 +41,7 @@ class LazyCommand:
         module, _, function = self.target.partition(":")
         command = getattr(import_module(module), function)
         gc.freeze()  # modules live to the end: later collections need not look through them
+        gc.enable()
         return command
 
 

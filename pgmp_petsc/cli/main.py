@@ -75,6 +75,7 @@ def pgmp(context: click.Context) -> None:
 def main(argv: list[str] | None = None) -> NoReturn:
     """Run ``pgmp`` with the given arguments (default: the process's) and exit. Collective on COMM_WORLD."""
     own, petsc_options = split_arguments(sys.argv[1:] if argv is None else argv)
+    gc.disable()  # until the command is loaded: what modules make stays, and would be looked through again and again
     try:
         comm = start_mpi()
     except InputError as error:
@@ -86,6 +87,7 @@ def main(argv: list[str] | None = None) -> NoReturn:
     session = Session(comm, petsc_options)
     with ending_on_signals(comm.rank):
         status, message = _run(own, session)
+    gc.enable()
     status = _close(closing, status, message)
     closing.Free()
     _warn(session, status)

@@ -198,11 +198,11 @@ class AlphaStep:
     ) -> StepTaken:
         """Return a step that the system takes, or took ahead from the very state that it begins with."""
         known, known_end, known_step = self._asked_next
-        ends = np.append(end, following)
         if not (self._ahead and previous is known and end == known_end and self._step == known_step):
-            self._ahead = deque(self._ask(previous, auxiliary, ends, samples))
+            self._ahead = deque(self._ask(previous, auxiliary, np.append(end, following), samples))
         elif self._moved.any():
-            again = self._ask(previous, auxiliary, ends[: len(self._ahead)], self._moved & samples)
+            ends = np.append(end, following)[: len(self._ahead)]
+            again = self._ask(previous, auxiliary, ends, self._moved & samples)
             pairs = zip(self._ahead, again)  # up to a step in which one of them fails
             self._ahead = deque([self._system.with_samples(taken, other, self._moved) for taken, other in pairs])
         self._moved[:] = False

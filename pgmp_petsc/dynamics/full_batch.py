@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from pgmp_petsc.dynamics.full_energy import EnergyNames, energies_of
 from pgmp_petsc.dynamics.full_forces import act
 from pgmp_petsc.dynamics.full_kernel import Factors, correct, count_turns
 from pgmp_petsc.dynamics.full_parts import mass_on_diagonal
-from pgmp_petsc.dynamics.full_problem import FullEquations, Sources
+from pgmp_petsc.dynamics.full_problem import FullEquations
 from pgmp_petsc.dynamics.full_steps import take_steps
 from pgmp_petsc.dynamics.part_reference import Reference
 from pgmp_petsc.runtime.lane_items import aligned
@@ -80,7 +82,7 @@ class FullBatch:
         self.n_constraints = equations.constraints.n_constraints
         self.steps_at_once = max(1, min(STEPS_AT_ONCE, LARGEST // (self.n_dofs * n_samples)))
         self._edges, self._reference = equations.edges, Reference(equations.problem)
-        self._sources = Sources(equations.loads, equations.actions, tuple(motions.values()))
+        self._sources = equations.sources(effects, tuple(motions.values()))
         self._conservative = np.array([effect.conservative for effect in equations.loads], dtype=bool)
         self._names = EnergyNames.of(equations, self._sources.motions)
         self._nobody = np.zeros(n_samples, dtype=bool)
@@ -91,6 +93,12 @@ class FullBatch:
         )
         self._size = np.empty((blocks.n_blocks, blocks.n_lanes))
         self._typical_mass = mass_on_diagonal(equations.problem) / self.n_dofs
+
+    def under(self, effects: Sequence[Effect], motions: Mapping[int, Motion]) -> Self:
+        """Return the batch under effects and motions that differ from its own over time alone; both share memory."""
+        other = copy(self)
+        other._sources = self._equations.sources(effects, tuple(motions.values()))
+        return other
 
     def __enter__(self) -> FullBatch:
         return self

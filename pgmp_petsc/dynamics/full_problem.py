@@ -6,6 +6,7 @@ A rank has the elements, joints and effects that touch its unknowns: all of them
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import compress
 
 import numpy as np
 import scipy.sparse as sp
@@ -66,8 +67,8 @@ class Sources:
         n = times.size
         of_effects = {id(effect): np.broadcast_to(effect.amplitude(times), n) for effect in self.loads}
         loads = np.array([of_effects[id(effect)] for effect in self.loads]).reshape(-1, n)
-        moved = np.array([[motion.at(time)[:2] for motion in self.motions] for time in times]).reshape(n, -1, 2)
-        angles, speeds = (np.ascontiguousarray(moved[..., k]) for k in range(2))
+        moved = np.array([motion.at(times)[:2] for motion in self.motions]).reshape(-1, 2, n)
+        angles, speeds = (np.ascontiguousarray(moved[:, k].T) for k in range(2))
         return Strengths(np.ascontiguousarray(loads.T), amplitudes_over(self.actions, times), angles, speeds)
 
 
@@ -134,14 +135,15 @@ class FullEquations:
         loads = self._loads_of(effects)
         falling = [e for e in effects if isinstance(e, Gravity) and any(body.floating for body in unknowns.bodies)]
         gravity = list(enumerate(falling, len(loads)))
-        self.loads = [*({e.name: e for e in effects}[load.effect] for load in loads), *falling]
+        by_name = {effect.name: effect for effect in effects}
+        self.loads = [*(by_name[load.effect] for load in loads), *falling]
         parts = (
             planar_beams(share), planar_masses(share), solids(share, d), spatial_beams(share),
             spatial_masses(share, unknowns), floating_bodies(share, unknowns, gravity),
         )  # fmt: skip
         bound = ConstraintParts(self.constraints, self.chosen, kinematics.size)
-        acting = [action for action in actions_of(effects, d) if _acts_here(action, unknowns, share)]
-        self.actions = tuple(acting)
+        self._acts = [_acts_here(action, unknowns, share) for action in actions_of(effects, d)]
+        self.actions = acting = self._actions_of(effects)
         dofs, entries, of_actions = pairs_of(acting, unknowns.frame)
         coordinates = [c.connection for c in mechanism.coordinates] if d == 3 else []
         angles = StatementRows([c.angle for c in coordinates], [c.sides for c in coordinates], unknowns.frame, d)
@@ -192,6 +194,16 @@ class FullEquations:
         still = np.zeros(theta.shape[1])
         of_actions = [theta[action.coordinate] if action.coordinate >= 0 else still for action in self.actions]
         return np.array([*theta, *of_actions])
+
+    def sources(self, effects: Sequence[Effect], motions: Sequence[Motion]) -> Sources:
+        """Return what changes with time alone of the effects that these equations were made of, or of others that
+        differ from them in nothing else."""
+        by_name = {effect.name: effect for effect in effects}
+        return Sources([by_name[effect.name] for effect in self.loads], self._actions_of(effects), motions)
+
+    def _actions_of(self, effects: Sequence[Effect]) -> tuple[Action, ...]:
+        """Return the actions of effects that are here."""
+        return tuple(compress(actions_of(effects, self.unknowns.dimension), self._acts))
 
     @property
     def moving_constraints(self) -> bool:

@@ -11,7 +11,7 @@ with the auxiliary accelerations A. All coefficients follow from the spectral ra
 samples is one bigger system: samples share time and step, but each has its own Newton iteration, so that no sample
 can change another.
 
-One step of the TS is `MOST_AT_ONCE` steps of the scheme, or one where an option lets PETSc look at the steps. What
+One step of the TS is many steps of the scheme (`stops_of`), or one where an option lets PETSc look at the steps. What
 observes a run is shown every step that it wants to see in any case; the others are not even written down, which takes a
 tenth of the time of a step.
 
@@ -42,7 +42,11 @@ from pgmp_petsc.runtime.petsc import has_options
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
 
-MOST_AT_ONCE = 50  # steps of the scheme in one of the TS: more gain nothing
+# Steps of the scheme in one of the TS. What surrounds one takes the time of some hundred steps of a single sample in
+# compiled code, so that few samples go further at once; positions, velocities and accelerations of many are to stay in
+# the cache. Where Python goes from step to step more gain nothing.
+AT_ONCE, MOST_AT_ONCE = 50, 4000
+LARGEST = 2**19  # numbers of all samples and steps
 
 
 class Observer(Protocol):
@@ -301,11 +305,18 @@ def instants(duration: float, n_steps: int) -> np.ndarray:
     return times
 
 
-def stops_of(n_steps: int, prefix: str) -> np.ndarray:
+def steps_at_once(system: SecondOrderSystem) -> int:
+    """Return how many steps of the scheme make one of the TS where PETSc does not look; the same on all ranks."""
+    if not hasattr(system, "advance"):
+        return min(AT_ONCE, MOST_AT_ONCE)
+    return min(max(1, LARGEST // (3 * system.n_samples * system.n_eta)), MOST_AT_ONCE)
+
+
+def stops_of(n_steps: int, at_once: int, prefix: str) -> np.ndarray:
     """Return the numbers of the steps at which PETSc's TS sees the state, 0 and the last one included."""
     if has_options(prefix):
         return np.arange(n_steps + 1)
-    return np.append(np.arange(0, n_steps, MOST_AT_ONCE), n_steps)
+    return np.append(np.arange(0, n_steps, at_once), n_steps)
 
 
 def integrate(
@@ -344,7 +355,7 @@ def integrate(
     if alive is None:
         alive = np.ones(system.n_samples, dtype=bool)
     n_steps = count_steps(simulation.duration, simulation.step)
-    stops = stops_of(n_steps, prefix)
+    stops = stops_of(n_steps, steps_at_once(system), prefix)
     radius, duration = simulation.spectral_radius, simulation.duration
     stepper = GeneralisedAlpha(system, radius, duration, n_steps, alive, stops, observer, pulse)
     driver_here().drive(stepper, system.comm, prefix)

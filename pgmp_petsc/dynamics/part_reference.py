@@ -27,6 +27,7 @@ from numba.misc.special import typeof
 from numba.np.arrayobj import populate_array
 
 _WORD = ir.IntType(64)
+_TYPES: dict[Any, types.Type] = {}  # of arrays, which are asked for a hundred times for each model
 
 
 class Reference:
@@ -44,7 +45,20 @@ class Reference:
         self.parts = parts
         self._table = np.array([*_words(parts), 0], dtype=np.int64)
         self.address = self._table.ctypes.data
-        self._numba_type_ = ReferenceType(typeof(parts))
+        self._numba_type_ = ReferenceType(_type_of(parts))
+
+
+def _type_of(part: Any) -> types.Type:
+    """Return the type of a part, as `typeof` does; that of an array is looked up."""
+    if isinstance(part, np.ndarray):
+        key = part.dtype, part.ndim, part.flags.num, part.flags.aligned
+        if key not in _TYPES:
+            _TYPES[key] = typeof(part)
+        return _TYPES[key]
+    if not isinstance(part, tuple):
+        return typeof(part)
+    inner = tuple(map(_type_of, part))
+    return types.NamedTuple(inner, type(part)) if hasattr(part, "_fields") else types.BaseTuple.from_types(inner)
 
 
 def _words(part: Any) -> Iterator[int]:

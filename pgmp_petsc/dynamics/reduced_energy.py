@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -35,13 +36,13 @@ def reduced_energy(
     entries[:, : layout.n_rigid] = np.einsum("nt,nte->ne", weights, terms.rigid(q[:, :r]))
     delta, rate = q[:, r:], v[:, r:]
     mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
-    k, j = np.tril_indices(r)
-    turning = v[:, k] * v[:, j] * np.where(k == j, 1.0, 2.0)
+    k, j, times = _pairs(r)
+    turning = v[:, k] * v[:, j] * times
     coupling = coupling.reshape(len(q), layout.n_rigid, -1)
     kinetic = 0.5 * _form(mass, v) + np.einsum("np,npi,ni->n", turning, coupling, delta)
     strain = 0.5 * _form(stiffness, delta)
     if layout.second_order:
-        i, j = np.tril_indices(delta.shape[1], -1)
+        i, j = _apart(delta.shape[1])
         swept = delta[:, i] * rate[:, j] - delta[:, j] * rate[:, i]
         kinetic += np.einsum("nk,nkp,np->n", v[:, :r], gyroscopic.reshape(len(q), r, -1), swept)
         for pair, part in enumerate(np.split(swing, layout.n_rigid, axis=1)):
@@ -104,8 +105,30 @@ def damping_power(
 
 def _form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return ``x^T A x`` for packed symmetric matrices (n, n_packed) and x (n, m)."""
-    i, j = np.tril_indices(x.shape[1])
-    return np.sum(packed * np.where(i == j, 1.0, 2.0) * x[:, i] * x[:, j], axis=1)
+    i, j, times = _pairs(x.shape[1])
+    return np.sum(packed * times * x[:, i] * x[:, j], axis=1)
+
+
+@cache
+def _pairs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows and columns of a packed symmetric matrix, and how often each entry stands in it."""
+    i, j = np.tril_indices(n)
+    return i, j, np.where(i == j, 1.0, 2.0)
+
+
+@cache
+def _apart(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and columns of a packed skew matrix."""
+    return np.tril_indices(n, -1)
+
+
+@cache
+def _triples(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the indices of a packed symmetric tensor, and how often each entry stands in it."""
+    i, j, k = np.indices((n,) * 3).reshape(3, -1)
+    chosen = (i >= j) & (j >= k)
+    i, j, k = i[chosen], j[chosen], k[chosen]
+    return i, j, k, np.where(i == k, 1.0, np.where((i == j) | (j == k), 3.0, 6.0))
 
 
 def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
@@ -118,8 +141,5 @@ def _unpacked_cubic(packed: np.ndarray) -> np.ndarray:
 
 def _cubic_form(packed: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return ``T_ijk x_i x_j x_k`` for symmetric tensors packed over ``i >= j >= k``."""
-    i, j, k = np.indices((x.shape[1],) * 3).reshape(3, -1)
-    chosen = (i >= j) & (j >= k)
-    i, j, k = i[chosen], j[chosen], k[chosen]
-    times = np.where(i == k, 1.0, np.where((i == j) | (j == k), 3.0, 6.0))
+    i, j, k, times = _triples(x.shape[1])
     return np.sum(packed * times * x[:, i] * x[:, j] * x[:, k], axis=1)

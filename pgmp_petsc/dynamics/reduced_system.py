@@ -230,8 +230,7 @@ class ReducedSystem:
             energies.add_potential(action.effect, stored)
         loads = load_powers(self._terms, values, state.q, state.v) if self._load_effects else {}
         for effect in self._load_effects:
-            amplitudes = np.array([effect.amplitude(float(time)) for time in times])
-            energies.add_power(effect.name, amplitudes * loads[effect.name])
+            energies.add_power(effect.name, effect.amplitude(times) * loads[effect.name])
         if self._terms.damping is not None:
             power = damping_power(self._terms, values, state.q, state.v)
             energies.add_power(self._terms.damping.effect, power - 2.0 * self._terms.damping.mass * energies.kinetic)
@@ -384,7 +383,7 @@ class ReducedSystem:
             column[:] = effect.amplitude(times)
         motions = np.zeros((times.size, 3 * self.tables.n_coordinates if self._motions else 0))
         for k, motion in self._motions.items():
-            motions[:, 3 * k : 3 * k + 3] = [motion.at(time) for time in times]
+            motions[:, 3 * k : 3 * k + 3] = np.transpose(motion.at(times))
         return Strengths(loads, amplitudes_over(self._actions.actions, times), motions)
 
 

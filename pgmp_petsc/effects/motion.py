@@ -51,8 +51,8 @@ class Motion:
         makers = {"table": _table, "harmonic": _harmonic, "spin_up": _spin_up, "constant_speed": _constant_speed}
         self.angle = next(make(getattr(entry, key)) for key, make in makers.items() if getattr(entry, key) is not None)
 
-    def at(self, time: float) -> Instant:
-        """Return the motion at a time (s)."""
+    def at(self, time: float | np.ndarray) -> Instant:
+        """Return the motion at a time (s), or at each of several."""
         return Instant(*self.angle.with_rates(time))
 
 
@@ -70,9 +70,10 @@ class Held:
     def __init__(self, angle: float) -> None:
         self.angle = angle
 
-    def at(self, time: float) -> Instant:
+    def at(self, time: float | np.ndarray) -> Instant:
         """Return the angle, at rest."""
-        return Instant(self.angle, 0.0, 0.0)
+        rest = np.zeros_like(time, dtype=float)
+        return Instant(rest + self.angle, rest, rest)
 
 
 def driven(motions: Sequence[Motion | Held], time: float) -> Instant:

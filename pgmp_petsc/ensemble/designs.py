@@ -21,6 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.ensemble.sample_streams import first_numbers
 from pgmp_petsc.runtime.errors import InputError
 
 BITS = 30  # of the numbers of a Sobol sequence
@@ -61,8 +62,7 @@ class Independent:
 
     def uniform(self, first: int, last: int) -> np.ndarray:
         """Return the uniform numbers; see `Design`."""
-        drawn = [stream(self._seed, number).random(self._d) for number in range(first, last)]
-        return np.array(drawn).reshape(last - first, self._d)
+        return first_numbers(self._seed, np.arange(first, last), self._d)
 
 
 class LatinHypercube:

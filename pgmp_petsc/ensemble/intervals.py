@@ -16,9 +16,12 @@ leave open is infinite, or NaN where nothing at all is known.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 UNKNOWN = np.full(2, np.nan)
+RANK_TOLERANCE = 1e-9  # of a rank: values between neighbours are interpolated
 
 
 def of_mean(values: np.ndarray, confidence: float) -> np.ndarray:
@@ -70,20 +73,25 @@ def of_quantiles(ordered: np.ndarray, probabilities: np.ndarray, confidence: flo
     return found
 
 
+@cache
 def _rank(n: int, probability: float, beyond: float) -> float | None:
     """Return the rank r, 1 to n and no whole number, whose share below exceeds `probability` with chance 1 - `beyond`.
 
     None where there is none.
     """
-    from scipy.optimize import brentq
     from scipy.special import betainc
 
     def excess(rank: float) -> float:
         return betainc(rank, n + 1.0 - rank, probability) - beyond
 
-    if n < 1 or excess(1.0) < 0.0 or excess(float(n)) > 0.0:
+    if n < 2 or excess(1.0) < 0.0 or excess(float(n)) > 0.0:
         return None
-    return float(brentq(excess, 1.0, float(n), xtol=1e-9)) if n > 1 else None
+    # bisection is quick enough; scipy.optimize takes a twentieth of the start of an ensemble
+    low, high = 1.0, float(n)
+    while high - low > RANK_TOLERANCE:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _at_rank(ordered: np.ndarray, rank: float) -> float:

@@ -67,12 +67,16 @@ class CheckingModel:
         """Return the unknowns, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
         return self._reconstruction.unknowns(eta)
 
-    def batch(self, values: Mapping[str, np.ndarray], n: int, schedule: Schedule, step: float) -> FullBatch:
-        """Return n samples under what acts at the instants of a schedule of a run with a step (s)."""
+    def batch(self, values: Mapping[str, np.ndarray], n: int) -> FullBatch:
+        """Return n samples."""
+        return FullBatch(self.full.kinematics, self._effects, values, self._start, n, self._motions)
+
+    def scheduled(self, batch: FullBatch, schedule: Schedule, step: float) -> FullBatch:
+        """Return a batch under what acts at the instants of a schedule of a run with a step (s)."""
         instants = schedule.steps, step, schedule.interval
         effects = sampled_effects(self._effects, *instants)
         motions = {number: SampledMotion(motion, *instants) for number, motion in self._motions.items()}
-        return FullBatch(self.full.kinematics, effects, values, self._start, n, motions)
+        return batch.under(effects, motions)
 
     def equilibria(self, values: Mapping[str, np.ndarray], samples: np.ndarray) -> np.ndarray | None:
         """Return the static equilibria that samples start from, NaN where there is none or it is not asked for.

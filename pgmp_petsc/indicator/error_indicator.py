@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.generalised_alpha import count_steps, integrate
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.dynamics.status import Status
@@ -29,8 +30,8 @@ from pgmp_petsc.indicator.flexible_modes import FlexibleModes
 from pgmp_petsc.indicator.reference_motion import ReferenceMotion
 from pgmp_petsc.indicator.residual_error import ErrorSystem
 from pgmp_petsc.indicator.schedule import Schedule, agree, choose, longest_intervals, schedules
-from pgmp_petsc.indicator.step_error import SOFTEST, StepError
-from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.indicator.step_error import SOFTEST, StepError, Turns
+from pgmp_petsc.models import ComponentModel, ReducedModel
 
 if TYPE_CHECKING:
     from pgmp_petsc.scene.numerics import Simulation
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
 # rad that a sample may turn with the same modes. Vibrations from two instants add up or cancel, by their phase: over
 # 80 periods in between, a frequency that is wrong by a thousandth turns it by a twelfth of a period.
 HOLD = 0.03
-LOOK = 10  # steps that are taken in together
+TOGETHER = 2**21  # unknowns of instants whose outputs are evaluated together
+LOOK = 10  # steps after which it is looked at whether a sample has turned
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,7 @@ class WatchedRun:
         self._states = np.empty((kept.size, 4, samples.size, n_eta))
         self._theta = np.empty((kept.size, samples.size, r))
         self._speeds = np.zeros(samples.size)
-        self._waiting = np.empty((LOOK, 3, samples.size, n_eta))
-        self._n_waiting = 0
+        self._batch: tuple[np.ndarray, FullBatch] | None = None
 
     def __call__(self, number: int, time: float, state: State) -> None:
         """Take in the state after a step; the observer of the run."""
@@ -128,17 +129,11 @@ class WatchedRun:
 
     def over(self, numbers: np.ndarray, times: np.ndarray, trail: np.ndarray) -> None:
         """Take in the states after many steps; see `TrailObserver`."""
-        chosen, last = trail[:, :, self._samples], int(numbers[-1])
-        while chosen.size:
-            some, chosen = np.split(chosen, [LOOK - self._n_waiting])
-            self._waiting[self._n_waiting : self._n_waiting + len(some)] = some
-            self._n_waiting += len(some)
-            number = last - len(chosen)
-            if self._n_waiting == LOOK or number == self._indicator.n_steps:
-                # a sample that fails may overflow here before it is given up
-                with np.errstate(all="ignore"):
-                    self._look(self._waiting[: self._n_waiting], number)
-                self._n_waiting = 0
+        motion = np.take(trail, self._samples, axis=2)
+        # a sample that fails may overflow here before it is given up
+        with np.errstate(all="ignore"):
+            exact, missing = self._step_error.advance(motion, self._turns(numbers, motion))
+            self._keep(numbers, motion, exact, missing)
 
     def _begin(self, start: np.ndarray) -> None:
         q, v, a = start
@@ -150,23 +145,31 @@ class WatchedRun:
         self._states[0] = q, v, a, np.zeros_like(q)
         self._theta[0] = q[:, :r]
 
-    def _look(self, motion: np.ndarray, last: int) -> None:
-        """Follow the errors over some steps, the last one given by its number, and take modes anew where needed."""
-        exact, missing = self._step_error.advance(motion)
-        places = self._place[last + 1 - len(motion) : last + 1]
-        kept = np.flatnonzero(places >= 0)
-        places = places[kept]
+    def _turns(self, numbers: np.ndarray, motion: np.ndarray) -> Turns | None:
+        """Return where samples take other modes in some steps, given by their numbers, (n_t, 3, n, n_eta)."""
+        places, samples, middles = [], [], []
+        for place in np.flatnonzero(numbers % LOOK == 0):
+            theta, speed = motion[place, :2, :, : self._r]
+            turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
+            if turned.size:
+                # those of the middle of the turn that lies ahead
+                self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
+                places.append(np.full(turned.size, place + 1))
+                samples.append(turned)
+                middles.append(self._middles[turned])
+        if not places:
+            return None
+        who = np.concatenate(samples)
+        weights = tuple(part[who] for part in self._weights)
+        return Turns(np.concatenate(places), who, self._indicator.modes.at(np.concatenate(middles), weights))
+
+    def _keep(self, numbers: np.ndarray, motion: np.ndarray, exact: np.ndarray, missing: np.ndarray) -> None:
+        """Keep what may be evaluated of some steps, given by their numbers."""
+        r, kept = self._r, np.flatnonzero(self._place[numbers] >= 0)
+        places = self._place[numbers[kept]]
         self._states[places, :2], self._states[places, 2] = exact[kept], motion[kept, 2]
-        r = self._r
         self._states[places, 3], self._theta[places] = missing[kept], motion[kept, 0, :, :r]
         np.maximum(self._speeds, np.max(np.abs(motion[:, 1, :, :r]), axis=(0, 2)), out=self._speeds)
-        theta, speed = motion[-1, :2, :, :r]
-        turned = np.flatnonzero(~(np.abs(theta - self._middles) <= 0.5 * HOLD).all(axis=1))
-        if turned.size:
-            # those of the middle of the turn that lies ahead
-            self._middles[turned] = theta[turned] + 0.5 * np.copysign(HOLD, speed[turned])
-            weights = tuple(part[turned] for part in self._weights)
-            self._step_error.hold(turned, self._indicator.modes.at(self._middles[turned], weights))
 
     def estimate(self, status: np.ndarray) -> Estimate:
         """Return the estimate once the run has ended.
@@ -217,14 +220,13 @@ class WatchedRun:
         plain = states[:, 0].copy()
         plain[:, fine, :r] = self._theta[schedule.places][:, chosen[fine]]
         values = {name: np.ascontiguousarray(value[chosen]) for name, value in self._values.items()}
-        full = checking.batch(values, n, schedule, self._indicator.step)
+        full = checking.scheduled(self._batch_of(chosen, values), schedule, self._indicator.step)
         motion = ReferenceMotion(checking.unknowns_of, states, r, self._slowest[chosen])
         system = ErrorSystem(full, motion, schedule.interval, states[0, 0, :, :r].T, begin)
-        corrected = []
+        observed = _Observed(checking.full, full, values)
 
         def record(number: int, time: float, state: State) -> None:
-            q = motion.at(number).shaken + system.unpack(state.q)
-            corrected.append(checking.full.observed_of(q, full.frames_of(q, system.unpack(state.turns)), values))
+            observed.take(motion.at(number).shaken, state)
 
         simulation = self._indicator.simulation.model_copy(
             update={
@@ -234,25 +236,28 @@ class WatchedRun:
             }
         )
         run = integrate(system, simulation, alive=fine, observer=record, prefix=ERROR_PREFIX)
-        errors = self._errors(plain, np.array(corrected), values)
+        errors = self._errors(plain, observed.outputs(), values)
         # where one output cannot be evaluated, the corrected motion ran away, and the others mean nothing either
         known = np.all([run.status == Status.FINE, *(np.isfinite(e).all(axis=0) for e in errors.values())], axis=0)
         return {name: np.where(known, error, np.nan) for name, error in errors.items()}
+
+    def _batch_of(self, chosen: np.ndarray, values: Mapping[str, np.ndarray]) -> FullBatch:
+        """Return the equations of some samples; those of the last call where they are the same."""
+        if self._batch is None or not np.array_equal(self._batch[0], chosen):
+            self._batch = chosen, self._indicator.checking.batch(values, chosen.size)
+        return self._batch[1]
 
     def _complete(self, numbers: np.ndarray) -> np.ndarray:
         """Return whether schedules, given by their numbers, evaluate every step."""
         return np.array([schedule.complete for schedule in self._indicator.schedules])[numbers]
 
     def _errors(
-        self, plain: np.ndarray, corrected: np.ndarray, values: Mapping[str, np.ndarray]
+        self, plain: np.ndarray, there: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta) and from what
-        the checking model observes, (n_e, n_observed, n)."""
+        """Return reduced less corrected outputs, shape (n_e, n), from reduced coordinates (n_e, n, n_eta)."""
         model, shape = self._indicator.model, plain.shape[:2]
         every_time = {name: np.tile(value, shape[0]) for name, value in values.items()}
         here = model.outputs.evaluate(model.observed_of(plain.reshape(-1, plain.shape[2]), every_time))
-        observed = np.moveaxis(corrected, 0, 1)
-        there = self._indicator.checking.full.outputs.evaluate(observed.reshape(len(observed), -1))
         return {name: (here[name] - there[name]).reshape(shape) for name in here}
 
     def _placeable(self) -> np.ndarray:
@@ -262,3 +267,36 @@ class WatchedRun:
         finite = np.isfinite(self._states).all(axis=(0, 1, 3))
         reached = self._indicator.model.kinematics.within_reach(theta).reshape(theta.shape[:3])
         return finite & reached.all(axis=(0, 1))
+
+
+class _Observed:
+    """Outputs of n corrected motions, evaluated for many instants together."""
+
+    def __init__(self, model: ComponentModel, batch: FullBatch, values: Mapping[str, np.ndarray]) -> None:
+        self._model, self._batch, self._values = model, batch, values
+        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._found: list[dict[str, np.ndarray]] = []
+
+    def take(self, motion: np.ndarray, error: State) -> None:
+        """Take in the unknowns of a motion, (n_dofs, n), and its error at the next instant."""
+        # what is kept of states has to be theirs: angles are counted on in place
+        self._waiting.append((motion, error.q, error.turns.copy()))
+        if len(self._waiting) * motion.size > TOGETHER:
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        n_e, n = len(self._waiting), self._batch.n_samples
+        motions, *errors = (np.array(parts) for parts in zip(*self._waiting))
+        # the axis of instants behind that of unknowns
+        errors, turns = (self._batch.unpack(np.moveaxis(part, 0, 2)) for part in errors)
+        q = (np.moveaxis(motions, 0, 1) + errors).reshape(-1, n_e * n)
+        values = {name: np.tile(value, n_e) for name, value in self._values.items()}
+        frames = self._batch.frames_of(q, turns.reshape(len(turns), n_e * n))
+        self._found.append(self._model.outputs.evaluate(self._model.observed_of(q, frames, values)))
+        self._waiting.clear()
+
+    def outputs(self) -> dict[str, np.ndarray]:
+        """Return every output, shape (n_e n,)."""
+        if self._waiting:
+            self._evaluate()
+        return {name: np.concatenate([found[name] for found in self._found]) for name in self._found[0]}

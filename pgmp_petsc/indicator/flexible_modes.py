@@ -112,12 +112,20 @@ class FlexibleModes:
 def _factors(matrices: np.ndarray) -> np.ndarray:
     """Return Cholesky factors; of a matrix that lost its definiteness between the samples, those of one nearby.
 
-    A sample far from the sampled configurations must not end the run of the others.
+    A sample far from the sampled configurations must not end the run of the others, nor change a digit of theirs.
     """
     try:
         return np.linalg.cholesky(matrices)
     except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(matrices)
-        values = np.maximum(values, 1e-12 * np.abs(values).max(axis=-1, keepdims=True))
-        positive = (vectors * values[..., None, :]) @ np.swapaxes(vectors, -1, -2)
-        return np.linalg.cholesky(0.5 * (positive + np.swapaxes(positive, -1, -2)))
+        return np.array([_factor(matrix) for matrix in matrices])
+
+
+def _factor(matrix: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor of one matrix; see `_factors`."""
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        values = np.maximum(values, 1e-12 * np.abs(values).max())
+        positive = (vectors * values) @ vectors.T
+        return np.linalg.cholesky(0.5 * (positive + positive.T))

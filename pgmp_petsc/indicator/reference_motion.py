@@ -60,7 +60,7 @@ class ReferenceMotion:
     def __init__(self, unknowns: Unknowns, states: np.ndarray, n_theta: int, longest: np.ndarray) -> None:
         self._unknowns, self._states = unknowns, states
         self._n_theta, self._longest = n_theta, longest
-        self._first, self._kept = 0, (np.empty(0),) * 4
+        self._n_dofs, self._first, self._kept = 0, 0, (np.empty(0),) * 4
 
     def at(self, number: int) -> Instant:
         """Return an instant by its number; consecutive ones are computed together."""
@@ -70,22 +70,21 @@ class ReferenceMotion:
 
     def _compute(self, number: int) -> None:
         n_samples, r = self._states.shape[2], self._n_theta
-        n_dofs = self._evaluate(self._states[:1, 0]).shape[1]
-        n_instants = max(1, LARGEST // (4 * n_dofs * n_samples))
+        n_dofs = self._n_dofs = self._n_dofs or self._evaluate(self._states[:1, 0]).shape[1]
+        n_instants = max(1, LARGEST // (len(SECOND) * n_dofs * n_samples))
         q, v, a, vibration = np.moveaxis(self._states[number : number + n_instants], 1, 0)
         pace = np.max(v[..., :r] ** 2 + TURN * np.abs(a[..., :r]), axis=-1)
         tau = (TURN / np.sqrt(np.maximum(pace, (TURN / self._longest) ** 2)))[..., None]
-        here = self._evaluate(q)
+        along = [q + at * tau * v + 0.5 * (at * tau) ** 2 * a for at in FIRST]
+        here, shaken, *there = self._evaluate(np.array([q, q + vibration, *along]))
         first, second = np.zeros_like(here), SECOND[0] * here
-        for at, weight in FIRST.items():
-            there = self._evaluate(q + at * tau * v + 0.5 * (at * tau) ** 2 * a)
-            first += weight * there
-            second += SECOND[at] * there
+        for (at, weight), moved in zip(FIRST.items(), there):
+            first += weight * moved
+            second += SECOND[at] * moved
         span = np.moveaxis(tau, 2, 1)
-        kept = here, first / span, second / span**2, self._evaluate(q + vibration)
-        self._first, self._kept = number, kept
+        self._first, self._kept = number, (here, first / span, second / span**2, shaken)
 
     def _evaluate(self, eta: np.ndarray) -> np.ndarray:
-        """Return unknowns (k, n_dofs, n_samples) for reduced coordinates (k, n_samples, n_eta)."""
-        found = self._unknowns(eta.reshape(-1, eta.shape[2]))
-        return np.moveaxis(found.reshape(-1, *eta.shape[:2]), 0, 1)
+        """Return unknowns (..., n_dofs, n_samples) for reduced coordinates (..., n_samples, n_eta)."""
+        found = self._unknowns(eta.reshape(-1, eta.shape[-1]))
+        return np.moveaxis(found.reshape(-1, *eta.shape[:-1]), 0, -2)

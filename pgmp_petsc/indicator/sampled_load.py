@@ -99,9 +99,9 @@ class SampledMotion:
         self.name, self.coordinate = motion.name, motion.coordinate
         self._motion, self._times, self._interval = motion, step * steps, interval
 
-    def at(self, time: float) -> Instant:
+    def at(self, time: float | np.ndarray) -> Instant:
         """Return the motion at the nearest evaluation."""
-        return self._motion.at(float(self._times[round(time / self._interval)]))
+        return self._motion.at(self._times[np.rint(np.divide(time, self._interval)).astype(int)])
 
 
 def sampled_effects(effects: Sequence[Effect], steps: np.ndarray, step: float, interval: float) -> tuple[Effect, ...]:

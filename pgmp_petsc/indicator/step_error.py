@@ -20,6 +20,8 @@ Prescribed coordinates are what they are.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pgmp_petsc.indicator.flexible_modes import Modes
@@ -29,8 +31,65 @@ from pgmp_petsc.runtime.compiled import njit
 SOFTEST = 1e-3  # of omega h: below, a mode is taken for this stiff, and nothing is divided by zero
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def advance(step, first, motion, past, modes, oscillator, modal, vibration, smooth, free, exact, missing):
+class Turns(NamedTuple):
+    """Where samples have turned so far that other modes hold.
+
+    Attributes
+    ----------
+    places
+        After how many steps, increasing, shape (n_turns,).
+    samples
+        Numbers of the samples, shape (n_turns,).
+    modes
+        From there on.
+    """
+
+    places: np.ndarray
+    samples: np.ndarray
+    modes: Modes
+
+
+class Held(NamedTuple):
+    """Modes of n samples as steps take them.
+
+    Attributes
+    ----------
+    squares, decays
+        omega^2 and 2 z, shape (n, m).
+    columns
+        Inverse of the shapes by its columns, shape (n, m, m).
+    shapes, follow
+        As of `Modes`, shapes (n, m, m) and (n, r, m).
+    oscillators
+        Of every mode over a step, shape (n, 8, m); see `oscillators`.
+    """
+
+    squares: np.ndarray
+    decays: np.ndarray
+    columns: np.ndarray
+    shapes: np.ndarray
+    follow: np.ndarray
+    oscillators: np.ndarray
+
+    @classmethod
+    def of(cls, modes: Modes, step: float) -> Held:
+        """Return what steps (s) take of modes."""
+        omega = np.maximum(modes.omega, SOFTEST / step)
+        parts = (
+            omega**2, 2.0 * modes.decay, np.swapaxes(modes.inverse, 1, 2), modes.shapes, modes.follow,
+            oscillators(omega, modes.decay, step),
+        )  # fmt: skip
+        return cls(*(np.ascontiguousarray(part) for part in parts))
+
+    @classmethod
+    def none(cls, n: int, r: int, m: int) -> Held:
+        """Return the modes of samples before there are any."""
+        shapes = (n, m), (n, m), (n, m, m), (n, m, m), (n, r, m), (n, 8, m)
+        return cls(*(np.zeros(shape) for shape in shapes))
+
+
+@njit(cache=True, entry=True, error_model="numpy", fastmath={"contract"})
+def advance(step, first, motion, past, held, turns, modal, vibration, smooth, free, exact, missing):
     """Advance the errors of all samples over some steps, in place, and say what the motion should be after each.
 
     Parameters
@@ -40,14 +99,15 @@ def advance(step, first, motion, past, modes, oscillator, modal, vibration, smoo
     first
         Number of steps done before.
     motion
-        Coordinates, velocities and accelerations at the end of every step, shape (n_steps, 3, n, r + m).
+        Coordinates, velocities and accelerations at the beginning and at the end of every step, shape (n_steps + 1, 3,
+        n, r + m).
     past
         Accelerations at the beginning and before, shape (3, n, r + m); moved on.
-    modes
-        ``(squares, decays, columns, shapes, follow)``: omega^2 and 2 z of shape (n, m), the inverse of the shapes by
-        its columns and the shapes, (n, m, m), and ``follow``, (n, r, m).
-    oscillator
-        Of every mode over the step, shape (n, 8, m); see `oscillators`.
+    held
+        Modes of all samples (`Held`); replaced in `turns`.
+    turns
+        ``(places, samples, modes)``: numbers of the states of `motion`, in their order, at which samples, given by
+        their numbers, take other modes, shapes (n_turns,), and these, `Held`.
     modal
         Displacement, velocity and force of the modes at the beginning, shape (n, 3, m); moved on.
     vibration
@@ -59,64 +119,121 @@ def advance(step, first, motion, past, modes, oscillator, modal, vibration, smoo
     exact, missing
         Results; see `StepError.advance`.
     """
-    squares, decays, columns, shapes, follow = modes
-    n, m = squares.shape
+    places, samples, others = turns
+    n, m = held.squares.shape
     s = np.empty(N_VALUES)
-    now = np.empty((3, m))
+    now, n_turned = np.empty((3, m)), 0
     for number in range(motion.shape[0]):
-        weights = WEIGHTS[min(first + number, WEIGHTS.shape[0] - 1)]
-        for b in range(n):
-            exact[number, 0, b], exact[number, 1, b] = motion[number, 0, b], motion[number, 1, b]
-            for c in range(free.size):
-                if not free[c]:
-                    continue
-                s[0] = motion[number, 2, b, c]
-                for p in range(N_VALUES - 1):
-                    s[1 + p] = past[p, b, c]
-                for d in range(m):
-                    s[0] += follow[b, c, d] * motion[number, 2, b, free.size + d]
-                    for p in range(N_VALUES - 1):
-                        s[1 + p] += follow[b, c, d] * past[p, b, free.size + d]
-                rate = smooth[1, b, c]
-                for p in range(N_VALUES):
-                    smooth[1, b, c] += step * weights[p] * s[p]
-                smooth[0, b, c] += 0.5 * step * (rate + smooth[1, b, c]) + step * step / 12.0 * (s[1] - s[0])
-                for p in range(2):
-                    exact[number, p, b, c] = smooth[p, b, c]
-                    for d in range(m):
-                        exact[number, p, b, c] -= follow[b, c, d] * motion[number, p, b, free.size + d]
-            now[:] = 0.0
-            for d in range(m):
-                for p in range(3):
-                    value = motion[number, p, b, free.size + d]
-                    for k in range(m):
-                        now[p, k] += columns[b, d, k] * value
-            oscillate(now, squares[b], decays[b], oscillator[b], modal[b], vibration[b])
-            for p in range(N_VALUES - 2, 0, -1):
-                past[p, b] = past[p - 1, b]
-            past[0, b] = motion[number, 2, b]
-            missing[number, b, : free.size] = 0.0
-            for d in range(m):
-                lack = 0.0
-                for k in range(m):
-                    lack += shapes[b, d, k] * vibration[b, 0, k]
-                missing[number, b, free.size + d] = lack
-                for c in range(free.size):
-                    missing[number, b, c] -= follow[b, c, d] * lack
+        for b in range(n if number > 0 else 0):
+            _advance_one(
+                step, first + number - 1, motion[number], b, past, held, now, s, modal, vibration, smooth, free,
+                exact[number - 1], missing[number - 1],
+            )  # fmt: skip
+        while n_turned < places.size and places[n_turned] == number:
+            _take_other(motion[number], samples[n_turned], others, n_turned, held, now, modal, vibration, smooth)
+            n_turned += 1
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
-def oscillate(now, squares, decays, oscillator, modal, vibration):
-    """Advance the vibrations of one sample; `now` holds displacements, velocities, accelerations at the end, (3, m)."""
-    of = oscillator
-    for k in range(squares.size):
-        force = now[2, k] + decays[k] * now[1, k] + squares[k] * now[0, k]
-        constant, rise = modal[2, k], force - modal[2, k]
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _advance_one(step, n_done, motion, b, past, held, now, s, modal, vibration, smooth, free, exact, missing):
+    """Advance the errors of a sample over a step to the state `motion`, (3, n, r + m)."""
+    weights = WEIGHTS[min(n_done, WEIGHTS.shape[0] - 1)]
+    r, m = free.size, held.squares.shape[1]
+    for p in range(2):
+        for d in range(r + m):
+            exact[p, b, d] = motion[p, b, d]
+    for c in range(r):
+        if not free[c]:
+            continue
+        s[0] = motion[2, b, c]
+        for p in range(N_VALUES - 1):
+            s[1 + p] = past[p, b, c]
+        for d in range(m):
+            s[0] += held.follow[b, c, d] * motion[2, b, r + d]
+            for p in range(N_VALUES - 1):
+                s[1 + p] += held.follow[b, c, d] * past[p, b, r + d]
+        rate = smooth[1, b, c]
+        for p in range(N_VALUES):
+            smooth[1, b, c] += step * weights[p] * s[p]
+        smooth[0, b, c] += 0.5 * step * (rate + smooth[1, b, c]) + step * step / 12.0 * (s[1] - s[0])
+        for p in range(2):
+            exact[p, b, c] = smooth[p, b, c]
+            for d in range(m):
+                exact[p, b, c] -= held.follow[b, c, d] * motion[p, b, r + d]
+    _in_modes(motion, b, r, held.columns, now)
+    _oscillate(now, b, held, modal, vibration)
+    for d in range(r + m):
+        for p in range(N_VALUES - 2, 0, -1):
+            past[p, b, d] = past[p - 1, b, d]
+        past[0, b, d] = motion[2, b, d]
+    for c in range(r):
+        missing[b, c] = 0.0
+    for d in range(m):
+        lack = 0.0
+        for k in range(m):
+            lack += held.shapes[b, d, k] * vibration[b, 0, k]
+        missing[b, r + d] = lack
+        for c in range(r):
+            missing[b, c] -= held.follow[b, c, d] * lack
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _in_modes(motion, b, r, columns, now):
+    """Fill displacements, velocities and accelerations of a sample's modes, (3, m)."""
+    for p in range(3):
+        for k in range(columns.shape[1]):
+            now[p, k] = 0.0
+        for d in range(columns.shape[1]):
+            for k in range(columns.shape[1]):
+                now[p, k] += columns[b, d, k] * motion[p, b, r + d]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _oscillate(now, b, held, modal, vibration):
+    """Advance the vibrations of a sample; `now` holds displacements, velocities, accelerations at the end, (3, m)."""
+    of = held.oscillators
+    for k in range(held.squares.shape[1]):
+        force = now[2, k] + held.decays[b, k] * now[1, k] + held.squares[b, k] * now[0, k]
+        constant, rise = modal[b, 2, k], force - modal[b, 2, k]
         # a free vibration of the error and of the motion, from the same instant
-        x, y = vibration[0, k] + modal[0, k], vibration[1, k] + modal[1, k]
-        vibration[0, k] = of[0, k] * x + of[1, k] * y + of[4, k] * constant + of[5, k] * rise - now[0, k]
-        vibration[1, k] = of[2, k] * x + of[3, k] * y + of[6, k] * constant + of[7, k] * rise - now[1, k]
-        modal[0, k], modal[1, k], modal[2, k] = now[0, k], now[1, k], force
+        x, y = vibration[b, 0, k] + modal[b, 0, k], vibration[b, 1, k] + modal[b, 1, k]
+        vibration[b, 0, k] = of[b, 0, k] * x + of[b, 1, k] * y + of[b, 4, k] * constant + of[b, 5, k] * rise - now[0, k]
+        vibration[b, 1, k] = of[b, 2, k] * x + of[b, 3, k] * y + of[b, 6, k] * constant + of[b, 7, k] * rise - now[1, k]
+        modal[b, 0, k], modal[b, 1, k], modal[b, 2, k] = now[0, k], now[1, k], force
+
+
+@njit(error_model="numpy", fastmath={"contract"}, counted=False)
+def _take_other(motion, b, others, number, held, now, modal, vibration, smooth):
+    """Let a sample go on with other modes from a state (3, n, r + m); what vibrates is expressed in them."""
+    r, m = held.follow.shape[1], held.squares.shape[1]
+    for p in range(2):
+        # coordinates and their rates are what they are; the sums that do not vibrate are others
+        for c in range(r):
+            for d in range(m):
+                change = others.follow[number, c, d] - held.follow[b, c, d]
+                smooth[p, b, c] += change * motion[p, b, r + d]
+        for k in range(m):
+            now[p, k] = 0.0
+        for d in range(m):
+            moved = 0.0
+            for k in range(m):
+                moved += held.shapes[b, d, k] * vibration[b, p, k]
+            for k in range(m):
+                now[p, k] += others.columns[number, d, k] * moved
+        for k in range(m):
+            vibration[b, p, k] = now[p, k]
+    for k in range(m):
+        held.squares[b, k], held.decays[b, k] = others.squares[number, k], others.decays[number, k]
+        for d in range(m):
+            held.columns[b, d, k], held.shapes[b, d, k] = others.columns[number, d, k], others.shapes[number, d, k]
+        for c in range(r):
+            held.follow[b, c, k] = others.follow[number, c, k]
+        for i in range(held.oscillators.shape[1]):
+            held.oscillators[b, i, k] = others.oscillators[number, i, k]
+    _in_modes(motion, b, r, held.columns, now)
+    for k in range(m):
+        modal[b, 0, k], modal[b, 1, k] = now[0, k], now[1, k]
+        modal[b, 2, k] = now[2, k] + held.squares[b, k] * now[0, k] + held.decays[b, k] * now[1, k]
 
 
 def oscillators(omega: np.ndarray, decay: np.ndarray, step: float) -> np.ndarray:
@@ -152,25 +269,28 @@ class StepError:
     def __init__(self, step: float, start: np.ndarray, modes: Modes, driven: tuple[int, ...] = ()) -> None:
         (n, m), r = modes.omega.shape, modes.follow.shape[1]
         self._free = ~np.isin(np.arange(r), driven)
-        self._step = step
-        self._number = 0
-        self._motion = start
+        self._step, self._number = step, 0
+        self._motion = start[None].copy()
         self._past = np.zeros((N_VALUES - 1, n, r + m))
         self._past[0] = start[2]
-        self._vibration = np.zeros((n, 2, m))
-        self._shapes, self._follow = np.zeros((n, m, m)), np.zeros((n, r, m))
-        self._squares, self._decays, self._columns = np.empty((n, m)), np.empty((n, m)), np.empty((n, m, m))
-        self._oscillators, self._modal = np.empty((n, 8, m)), np.empty((n, 3, m))
+        self._held = Held.none(n, r, m)
+        self._vibration, self._modal = np.zeros((n, 2, m)), np.empty((n, 3, m))
         self._smooth = start[:2, :, :r].copy()
         self.hold(np.arange(n), modes)
 
-    def advance(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hold(self, samples: np.ndarray, modes: Modes) -> None:
+        """Go on from here with other modes of some samples, given by their numbers."""
+        self.advance(self._motion[1:], Turns(np.zeros(samples.size, dtype=np.int64), samples, modes))
+
+    def advance(self, motion: np.ndarray, turns: Turns | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Take in the next steps.
 
         Parameters
         ----------
         motion
             Coordinates, velocities and accelerations at the end of each, shape (n_steps, 3, n, n_eta).
+        turns
+            Other modes to go on with on the way.
 
         Returns
         -------
@@ -180,38 +300,16 @@ class StepError:
             What the vibrations lack, in reduced coordinates.
         """
         exact, missing = np.empty_like(motion[:, :2]), np.empty_like(motion[:, 0])
-        modes = (self._squares, self._decays, self._columns, self._shapes, self._follow)
+        if turns is None:
+            nothing = np.zeros(0, dtype=np.int64)
+            coming = nothing, nothing, Held.none(0, *self._held.follow.shape[1:])
+        else:
+            coming = turns.places, turns.samples, Held.of(turns.modes, self._step)
+        states = np.concatenate([self._motion, motion])
         advance(
-            self._step,
-            self._number,
-            motion,
-            self._past,
-            modes,
-            self._oscillators,
-            self._modal,
-            self._vibration,
-            self._smooth,
-            self._free,
-            exact,
-            missing,
-        )
+            self._step, self._number, states, self._past, self._held, coming, self._modal, self._vibration,
+            self._smooth, self._free, exact, missing,
+        )  # fmt: skip
         self._number += len(motion)
-        self._motion = motion[-1].copy()
+        self._motion = states[-1:].copy()
         return exact, missing
-
-    def hold(self, samples: np.ndarray, modes: Modes) -> None:
-        """Go on with other modes of some samples, given by their numbers; what vibrates is expressed in them."""
-        flexible = self._motion[:, samples, self._free.size :]
-        moved = self._vibration[samples] @ np.swapaxes(self._shapes[samples], 1, 2)
-        columns = np.swapaxes(modes.inverse, 1, 2)
-        omega = np.maximum(modes.omega, SOFTEST / self._step)
-        modal = np.swapaxes(flexible, 0, 1) @ columns
-        modal[:, 2] += omega**2 * modal[:, 0] + 2.0 * modes.decay * modal[:, 1]
-        # coordinates and their rates are what they are; the sums that do not vibrate are others
-        change = modes.follow - self._follow[samples]
-        self._smooth[:, samples] += np.einsum("ncd,pnd->pnc", change, flexible[:2])
-        self._vibration[samples] = moved @ columns
-        self._modal[samples], self._columns[samples] = modal, columns
-        self._shapes[samples], self._follow[samples] = modes.shapes, modes.follow
-        self._squares[samples], self._decays[samples] = omega**2, 2.0 * modes.decay
-        self._oscillators[samples] = oscillators(omega, modes.decay, self._step)

@@ -178,7 +178,8 @@ class ConstraintSet:
         values = self.jacobian_values(q[:, None])[:, 0]
         own = (rows < n_own) & (np.abs(values) > ROUND_OFF)  # what no constraint feels must not become dependent
         jacobian = sp.csr_matrix((values[own], (rows[own], columns[own])), shape=(n_own, self._unknowns.n_dofs))
-        return ConstraintSet(self._unknowns, null_space(jacobian).rows)
+        kept = null_space(jacobian).rows
+        return self if kept.size == self.n_constraints - self.n_driven else ConstraintSet(self._unknowns, kept)
 
     def _find_patterns(self) -> None:
         rows = np.concatenate([first + part.jacobian_pattern[0] for first, part in zip(self._first, self._parts)])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import pickle
 import stat
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
@@ -70,6 +69,8 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
 
 def _read_apart(path: Path, received: str) -> meshio.Mesh:
     """Read a file whose reader may not end, in another process."""
+    import subprocess  # takes a noticeable time, and few meshes are read so
+
     command = [sys.executable, "-c", _READER, str(path)]
     try:
         done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, timeout=LONGEST_READING)

@@ -1,38 +1,38 @@
-"""Results as data: trajectories, ensembles, tables of modes and trade-off studies, and HDF5 files that hold them."""
+"""Results as data: trajectories, ensembles, tables of modes and trade-off studies, and HDF5 files that hold them.
 
-from pgmp_petsc.results.balance import Balance
-from pgmp_petsc.results.derivatives import Derivatives
-from pgmp_petsc.results.design import Design
-from pgmp_petsc.results.effect_sizes import EffectSizes
-from pgmp_petsc.results.ensemble import Ensemble
-from pgmp_petsc.results.errors import EstimatedErrors
-from pgmp_petsc.results.fit import Fit
-from pgmp_petsc.results.modes import ModesTable
-from pgmp_petsc.results.selection import Attempt, Selection
-from pgmp_petsc.results.sensitivity import Sensitivity
-from pgmp_petsc.results.statistics import Band, Chance, Statistics
-from pgmp_petsc.results.tradeoff import MeshErrors, References, Times, Tradeoff
-from pgmp_petsc.results.trajectory import Frames, Trajectory
+A kind of result is imported when it is first asked for: a command has use for one or two of them.
+"""
 
-__all__ = [
-    "Attempt",
-    "Balance",
-    "Band",
-    "Chance",
-    "Derivatives",
-    "Design",
-    "EffectSizes",
-    "Ensemble",
-    "EstimatedErrors",
-    "Fit",
-    "Frames",
-    "MeshErrors",
-    "ModesTable",
-    "References",
-    "Selection",
-    "Sensitivity",
-    "Statistics",
-    "Times",
-    "Tradeoff",
-    "Trajectory",
-]
+from importlib import import_module
+from typing import Any
+
+_MODULES = {
+    "Attempt": "selection",
+    "Balance": "balance",
+    "Band": "statistics",
+    "Chance": "statistics",
+    "Derivatives": "derivatives",
+    "Design": "design",
+    "EffectSizes": "effect_sizes",
+    "Ensemble": "ensemble",
+    "EstimatedErrors": "errors",
+    "Fit": "fit",
+    "Frames": "trajectory",
+    "MeshErrors": "tradeoff",
+    "ModesTable": "modes",
+    "References": "tradeoff",
+    "Selection": "selection",
+    "Sensitivity": "sensitivity",
+    "Statistics": "statistics",
+    "Times": "tradeoff",
+    "Tradeoff": "tradeoff",
+    "Trajectory": "trajectory",
+}
+__all__ = [*_MODULES]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for by its name."""
+    if name not in _MODULES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
