@@ -239,7 +239,8 @@ def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | Non
 
 def _flat(rows: np.ndarray, n_axes: int) -> np.ndarray:
     """Return rows of several coordinates one after the other; a value has so many axes."""
-    return rows.reshape(-1, *rows.shape[rows.ndim - n_axes :])
+    n_theta = rows.ndim - n_axes
+    return rows.reshape(math.prod(rows.shape[:n_theta]), *rows.shape[n_theta:])
 
 
 def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
@@ -322,6 +323,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "GAIN_V": scheme.gain_v,
         "GAIN_A": scheme.gain_a,
         "CORRECTIONS": CORRECTIONS,
+        "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "ROUND_OFF": alpha_step.ROUND_OFF,

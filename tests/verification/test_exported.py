@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import TIMEOUT_SECONDS
+from conftest import ROOT, TIMEOUT_SECONDS
 from exported import (
     COMPILER,
     OPTIONS,
@@ -21,13 +21,13 @@ from exported import (
     with_scene,
 )
 from runs import QUICK_RETURN, accurate_scene, reduced_model
-from spatial import spatial_slider_crank
-from two_coordinates import DOUBLE_PENDULUM, five_bar
+from two_coordinates import five_bar
 
 from pgmp_petsc.code.constants import constants_of
 from pgmp_petsc.code.source import COMPILED, write_sources
 from pgmp_petsc.effects import laws
 from pgmp_petsc.mechanism import statements
+from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.stencil import OVERHAUSER
 from pgmp_petsc.scene import scene_from_toml
@@ -46,10 +46,6 @@ KINDS = (
 type = "structural_damping"
 stiffness = 1e-5
 mass = 0.3
-[effects.bearing]
-type = "joint_damping"
-joint = "rocker_hinge"
-coefficient = 0.01
 [effects.rubbing]
 type = "joint_friction"
 joint = "pin"
@@ -60,7 +56,7 @@ type = "spring_damper"
 points = ["ground:pivot", "crank:tip"]
 stiffness = 30.0
 damping = 0.1
-rest = 0.3
+rest = 0.48
 [effects.jet]
 type = "force"
 point = "rocker:tip"
@@ -108,32 +104,8 @@ axis = "y"
 frame = "body"
 """
 )
-TWO = """
-[effects.drag]
-type = "joint_damping"
-joint = "elbow"
-coefficient = 0.02
-[effects.coil]
-type = "spring_damper"
-joint = "shoulder"
-stiffness = 2.0
-[effects.weight]
-type = "gravity"
-[simulation]
-duration = 0.1
-step = 1e-3
-[simulation.initial.theta1]
-velocity = 3.0
-[outputs.elbow]
-type = "angle"
-joint = "elbow"
-[outputs.bent]
-type = "deformation"
-point = "lower:tip"
-axis = "y"
-"""
 IN_FIVE_BAR = (
-    'effects.motor={type="torque",joint="left_hinge",table=[[0.0,2.0]]}',
+    'effects.motor={type="torque",joint="left_hinge",table=[[0.0,0.3]]}',
     'effects.drag={type="joint_damping",joint="pin",coefficient=0.01}',
     "coordinates.theta1.range=[1.6,2.4]",
     "coordinates.theta1.periodic=false",
@@ -145,19 +117,13 @@ IN_FIVE_BAR = (
     'outputs.pin={type="angle",joint="pin"}',
 )
 IN_SPACE = (
-    "coordinates.theta.range=[-1.0,1.0]",
-    "coordinates.theta.periodic=false",
+    "reduction.angles=12",
     "reduction.modes=4",
-    "reduction.angles=10",
     "reduction.second_order=true",
     "simulation.duration=0.05",
-    'effects.drag={type="joint_damping",joint="guide",coefficient=0.5}',
-    'effects.bearing={type="joint_damping",joint="crank_hinge",coefficient=1e-3}',
-    'effects.jet={type="force",point="rod:tip",direction=[0.0,1.0,0.0],follows=true,table=[[0.0,0.2]]}',
-    'effects.internal={type="structural_damping",stiffness=1e-5}',
-    'outputs.reach={type="distance",points=["ground:origin","rod:hinge"]}',
-    'outputs.slid={type="sliding",joint="guide"}',
-    'outputs.across={type="deformation",point="rod:hinge",axis="z",frame="body"}',
+    'effects.jet={type="force",point="coupler:tip",direction=[0.0,1.0,0.0],follows=true,table=[[0.0,0.2]]}',
+    'outputs.reach={type="distance",points=["ground:origin","coupler:tip"]}',
+    'outputs.across={type="deformation",point="coupler:hinge",axis="z",frame="body"}',
 )
 
 
@@ -228,19 +194,23 @@ def test_a_given_motion_and_friction(tmp_path) -> None:
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
-def test_two_coordinates(tmp_path) -> None:
-    model = reduced_model(scene_from_toml(DOUBLE_PENDULUM + TWO, ".", ("reduction.angles=6", "reduction.modes=2")))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
-
-
 def test_two_coordinates_of_a_closed_loop(tmp_path) -> None:
-    """Poses of outputs are closed by Newton's method."""
+    """Poses of outputs are closed by Newton's method; the program's stops at `CLOSURE_TOLERANCE`, in each of them."""
     model = reduced_model(five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2"))
-    assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
+    found, wanted = outputs_of(compiled(model, tmp_path)), simulated(model).outputs
+    bent = wanted.pop("bent")
+    assert_equal(found, wanted)
+    least = 10 * CLOSURE_TOLERANCE * model.kinematics.size  # a gap may move a point by some times its own length
+    assert least < 1e-6 * np.max(np.abs(bent))
+    np.testing.assert_allclose(found["bent"], bent, rtol=0.0, atol=least)
 
 
 def test_space(tmp_path) -> None:
-    model = reduced_model(spatial_slider_crank(*IN_SPACE))
+    """The repository's spatial four-bar, without its stop."""
+    text = (ROOT / "scenes" / "rssr_beams.toml").read_text()
+    text, n = re.subn(r"\[effects\.buffer\][^\[]*(?=\n\[)", "", text)
+    assert n == 1
+    model = reduced_model(scene_from_toml(text, ROOT / "scenes", IN_SPACE))
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
@@ -262,7 +232,7 @@ def test_nothing_but_libm_and_no_allocation(slider_crank_program) -> None:
         return {line.split()[-1] for line in found.splitlines() if line.strip() and not line.endswith(":")}
 
     wanted, compilers = listed("-u") - listed("--defined-only"), {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
-    libm = {"sin", "cos", "sincos", "sqrt", "floor", "fabs", "tanh", "atan2"}
+    libm = {"sin", "pow", "cos", "sincos", "sqrt", "floor", "fabs", "tanh", "atan2"}
     assert wanted - compilers <= libm | {"memset", "memcpy"}
 
 

@@ -1,7 +1,7 @@
 /* Steps of the generalised-alpha scheme of Chung and Hulbert (1993) in the form of Arnold and Bruls (2007).
 
-   A step does CORRECTIONS Newton corrections with the matrix of the first one. They count as long as pgmp simulate would
-   go on: what a correction leaves is estimated from how the iteration contracts, after the first one from how it did in
+   A step does CORRECTIONS Newton corrections, REFRESH_EVERY with one matrix. They count as long as pgmp simulate would go
+   on: what a correction leaves is estimated from how the iteration contracts, after the first one from how it did in
    the steps before. pgmp_model.correction is what is left by that estimate.
 
    written by pgmp_petsc */
@@ -112,7 +112,7 @@ int pgmp_step(struct pgmp_model *m) {
     act(m, pgmp_time(m), pgmp_time(m), strengths, q, v, a);
     for (int number = 0; number < CORRECTIONS; number++) {
         double size = 0.0, contraction = m->contraction;
-        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, number == 0, &matrix, r);
+        correct(m, strengths, q, v, a, GAIN_V, GAIN_A, number % REFRESH_EVERY == 0, &matrix, r);
         for (int i = 0; i < N; i++) {
             double change = active ? r[i] : 0.0;
             q[i] -= change;
