@@ -20,6 +20,7 @@ from exported import (
     simulated,
     with_scene,
 )
+from mpi4py import MPI
 from runs import QUICK_RETURN, accurate_scene, reduced_model
 from two_coordinates import five_bar
 
@@ -27,10 +28,14 @@ from pgmp_petsc.code.constants import constants_of
 from pgmp_petsc.code.source import COMPILED, write_sources
 from pgmp_petsc.effects import laws
 from pgmp_petsc.mechanism import statements
+from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.reduction.stencil import OVERHAUSER
+from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import scene_from_toml
+from pgmp_petsc.studies.inputs import read_scene
 
 pytestmark = needs_compiler
 # a rigid crank on a rocker that bends: arms, limited ranges, mass-proportional damping, harmonics, a table with jumps,
@@ -201,7 +206,7 @@ def test_two_coordinates_of_a_closed_loop(tmp_path) -> None:
     bent = wanted.pop("bent")
     assert_equal(found, wanted)
     least = 10 * CLOSURE_TOLERANCE * model.kinematics.size  # a gap may move a point by some times its own length
-    assert least < 1e-6 * np.max(np.abs(bent))
+    assert least < 1e-4 * np.max(np.abs(bent))
     np.testing.assert_allclose(found["bent"], bent, rtol=0.0, atol=least)
 
 
@@ -210,7 +215,9 @@ def test_space(tmp_path) -> None:
     text = (ROOT / "scenes" / "rssr_beams.toml").read_text()
     text, n = re.subn(r"\[effects\.buffer\][^\[]*(?=\n\[)", "", text)
     assert n == 1
-    model = reduced_model(scene_from_toml(text, ROOT / "scenes", IN_SPACE))
+    (tmp_path / "scene.toml").write_text(text)
+    scene, meshes = read_scene(tmp_path / "scene.toml", IN_SPACE, (), MPI.COMM_SELF, Purpose.CHECK)
+    model = ReducedModel(scene, build_rom(scene, meshes, RankGroup.split(MPI.COMM_SELF, 1)))
     assert_equal(outputs_of(compiled(model, tmp_path)), simulated(model).outputs)
 
 
