@@ -98,7 +98,7 @@ def _export_model(
         return f"{output}: {what}, sources only: {why}; compile sources/ where it is to run"
 
     say(context, on_root(context.obj.comm, write))
-    steps = f"steps of {scene.simulation.step:g} s, at most {CORRECTIONS} Newton corrections each"
+    steps = f"steps of {scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"
     say(context, f"  {steps}; tunable: {', '.join(scene.values) or 'no parameters'}")
     left_out = "elastic strain, change of stiffness, error estimates and energies are not in it; see pgmp simulate"
     say(context, f"  note: {left_out}")

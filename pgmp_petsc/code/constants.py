@@ -27,7 +27,7 @@ from pgmp_petsc.dynamics import alpha_step, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_actions import nodes_of, rigid_places
 from pgmp_petsc.dynamics.second_order_system import Scheme
-from pgmp_petsc.effects.time_function import Piece, TimeFunction
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import Interpolant
@@ -38,8 +38,9 @@ from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.errors import limits_of
 from pgmp_petsc.runtime.errors import InputError
 
-# One factorisation serves as many, as in the program; more of them than this a step that resolves the motion never takes
-CORRECTIONS = alpha_step.REFRESH_EVERY
+# Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
+# set in with a jump (tests/verification/test_exported.py, in space).
+CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
 CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
 

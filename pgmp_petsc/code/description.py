@@ -11,7 +11,10 @@ from pgmp_petsc.code.constants import Constants
 from pgmp_petsc.code.variables import BOOLEAN, REAL, TIME, WHOLE, Variable, variables_of
 
 CATEGORIES = ("logStatusWarning", "logStatusError")
-KINDS = {2: {REAL: "Real", WHOLE: "Integer", BOOLEAN: "Boolean"}, 3: {REAL: "Float64", WHOLE: "Int32", BOOLEAN: "Boolean"}}
+KINDS = {
+    2: {REAL: "Real", WHOLE: "Integer", BOOLEAN: "Boolean"},
+    3: {REAL: "Float64", WHOLE: "Int32", BOOLEAN: "Boolean"},
+}
 
 
 def description(constants: Constants, version: int, identifier: str, token: str, sources: Sequence[str]) -> bytes:
@@ -31,7 +34,11 @@ def description(constants: Constants, version: int, identifier: str, token: str,
     step, n_steps = constants.settings["STEP"], constants.settings["N_STEPS"]
     root = Element(
         "fmiModelDescription",
-        {"fmiVersion": f"{version}.0", "modelName": constants.name, "guid" if version == 2 else "instantiationToken": token},
+        {
+            "fmiVersion": f"{version}.0",
+            "modelName": constants.name,
+            "guid" if version == 2 else "instantiationToken": token,
+        },
         generationTool=f"pgmp_petsc {__version__}",
         variableNamingConvention="structured",
     )

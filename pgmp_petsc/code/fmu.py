@@ -75,9 +75,7 @@ def _platform(version: int) -> str:
     return PLATFORMS.get((platform.system(), platform.machine()), {}).get(version, "")
 
 
-def _compiled(
-    texts: Mapping[str, str], files: Sequence[str], folder: Path, identifier: str, compiler: str
-) -> Path:
+def _compiled(texts: Mapping[str, str], files: Sequence[str], folder: Path, identifier: str, compiler: str) -> Path:
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     library = folder / f"{identifier}.so"

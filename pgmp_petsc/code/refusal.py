@@ -29,7 +29,7 @@ def check_model(model: ReducedModel, what: str) -> None:
     for number in model.actions.edges:
         name = model.actions.actions[number].effect
         raise InputError(
-            f"effects.{name}: a {model.scene.effects[name].type}, whose contact is searched within a step; a model in "
+            f"effects.{name}: an {model.scene.effects[name].type}, whose contact is searched within a step; a model in "
             f"C does the same work in every step, so {what} cannot be written. Build without it"
         )
 

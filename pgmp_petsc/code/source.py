@@ -184,9 +184,7 @@ def _output(output: Output) -> str:
 
 def _action(action: ActionInC) -> str:
     a, b = action.nodes
-    return (
-        f"{{{a}, {b}, {action.law}, {action.strength}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
-    )
+    return f"{{{a}, {b}, {action.law}, {action.strength}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 
 def _weigh(constants: Constants) -> str:

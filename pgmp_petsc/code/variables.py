@@ -82,7 +82,5 @@ def _states(constants: Constants) -> list[Variable]:
         found.append(Variable(name, STATES + k, REAL, "local", "continuous", about))
     for k, name in enumerate(names):
         about, state = "derivative of a state", STATES + k
-        found.append(
-            Variable(f"der({name})", DERIVATIVES + k, REAL, "local", "continuous", about, derivative_of=state)
-        )
+        found.append(Variable(f"der({name})", DERIVATIVES + k, REAL, "local", "continuous", about, derivative_of=state))
     return found
