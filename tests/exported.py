@@ -1,39 +1,46 @@
-"""Models in C: compiled, run, and what the program's own equations give with Newton's iteration at its end."""
+"""Models in C: compiled and run, and their libraries as functional mock-up units, called as importers call them."""
 
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT, TIMEOUT_SECONDS
+from mpi4py import MPI
 
 from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.source import write_sources
-from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.dynamics.second_order_system import Scheme, State
+from pgmp_petsc.code.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.results.trajectory import Trajectory
 from pgmp_petsc.scene import Scene, load_scene
+from pgmp_petsc.studies.simulate import simulate_reduced
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler (cc, gcc) in PATH")
 OPTIONS = ("-std=c99", "-O1", "-Wall", "-Wextra", "-pedantic", "-Werror")
-CORRECTIONS = 6  # twice those of the model in C
+SMALL = ("reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")
 
 
-def scene_of(name: str, *overrides: str) -> Scene:
+def scene_of(name: str, *overrides: str, settings: tuple[str, ...] = ()) -> Scene:
     """Return a scene of the repository with few angles and a short run."""
-    small = ("reduction.angles=24", "simulation.duration=0.2", "simulation.step=5e-4")
-    return load_scene(ROOT / "scenes" / f"{name}.toml", (*small, *overrides), ())
+    return load_scene(ROOT / "scenes" / f"{name}.toml", (*SMALL, *overrides), settings)
+
+
+def with_scene(model: ReducedModel, scene: Scene) -> ReducedModel:
+    """Return a reduced model with another scene that its tables do not depend on."""
+    return ReducedModel(scene, model.rom, model.kinematics)
 
 
 def compiled(model: ReducedModel, folder: Path) -> Path:
     """Write a model in C, compile it with all warnings as errors, and return the program."""
     write_sources(constants_of(model, "the model"), folder)
-    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", "model.c", "tables.c", "-lm"]
+    command = [COMPILER, *OPTIONS, "-o", "run", "main.c", *COMPILED, "-lm"]
     subprocess.run(command, cwd=folder, check=True, timeout=TIMEOUT_SECONDS)
     return folder / "run"
 
@@ -47,31 +54,9 @@ def outputs_of(program: Path, *settings: str) -> dict[str, np.ndarray]:
     return dict(zip(done[0].split(","), rows.T))
 
 
-def converged(model: ReducedModel, **given: float) -> dict[str, np.ndarray]:
-    """Return outputs over time of the program's equations with `CORRECTIONS` Newton corrections in every step.
-
-    A run of the program stops its iterations earlier, at 1e-11 of the mechanism's size.
-    """
-    values = {name: np.array([given.get(name, value)]) for name, value in model.scene.values.items()}
-    system, simulation = model.batch(values, 1), model.scene.simulation
-    n_steps = count_steps(simulation.duration, simulation.step)
-    h, state = simulation.duration / n_steps, system.start()
-    s, everyone, auxiliary = Scheme.of(simulation.spectral_radius, h), np.ones(1, dtype=bool), state.a.copy()
-    history = [state.q[0].copy()]
-    for number in range(n_steps):
-
-        def ahead(a: np.ndarray, before: State = state, auxiliary: np.ndarray = auxiliary) -> np.ndarray:
-            return ((1 - s.alpha_f) * a + s.alpha_f * before.a - s.alpha_m * auxiliary) / (1 - s.alpha_m)
-
-        then = ahead(state.a)
-        q = state.q + h * state.v + h**2 * ((0.5 - s.beta) * auxiliary + s.beta * then)
-        v = state.v + h * ((1 - s.gamma) * auxiliary + s.gamma * then)
-        end = State(q, v, state.a.copy(), np.zeros(0))
-        for _ in range(CORRECTIONS):
-            system.correct(h * (number + 1), end, s, everyone, True)
-        auxiliary, state = ahead(end.a), end
-        history.append(state.q[0].copy())
-    return model.outputs.evaluate(model.observed_of(np.array(history), {k: float(v[0]) for k, v in values.items()}))
+def simulated(model: ReducedModel) -> Trajectory:
+    """Return what ``pgmp simulate`` gives."""
+    return simulate_reduced(model, MPI.COMM_SELF)
 
 
 def assert_equal(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray], share: float = 1e-9) -> None:
@@ -83,15 +68,30 @@ def assert_equal(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray], sh
 class Callbacks(ctypes.Structure):
     """fmi2CallbackFunctions."""
 
-    LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *[ctypes.c_char_p, ctypes.c_int] * 1, *[ctypes.c_char_p] * 3)
+    LOGGER = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, *[ctypes.c_char_p] * 3)
     _fields_ = [
         ("logger", LOGGER),
         *[(name, ctypes.c_void_p) for name in ("allocate", "free", "finished", "environment")],
     ]
 
 
+class EventInfo(ctypes.Structure):
+    """fmi2EventInfo."""
+
+    _fields_ = [
+        *[(name, ctypes.c_int) for name in ("needed", "terminate", "nominals", "values", "defined")],
+        ("time", ctypes.c_double),
+    ]
+
+
+KINDS = {
+    2: {"Real": ("Real", ctypes.c_double), "Whole": ("Integer", ctypes.c_int), "Boolean": ("Boolean", ctypes.c_int)},
+    3: {"Real": ("Float64", ctypes.c_double), "Whole": ("Int32", ctypes.c_int), "Boolean": ("Boolean", ctypes.c_bool)},
+}
+
+
 class Unit:
-    """An FMU's library, called as an importer calls it.
+    """An FMU's library of version 2 or 3 of FMI.
 
     Attributes
     ----------
@@ -99,45 +99,111 @@ class Unit:
         Messages so far.
     """
 
-    def __init__(self, library: Path, guid: str) -> None:
-        self._library, self.said = ctypes.CDLL(str(library)), []
-        self._library.fmi2Instantiate.restype = ctypes.c_void_p
-        self._callbacks = Callbacks(Callbacks.LOGGER(lambda *a: self.said.append(a[-1].decode())))
-        self._component = None
-        self.guid = guid
+    MESSAGE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
 
-    def instantiate(self, kind: int = 1, guid: str | None = None) -> int | None:
+    def __init__(self, fmu: Path, folder: Path) -> None:
+        with zipfile.ZipFile(fmu) as archive:
+            archive.extractall(folder)
+        text = (folder / "modelDescription.xml").read_text()
+        self.token = re.search(r'(?:guid|instantiationToken)="(\w+)"', text)[1]
+        self.version = int(re.search(r'fmiVersion="(\d)', text)[1])
+        (library,) = (folder / "binaries").rglob("*.so")
+        self._library, self.said, self._component = ctypes.CDLL(str(library)), [], None
+        self._two = Callbacks(Callbacks.LOGGER(lambda *a: self.said.append(a[-1].decode())))
+        self._three = self.MESSAGE(lambda *a: self.said.append(a[-1].decode()))
+
+    def instantiate(self, exchange: bool = False, token: str | None = None) -> int | None:
         """Make an instance and return it, None where that is refused."""
-        found = self._library.fmi2Instantiate(
-            b"unit", kind, (guid or self.guid).encode(), b"", ctypes.byref(self._callbacks), 0, 0
-        )
+        token = (token or self.token).encode()
+        if self.version == 2:
+            make = self._library.fmi2Instantiate
+            arguments = b"unit", int(not exchange), token, b"", ctypes.byref(self._two), 0, 0
+        else:
+            make = getattr(self._library, f"fmi3Instantiate{'ModelExchange' if exchange else 'CoSimulation'}")
+            between = () if exchange else (False, False, None, ctypes.c_size_t(0))
+            after = () if exchange else (None,)
+            arguments = b"unit", token, b"", False, False, *between, None, self._three, *after
+        make.restype = ctypes.c_void_p
+        found = make(*arguments)
         self._component = found if self._component is None else self._component
         return found
 
     def call(self, name: str, *arguments: object) -> int:
         """Call a function on the first instance."""
-        return getattr(self._library, f"fmi2{name}")(ctypes.c_void_p(self._component), *arguments)
+        return getattr(self._library, f"fmi{self.version}{name}")(ctypes.c_void_p(self._component), *arguments)
 
     def free(self, component: int) -> None:
         """Give an instance back."""
-        self._library.fmi2FreeInstance(ctypes.c_void_p(component))
+        getattr(self._library, f"fmi{self.version}FreeInstance")(ctypes.c_void_p(component))
 
-    def begin(self) -> None:
-        """Go through initialisation."""
-        assert self.call("EnterInitializationMode") == 0
-        assert self.call("ExitInitializationMode") == 0
+    def begin(self, start: float = 0.0) -> int:
+        """Go through initialisation; return the first status that is not fine."""
+        times = 0, ctypes.c_double(0.0), ctypes.c_double(start), 0, ctypes.c_double(1.0)
+        calls = [("SetupExperiment", times), ("EnterInitializationMode", ())]
+        if self.version == 3:
+            calls = [("EnterInitializationMode", times)]
+        return next((s for name, of in (*calls, ("ExitInitializationMode", ())) if (s := self.call(name, *of))), 0)
 
     def step(self, current: float, size: float) -> int:
         """Take a communication step."""
-        return self.call("DoStep", ctypes.c_double(current), ctypes.c_double(size), 1)
+        times = ctypes.c_double(current), ctypes.c_double(size), 1
+        if self.version == 2:
+            return self.call("DoStep", *times)
+        flags, self.reached = [ctypes.c_bool(True) for _ in range(3)], ctypes.c_double()
+        status = self.call("DoStep", *times, *map(ctypes.byref, flags), ctypes.byref(self.reached))
+        assert not any(flag.value for flag in flags)
+        return status
 
     def set(self, kind: str, reference: int, value: float) -> int:
         """Set a variable."""
-        of = ctypes.c_double if kind == "Real" else ctypes.c_int
-        return self.call(f"Set{kind}", (ctypes.c_uint * 1)(reference), ctypes.c_size_t(1), (of * 1)(value))
+        name, of = KINDS[self.version][kind]
+        return self.call(f"Set{name}", *self._one(reference), (of * 1)(value), *self._count(1))
 
     def get(self, kind: str, reference: int) -> float | None:
         """Return a variable, None where it is refused."""
-        value = ((ctypes.c_double if kind == "Real" else ctypes.c_int) * 1)()
-        done = self.call(f"Get{kind}", (ctypes.c_uint * 1)(reference), ctypes.c_size_t(1), value)
-        return value[0] if done == 0 else None
+        name, of = KINDS[self.version][kind]
+        value = (of * 1)()
+        return value[0] if self.call(f"Get{name}", *self._one(reference), value, *self._count(1)) == 0 else None
+
+    def _one(self, reference: int) -> tuple[object, object]:
+        return (ctypes.c_uint * 1)(reference), ctypes.c_size_t(1)
+
+    def _count(self, n: int) -> tuple[object, ...]:
+        return () if self.version == 2 else (ctypes.c_size_t(n),)
+
+    def states(self, n: int, values: np.ndarray | None = None) -> np.ndarray:
+        """Return the n continuous states, or set them."""
+        x = (ctypes.c_double * n)(*([] if values is None else values))
+        assert self.call("GetContinuousStates" if values is None else "SetContinuousStates", x, ctypes.c_size_t(n)) == 0
+        return np.array(x)
+
+    def derivatives(self, time: float, values: np.ndarray) -> np.ndarray:
+        """Return the derivatives of continuous states at a time."""
+        n = len(values)
+        assert self.call("SetTime", ctypes.c_double(time)) == 0
+        self.states(n, values)
+        x = (ctypes.c_double * n)()
+        name = "GetDerivatives" if self.version == 2 else "GetContinuousStateDerivatives"
+        assert self.call(name, x, ctypes.c_size_t(n)) == 0
+        return np.array(x)
+
+    def event(self) -> float | None:
+        """Handle an event, and return when the next one is."""
+        assert self.call("EnterEventMode") == 0
+        if self.version == 2:
+            info = EventInfo()
+            assert self.call("NewDiscreteStates", ctypes.byref(info)) == 0
+            defined, time = info.defined, info.time
+        else:
+            flags, found = [ctypes.c_bool() for _ in range(5)], ctypes.c_double()
+            assert self.call("UpdateDiscreteStates", *map(ctypes.byref, flags), ctypes.byref(found)) == 0
+            defined, time = flags[4].value, found.value
+        assert self.call("EnterContinuousTimeMode") == 0
+        return time if defined else None
+
+    def end_step(self) -> None:
+        """Say that the integrator has taken a step."""
+        of = ctypes.c_int if self.version == 2 else ctypes.c_bool
+        flags = [of(1), of(1)]
+        assert self.call("CompletedIntegratorStep", 1, *map(ctypes.byref, flags)) == 0
+        assert not any(flag.value for flag in flags)

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from benchmarks.engine.floor import compiler
 from benchmarks.on_model import main
 from pgmp_petsc.code.constants import constants_of
-from pgmp_petsc.code.source import write_sources
+from pgmp_petsc.code.source import COMPILED, write_sources
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.studies.inputs import read_rom
 from pgmp_petsc.studies.simulate import simulate_reduced
@@ -31,25 +31,16 @@ def run(path: Path, n_steps: int) -> None:
     constants, source = constants_of(model, "the model"), Path(__file__).with_suffix(".c")
     with TemporaryDirectory() as folder:
         n_bytes = write_sources(constants, folder)
-        command = [
-            compiler(),
-            "-std=c99",
-            "-O2",
-            "-I.",
-            "-o",
-            "time",
-            str(source.resolve()),
-            "model.c",
-            "tables.c",
-            "-lm",
-        ]
+        command = [compiler(), "-std=c99", "-O2", "-I.", "-o", "time", str(source.resolve()), *COMPILED, "-lm"]
         subprocess.run(command, cwd=folder, check=True)
         done = subprocess.run([f"{folder}/time", str(n_steps)], capture_output=True, text=True, check=True)
-        command = [compiler(), "-std=c99", "-O2", "-o", "run", "main.c", "model.c", "tables.c", "-lm"]
+        command = [compiler(), "-std=c99", "-O2", "-o", "run", "main.c", *COMPILED, "-lm"]
         subprocess.run(command, cwd=folder, check=True)
         table = subprocess.run([f"{folder}/run"], capture_output=True, text=True, check=True).stdout
     mean, rare, worst, wall, validity = (float(number) for number in done.stdout.split())
-    print(f"{constants.settings['M']} flexible coordinates, {n_bytes / 1e6:.1f} MB of source, validity {validity:.0f}")
+    sizes = constants.settings
+    size = f"{sizes['R']} rigid and {sizes['M']} flexible coordinates, {n_bytes / 1e6:.1f} MB of source"
+    print(f"{size}, validity {validity:.0f}")
     said = f"{mean:.2f} us on average, 99.99 % within {rare:.2f} us, the slowest {worst:.1f} us"
     print(f"{n_steps} steps, processor time: {said}")
     print(f"the slowest by the clock on the wall, with what else the machine does: {wall:.1f} us")

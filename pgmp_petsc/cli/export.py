@@ -19,21 +19,29 @@ XDMF = (".xdmf", ".xmf")
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @output_option
+@click.option("--fmi", type=click.IntRange(2, 3), help="Version of FMI of an FMU, 2 (default) or 3.")
 @scene_options
 @click.pass_context
 def export(
-    context: click.Context, file: Path, output: Path, settings: tuple[str, ...], overrides: tuple[str, ...]
+    context: click.Context,
+    file: Path,
+    output: Path,
+    fmi: int | None,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
 ) -> None:
     """Write the frames of trajectory FILE as XDMF, which ParaView opens; or a reduced model FILE for other programs.
 
     The XDMF file refers to FILE and copies nothing: keep the two together.
 
-    A reduced model becomes a folder of C99 (-o model/) or an FMU for co-simulation, FMI 2.0 (-o model.fmu).
+    A reduced model becomes a folder of C99 (-o model/), or an FMU for co-simulation and model exchange (-o model.fmu).
     """
     suffix = output.suffix.lower()
     if suffix == FMU or (suffix not in XDMF and on_root(context.obj.comm, _is_rom, file)):
-        _export_model(context, file, output, settings, overrides)
+        _export_model(context, file, output, fmi, settings, overrides)
         return
+    if fmi is not None:
+        raise InputError(f"--fmi {fmi} is for FMUs of reduced models, and '{output}' is none; leave it out")
     if settings or overrides:
         raise InputError("--set and --override are for the export of a reduced model; a trajectory is what it is")
     from pgmp_petsc.export.xdmf import write_xdmf
@@ -52,11 +60,16 @@ def _is_rom(file: Path) -> bool:
 
 
 def _export_model(
-    context: click.Context, file: Path, output: Path, settings: tuple[str, ...], overrides: tuple[str, ...]
+    context: click.Context,
+    file: Path,
+    output: Path,
+    fmi: int | None,
+    settings: tuple[str, ...],
+    overrides: tuple[str, ...],
 ) -> None:
     """Write a reduced model as C99 or as an FMU, and say what it does not have."""
     from pgmp_petsc.code.constants import CORRECTIONS, constants_of
-    from pgmp_petsc.code.fmu import write_fmu
+    from pgmp_petsc.code.fmu import VERSIONS, write_fmu
     from pgmp_petsc.code.refusal import check_scene
     from pgmp_petsc.code.source import write_sources
     from pgmp_petsc.models import ReducedModel
@@ -68,6 +81,9 @@ def _export_model(
             f"output '{output}': a reduced model is exported as a folder of C99, whose name has no ending (-o "
             f"{output.with_suffix('')}/), or as an FMU (-o {output.with_suffix(FMU)})"
         )
+    if fmi is not None and not is_fmu:
+        raise InputError(f"--fmi {fmi} is for FMUs, and '{output}' is none; name an FMU, -o NAME{FMU}, or leave it out")
+    version = fmi or VERSIONS[0]
     scene, rom = read_rom(file, overrides, settings, context.obj.comm)
 
     def write() -> str:
@@ -75,11 +91,11 @@ def _export_model(
         constants = constants_of(ReducedModel(scene, rom), str(output))
         if not is_fmu:
             return f"{output}: C99, {write_sources(constants, output) / 1e6:.1f} MB"
-        target = write_fmu(constants, output)
+        target, what = write_fmu(constants, output, version), f"FMI {version}.0, co-simulation and model exchange"
         if target:
-            return f"{output}: FMI 2.0, co-simulation, sources and a library for {target}"
-        why = "no C compiler (cc, gcc) for a platform that FMI 2.0 names"
-        return f"{output}: FMI 2.0, co-simulation, sources only: {why}; compile sources/ where it is to run"
+            return f"{output}: {what}, sources and a library for {target}"
+        why = "no C compiler (cc, gcc), or no x86-64 Linux"
+        return f"{output}: {what}, sources only: {why}; compile sources/ where it is to run"
 
     say(context, on_root(context.obj.comm, write))
     steps = f"steps of {scene.simulation.step:g} s, {CORRECTIONS} Newton corrections each"

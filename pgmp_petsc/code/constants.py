@@ -1,11 +1,12 @@
 """The constants of a model in C: sizes, settings, and the tables of the reduced Lagrangian, weights taken out.
 
 The tables are those that `dynamics.reduced_terms` interpolates, as samples or spline coefficients; the rigid inertia is
-in the polynomials of degree 7 that the compiled kernel takes, and poses are in quintic Hermite polynomials.
+in the polynomials of degree 7 that the compiled kernel takes. Poses come from the table of the assembly branch.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,45 +14,52 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
 from pgmp_petsc.code.refusal import check_model, check_scene
+from pgmp_petsc.code.statements import (
+    ActionInC,
+    Output,
+    StatementInC,
+    action_in_c,
+    closure_of,
+    coordinates_of,
+    output_in_c,
+)
+from pgmp_petsc.dynamics import alpha_step, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
+from pgmp_petsc.dynamics.reduced_actions import nodes_of, rigid_places
 from pgmp_petsc.dynamics.second_order_system import Scheme
 from pgmp_petsc.effects.time_function import Piece
-from pgmp_petsc.mechanism.attachment import Attachment
+from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.served_range import Served
-from pgmp_petsc.reduction.stencil import B_SPLINE
+from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.errors import limits_of
 from pgmp_petsc.runtime.errors import InputError
-from pgmp_petsc.runtime.vectors import N_POWERS_OF_RIGID
 
-# Each divides what is left by a thousand and more with steps that resolve the motion; measured in docs/export.md.
-CORRECTIONS = 3
-CONVERGED = 1e-9  # of the mechanism's size or of 1 rad: what a run of the program agrees to
+# Two factorisations. Where steps resolve the motion the program takes one or two corrections, and up to six where loads
+# set in with a jump (tests/verification/test_exported.py, in space).
+CORRECTIONS = 2 * alpha_step.REFRESH_EVERY
+CLOSURES = 3  # of Newton: from 1e-4 of a grid's middle to 1e-8, 1e-16 and round-off
 MOST_NUMBERS = 4_000_000  # in the tables: some 80 MB of source, which a compiler takes a minute for
-AXES = {"x": 0, "y": 1}
 
 
 @dataclass(frozen=True)
-class Side:
-    """A point of a body or of the ground: slot of its node, number of its body, and its place, `Attachment`."""
+class Along:
+    """The cells and rows of a table along a coordinate."""
 
-    slot: int
-    body: int
-    point: tuple[float, float]
-    arm: tuple[float, float]
+    lower: float
+    step: float
+    n_cells: int
+    n_rows: int
+    periodic: bool
+    b_spline: bool = False
 
-
-@dataclass(frozen=True)
-class Output:
-    """An output: kind and sides; `numbers` are an origin (position), or a direction (sliding)."""
-
-    kind: str
-    a: Side
-    b: Side
-    axis: int = 0
-    in_body: bool = False
-    numbers: tuple[float, float] = (0.0, 0.0)
+    @classmethod
+    def of(cls, axis: Axis) -> Along:
+        """Return those of an interpolant's axis."""
+        return cls(axis.lower, axis.step, axis.n_cells, count_rows(axis), axis.periodic, axis.basis == B_SPLINE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,42 +74,63 @@ class Constants:
         Whole numbers and numbers of ``sizes.h`` by name.
     tables
         Arrays of ``tables.c`` by name.
+    axes
+        Of the tables' coordinates, by name.
     weights, load_weights
         Monomials of the terms and of the load terms.
-    dampers, coefficients
-        Slots of the two nodes of each damped joint, and its coefficient (N m s/rad).
+    laws
+        Parameters of the laws of the local effects.
     parameters
         Nominal values, or those that were set, by name.
     served
         Ranges that the model was built for, by name.
-    loads
-        Pieces of the strength of each load over time, by the effect's name.
-    load_of_term
-        Number of the load of each load term.
-    outputs, measured
-        Outputs by name, and the two sides of the coordinate's joint.
+    strengths, motions
+        Pieces over time of what loads and drives, by the effect's name, and of the coordinates, none of a free one.
+    load_of_term, strength_of_load
+        Number of the load of each load term, and of the strength of each load.
+    coordinate_names
+        Of the rigid coordinates.
+    coordinates, closure, closure_wanted
+        What measures the coordinates, what holds the bodies together, and the values that this has.
+    actions, action_slots
+        Local effects, and the slots of their nodes.
+    outputs
+        By name.
     output_units, parameter_units
         By name.
     node_bodies
-        Body of every output node.
+        Body of every node of the tables.
     """
 
     name: str
     settings: Mapping[str, int | float]
     tables: Mapping[str, np.ndarray]
+    axes: Mapping[str, Sequence[Along]]
     weights: tuple[Monomial, ...]
     load_weights: tuple[Monomial, ...]
-    dampers: Sequence[tuple[int, int]]
-    coefficients: Sequence[Quantity]
+    laws: Sequence[Sequence[Quantity]]
     parameters: Mapping[str, float]
     served: Mapping[str, Served]
-    loads: Mapping[str, Sequence[Piece]]
+    strengths: Mapping[str, Sequence[Piece]]
+    motions: Sequence[Sequence[Piece]]
     load_of_term: Sequence[int]
+    strength_of_load: Sequence[int]
+    coordinate_names: Sequence[str]
+    coordinates: Sequence[StatementInC]
+    closure: Sequence[StatementInC]
+    closure_wanted: Sequence[float]
+    actions: Sequence[ActionInC]
+    action_slots: Sequence[int]
     outputs: Mapping[str, Output]
-    measured: Output
     output_units: Mapping[str, str]
     parameter_units: Mapping[str, str]
     node_bodies: Sequence[int]
+
+    @property
+    def free(self) -> list[str]:
+        """Names of the coordinates, rigid and flexible, whose motion is not given."""
+        rigid = [name for name, motion in zip(self.coordinate_names, self.motions) if not motion]
+        return [*rigid, *(f"mode[{k + 1}]" for k in range(self.settings["M"]))]
 
 
 def constants_of(model: ReducedModel, what: str) -> Constants:
@@ -119,61 +148,125 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     """
     check_scene(model.scene, what)
     check_model(model, what)
-    terms, mechanism, scene = model.terms, model.kinematics.mechanism, model.scene
-    actions = model.actions.actions
-    nodes = sorted({*model.outputs.nodes, *(s.node for a in actions for s in a.sides if not s.on_ground)})
+    terms, kinematics, scene = model.terms, model.kinematics, model.scene
+    actions, mechanism = model.actions.actions, kinematics.mechanism
+    held, driven = nodes_of(actions), {node for c in mechanism.coordinates for node in _nodes(c.connection.sides)}
+    nodes = sorted({*model.outputs.nodes, *held, *driven})
     slots = {node: slot for slot, node in enumerate(nodes)}
     bodies = np.repeat(np.arange(len(mechanism.bodies)), [body.n_nodes for body in mechanism.bodies])
-    points = np.concatenate([body.mesh.nodes for body in mechanism.bodies])
     effects = {effect.name: effect for effect in model.effects}
-    loads = {name: effects[name].strength.pieces for name in dict.fromkeys(terms.tables.load_effects)}
-    tables = _tables(model, nodes, points)
+    loads = list(dict.fromkeys(terms.tables.load_effects))
+    over_time = {name: effects[name].strength for name in loads}
+    over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
+    places, winding = _places(model)
+    closure, wanted = closure_of(kinematics)
+    tables = _tables(model, nodes, places)
     _check_size(tables, what)
-    (sides,) = [c.connection.sides for c in mechanism.coordinates]
+    counts = {
+        "N_LOADS": len(loads),
+        "N_STRENGTHS": len(over_time),
+        "N_NODES": len(nodes),
+        "N_ACTIONS": len(actions),
+        "N_ACTION_NODES": len(held),
+        "N_CLOSURE": len(closure),
+    }
     return Constants(
         name=scene.name,
-        settings=_settings(model, tables, len(nodes), len(loads), len(actions)),
+        settings={**_sizes(model, tables), **counts, **_steps(model)},
         tables=tables,
+        axes=_axes(model, places),
         weights=terms.weights,
         load_weights=terms.tables.load_weights,
-        dampers=[(slots.get(a.a.node, -1), slots.get(a.b.node, -1)) for a in actions],
-        coefficients=[action.parameters[1] for action in actions],
+        laws=[action.parameters for action in actions],
         parameters=dict(scene.values),
         served=model.served,
-        loads=loads,
-        load_of_term=[list(loads).index(name) for name in terms.tables.load_effects],
-        outputs={name: _output(model, name, slots) for name in scene.outputs},
-        measured=Output("ANGLE", *(_side(side, slots) for side in sides)),
+        strengths={name: function.pieces for name, function in over_time.items()},
+        motions=[_pieces_of(model, k) for k in range(kinematics.n_coordinates)],
+        load_of_term=[loads.index(name) for name in terms.tables.load_effects],
+        strength_of_load=[list(over_time).index(name) for name in loads],
+        coordinate_names=[c.name for c in kinematics.coordinates],
+        coordinates=coordinates_of(kinematics, slots),
+        closure=closure,
+        closure_wanted=wanted,
+        actions=[action_in_c(a, held, slots, list(over_time), turns) for a, turns in zip(actions, winding)],
+        action_slots=[slots[node] for node in held],
+        outputs={name: output_in_c(model, name, slots) for name in scene.outputs},
         output_units=model.outputs.units,
         parameter_units={name: "SI" if entry.unit is None else entry.unit for name, entry in scene.parameters.items()},
         node_bodies=[int(bodies[node]) for node in nodes],
     )
 
 
-def _tables(model: ReducedModel, nodes: Sequence[int], points: np.ndarray) -> dict[str, np.ndarray]:
-    terms, mechanism, branch = model.terms, model.kinematics.mechanism, model.rom.branch
+def _nodes(sides: Sequence) -> list[int]:
+    return [side.node for side in sides if not side.on_ground]
+
+
+def _pieces_of(model: ReducedModel, coordinate: int) -> Sequence[Piece]:
+    motion = model.motions.get(coordinate)
+    return () if motion is None else motion.angle.pieces
+
+
+def _places(model: ReducedModel) -> tuple[Interpolant | None, np.ndarray]:
+    """Return where local effects hold on the rigid mechanism, None where there are none, and their angles' winding."""
+    if not model.actions.actions:
+        return None, np.zeros((0, 1))
+    fine = fine_grid(model.rom.tables.samples)
+    return rigid_places(model.actions.actions, model.kinematics, fine, model.start[0])
+
+
+def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:
+    terms, mechanism, scheme = model.terms, model.kinematics.mechanism, model.scene.reduction.interpolation
     flexible = [node for body in mechanism.bodies if body.flexible for node in range(body.nodes.start, body.nodes.stop)]
-    scheme, n_bodies = model.scene.reduction.interpolation, len(mechanism.bodies)
     of_outputs, of_all = (Reconstruction(model.kinematics, model.rom, scheme, some) for some in (nodes, flexible))
-    shapes = [of_outputs.displacements.rows, of_all.displacements.rows[..., 2::3]]
-    rigid = terms.polynomials.rigid
-    step = branch.axes[0][1] - branch.axes[0][0]
-    n_branch = branch.axes[0].size
+    d, n_dofs = mechanism.space.dimension, mechanism.space.n_dofs
+    turned = of_all.displacements.rows
+    turned = turned.reshape(*turned.shape[:-1], -1, n_dofs)[..., d:].reshape(*turned.shape[:-1], -1)
+    shapes = np.concatenate([of_outputs.displacements.rows, turned], axis=-1)
+    points = np.concatenate([body.mesh.nodes for body in mechanism.bodies])
     return {
-        "rigid_table": rigid.reshape(*rigid.shape[:2], N_POWERS_OF_RIGID),
-        "terms_table": terms.terms.rows,
-        "loads_table": np.swapaxes(terms.load.rows, 0, 1),
-        "shapes_table": np.concatenate(shapes, axis=2),
-        "branch_table": np.array(
-            [
-                branch.poses,
-                branch.rates.reshape(n_branch, n_bodies, 3) * step,
-                branch.curvatures.reshape(n_branch, n_bodies, 3) * (0.5 * step**2),
-            ]
-        ),
+        "rigid_table": terms.polynomials.rigid,
+        "terms_table": _flat(terms.terms.rows, 2),
+        "loads_table": np.swapaxes(_flat(terms.load.rows, 2), 0, 1),
+        "shapes_table": _flat(shapes, 2),
+        "branch_table": _branch(model.rom.branch, len(mechanism.bodies)),
+        "actions_table": np.zeros((0, 0)) if places is None else _flat(places.rows, 1),
         "scale": terms.scale,
-        "winding": branch.winding[0],
-        "node_points": points[list(nodes)].reshape(-1, 2),
+        "winding": model.rom.branch.winding,
+        "node_points": points[list(nodes)].reshape(-1, d),
+        "start_position": model.start[0],
+        "start_velocity": model.start[1],
+    }
+
+
+def _flat(rows: np.ndarray, n_axes: int) -> np.ndarray:
+    """Return rows of several coordinates one after the other; a value has so many axes."""
+    n_theta = rows.ndim - n_axes
+    return rows.reshape(math.prod(rows.shape[:n_theta]), *rows.shape[n_theta:])
+
+
+def _branch(branch: PoseBranch, n_bodies: int) -> np.ndarray:
+    """Return poses and derivatives (n_parts, n, n_bodies, n_pose): of one coordinate in units of the step, with half
+    the second one."""
+    n, r = len(branch.poses), len(branch.axes)
+    rates, curvatures = branch.rates.reshape(n, n_bodies, -1, r), branch.curvatures.reshape(n, n_bodies, -1, r, r)
+    if r == 1:
+        step = branch.axes[0][1] - branch.axes[0][0]
+        return np.array([branch.poses, rates[..., 0] * step, curvatures[..., 0, 0] * (0.5 * step**2)])
+    second = [curvatures[..., k, j] for k in range(r) for j in range(k + 1)]
+    return np.array([branch.poses, *(rates[..., k] for k in range(r)), *second])
+
+
+def _axes(model: ReducedModel, places: Interpolant | None) -> dict[str, list[Along]]:
+    terms, periodic = model.terms, [c.periodic for c in model.kinematics.coordinates]
+    fine = [Along(0.0, 1.0, 1, 1, False)] * len(periodic) if places is None else [Along.of(a) for a in places.axes]
+    return {
+        "axes": [Along.of(axis) for axis in terms.terms.axes],
+        "rigid_axes": [Along(axis.lower, axis.step, axis.n_cells, 0, axis.periodic) for axis in terms.grid],
+        "fine_axes": fine,
+        "branch_axes": [
+            Along(float(axis[0]), float(axis[1] - axis[0]), axis.size - 1, axis.size, turns)
+            for axis, turns in zip(model.rom.branch.axes, periodic)
+        ],
     }
 
 
@@ -186,46 +279,43 @@ def _check_size(tables: Mapping[str, np.ndarray], what: str) -> None:
         )
 
 
-def _settings(
-    model: ReducedModel, tables: Mapping[str, np.ndarray], n_nodes: int, n_loads: int, n_dampers: int
-) -> dict[str, int | float]:
-    terms, branch, simulation = model.terms, model.rom.branch, model.scene.simulation
-    (axis,), (grid,) = terms.terms.axes, terms.grid
-    n_steps = count_steps(simulation.duration, simulation.step)
-    step = simulation.duration / n_steps
-    scheme, first = Scheme.of(simulation.spectral_radius, step), branch.axes[0]
+def _sizes(model: ReducedModel, tables: Mapping[str, np.ndarray]) -> dict[str, int | float]:
+    terms, branch = model.terms, model.rom.branch
+    layout = terms.layout
     return {
-        "M": terms.layout.n_eta - 1,
-        "SECOND_ORDER": int(terms.layout.second_order),
-        "STRUCTURAL_DAMPING": int(terms.layout.damping < terms.layout.end),
-        "PERIODIC": int(axis.periodic),
-        "B_SPLINE": int(axis.basis == B_SPLINE),
+        "R": len(layout.rigid),
+        "M": layout.n_eta - len(layout.rigid),
+        "D": model.kinematics.mechanism.space.dimension,
+        "SECOND_ORDER": int(layout.second_order),
+        "STRUCTURAL_DAMPING": int(layout.damping < layout.end),
+        "QUADRATIC": int(layout.quadratic),
         "N_ROWS": len(tables["terms_table"]),
-        "N_CELLS": grid.n_cells,
-        "AXIS_CELLS": axis.n_cells,
+        "N_CELLS": math.prod(axis.n_cells for axis in terms.grid),
         "N_TERMS": len(terms.weights),
         "N_LOAD_TERMS": len(terms.tables.load_weights),
-        "N_LOADS": n_loads,
-        "N_DAMPERS": n_dampers,
         "N_PARAMETERS": len(model.scene.values),
         "N_OUTPUTS": len(model.scene.outputs),
-        "N_NODES": n_nodes,
         "N_SHAPES": tables["shapes_table"].shape[2],
         "N_BODIES": tables["branch_table"].shape[2],
+        "N_BRANCH_PARTS": len(tables["branch_table"]),
         "N_BRANCH": tables["branch_table"].shape[1],
-        "N_STEPS": n_steps,
-        "CORRECTIONS": CORRECTIONS,
-        "CONVERGED": CONVERGED,
+        "BRANCH_IS_EXACT": int(branch.is_exact),
+        "N_FINE": len(tables["actions_table"]),
+        "N_ACTION_ENTRIES": tables["actions_table"].shape[1],
+        "SIZE": float(model.kinematics.size),
+        "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
         "ROTATION_LIMIT": limits_of(model.scene.second_order)["elastic_rotation"],
-        "AXIS_LOWER": axis.lower,
-        "AXIS_STEP": axis.step,
-        "CELL_LOWER": grid.lower,
-        "CELL_WIDTH": grid.step,
-        "BRANCH_LOWER": float(first[0]),
-        "BRANCH_UPPER": float(first[-1]),
-        "BRANCH_STEP": float(first[1] - first[0]),
-        "START_POSITION": float(model.start[0][0]),
-        "START_VELOCITY": float(model.start[1][0]),
+    }
+
+
+def _steps(model: ReducedModel) -> dict[str, int | float]:
+    """Return the settings of steps and iterations; the latter are the program's own."""
+    simulation = model.scene.simulation
+    n_steps = count_steps(simulation.duration, simulation.step)
+    step = simulation.duration / n_steps
+    scheme = Scheme.of(simulation.spectral_radius, step)
+    return {
+        "N_STEPS": n_steps,
         "STEP": step,
         "ALPHA_M": scheme.alpha_m,
         "ALPHA_F": scheme.alpha_f,
@@ -233,35 +323,14 @@ def _settings(
         "GAMMA": scheme.gamma,
         "GAIN_V": scheme.gain_v,
         "GAIN_A": scheme.gain_a,
-        "MASS_DAMPING": 0.0 if terms.damping is None else terms.damping.mass,
+        "CORRECTIONS": CORRECTIONS,
+        "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
+        "CLOSURES": CLOSURES,
+        "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
+        "ROUND_OFF": alpha_step.ROUND_OFF,
+        "PROBED_EVERY": alpha_step.PROBED_EVERY,
+        "CAUTION": alpha_step.CAUTION,
+        "FIRST_CONTRACTION": alpha_step.FIRST_CONTRACTION,
+        "LEAST_CONTRACTION": alpha_step.LEAST_CONTRACTION,
+        "WORST_CONTRACTION": alpha_step.WORST_CONTRACTION,
     }
-
-
-def _side(side: Attachment, slots: Mapping[int, int]) -> Side:
-    point, arm = (tuple(float(x) for x in place) for place in (side.point, side.arm))
-    return Side(slots.get(side.node, -1), side.body, point, arm)
-
-
-def _output(model: ReducedModel, name: str, slots: Mapping[int, int]) -> Output:
-    """Return an output as the model in C takes it; see `outputs.outputs`."""
-    entry, mechanism = model.scene.outputs[name], model.kinematics.mechanism
-    if entry.type in ("angle", "sliding"):
-        sides = [_side(side, slots) for side in mechanism.connection(entry.joint).sides]
-        if entry.type == "angle":
-            return Output("ANGLE", *sides)
-        axis = np.array(mechanism.scene.joints[entry.joint].axes[0], dtype=float)
-        return Output("SLIDING", *sides, numbers=tuple((axis / np.linalg.norm(axis)).tolist()))
-    if entry.type == "distance":
-        points = [mechanism.attachment(point, f"outputs.{name}.points") for point in entry.points]
-        return Output("DISTANCE", *(_side(point, slots) for point in points))
-    point = mechanism.attachment(entry.point, f"outputs.{name}.point")
-    side = _side(point, slots)
-    if entry.type == "rotation":
-        return Output("ROTATION", side, side)
-    axis = AXES[entry.axis]
-    if entry.type == "deformation":
-        return Output("DEFORMATION", side, side, axis, entry.frame == "body")
-    origin = 0.0
-    if entry.type == "displacement":
-        origin = float(point.frame_of_pose(model.kinematics.poses(model.start[0][None]))[axis, 0])
-    return Output("POSITION", side, side, axis, numbers=(origin, 0.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,12 +11,16 @@ import numpy as np
 
 from pgmp_petsc import __version__
 from pgmp_petsc.bodies.affine import Monomial
-from pgmp_petsc.code.constants import Constants, Output, Side
+from pgmp_petsc.code.constants import Along, Constants
+from pgmp_petsc.code.statements import ActionInC, Output, Side, StatementInC
+from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.files import replacing
 
-COMMON = ("model.h", "tables.h", "model.c", "main.c")
+PARTS = ("model", "interpolation", "lagrangian", "solution", "statements", "actions", "kinematics", "outputs")
+COMPILED = (*(f"{part}.c" for part in PARTS), "tables.c")  # with tables.c, what every model in C is made of
+COMMON = ("model.h", "tables.h", *(f"{part}.c" for part in PARTS), "main.c")
 HEAD = f"/* written by pgmp_petsc {__version__} */\n\n"
 PER_LINE = 6
 
@@ -88,14 +92,17 @@ def _array(values: np.ndarray) -> str:
 
 def _tables(constants: Constants) -> str:
     dimensions = {
-        "rigid_table": "[N_CELLS][N_TERMS][RIGID_POWERS]",
+        "rigid_table": "[N_CELLS][N_TERMS][PACKED(R) * RIGID_POWERS]",
         "terms_table": "[N_ROWS][N_TERMS][END]",
         "loads_table": "[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END]",
         "shapes_table": "[N_ROWS][N_FACTORS][N_SHAPES]",
-        "branch_table": "[3][N_BRANCH][N_BODIES][3]",
-        "scale": "[N]",
-        "winding": "[N_BODIES]",
-        "node_points": "[][2]",
+        "branch_table": "[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE]",
+        "actions_table": "[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)]",
+        "scale": "[]",
+        "winding": "[R][N_BODIES]",
+        "node_points": "[AT_LEAST_ONE(N_NODES)][D]",
+        "start_position": "[R]",
+        "start_velocity": "[R]",
     }
     parts = ['#include "tables.h"\n\n#include <math.h>\n']
     for name, shape in dimensions.items():
@@ -104,19 +111,25 @@ def _tables(constants: Constants) -> str:
     names, served = list(constants.parameters), constants.served
     lower = [served[name].low if name in served else -math.inf for name in names]
     upper = [served[name].high if name in served else math.inf for name in names]
+    parts += [_listed(f"const struct axis {name}[R]", map(_axis, axes)) for name, axes in constants.axes.items()]
     parts += [
         _strings("pgmp_parameter_names", names),
-        _strings("pgmp_load_names", constants.loads),
+        _strings("pgmp_strength_names", constants.strengths),
         _strings("pgmp_output_names", constants.outputs),
+        _listed("const int pgmp_prescribed[R]", (str(int(len(motion) > 0)) for motion in constants.motions)),
         _listed("const double parameter_values[]", map(_number, constants.parameters.values())),
         _listed("const double parameter_lower[]", map(_number, lower)),
         _listed("const double parameter_upper[]", map(_number, upper)),
+        _listed("const double closure_wanted[]", map(_number, constants.closure_wanted)),
         _listed("const int load_of_term[]", map(str, constants.load_of_term)),
+        _listed("const int strength_of_load[]", map(str, constants.strength_of_load)),
         _listed("const int node_bodies[]", map(str, constants.node_bodies)),
-        _pieces(constants),
-        # behind the outputs: the joint that measures the coordinate
-        _listed("const struct output outputs[]", map(_output, (*constants.outputs.values(), constants.measured))),
-        _listed("const struct damper dampers[]", (f"{{{a}, {b}}}" for a, b in constants.dampers), "{-1, -1}"),
+        _listed("const int action_nodes[]", map(str, constants.action_slots)),
+        _pieces([*constants.strengths.values(), *constants.motions]),
+        _listed("const struct statement coordinates[R]", map(_statement, constants.coordinates)),
+        _listed("const struct statement closure[]", map(_statement, constants.closure), "{0}"),
+        _listed("const struct output outputs[]", map(_output, constants.outputs.values()), "{0}"),
+        _listed("const struct action actions[]", map(_action, constants.actions), "{0}"),
         _weigh(constants),
     ]
     return HEAD + "\n".join(parts)
@@ -131,40 +144,60 @@ def _strings(name: str, values: Iterable[str]) -> str:
     return _listed(f"const char *const {name}[]", (f'"{value}"' for value in values))
 
 
-def _pieces(constants: Constants) -> str:
+def _numbers(values: Iterable[float]) -> str:
+    return f"{{{', '.join(_number(float(value)) for value in values)}}}"
+
+
+def _axis(axis: Along) -> str:
+    whole = f"{axis.n_cells}, {axis.n_rows}, {int(axis.periodic)}, {int(axis.b_spline)}"
+    return f"{{{_number(axis.lower)}, {_number(axis.step)}, {whole}}}"
+
+
+def _pieces(functions: Sequence[Sequence[Piece]]) -> str:
     firsts, rows = [0], []
-    for pieces in constants.loads.values():
+    for pieces in functions:
         for piece in pieces:
-            cubic = ", ".join(_number(float(c)) for c in (*piece.cubic, 0.0, 0.0, 0.0, 0.0)[:4])
-            wave = ", ".join(_number(float(c)) for c in piece.wave)
-            rows.append(f"{{{_number(piece.begin)}, {_number(float(piece.origin))}, {{{cubic}}}, {{{wave}}}}}")
+            cubic = _numbers((*piece.cubic, 0.0, 0.0, 0.0, 0.0)[:4])
+            begin, origin = (_number(float(time)) for time in (piece.begin, piece.origin))
+            rows.append(f"{{{begin}, {origin}, {cubic}, {_numbers(piece.wave)}}}")
         firsts.append(len(rows))
     return (
-        _listed("const int load_pieces[]", map(str, firsts))
+        _listed("const int function_pieces[]", map(str, firsts))
         + "\n"
         + _listed("const struct piece pieces[]", rows, "{0}")
     )
 
 
-def _output(output: Output) -> str:
-    numbers = ", ".join(_number(float(x)) for x in output.numbers)
-    return f"{{{output.kind}, {output.axis}, {int(output.in_body)}, {_side(output.a)}, {_side(output.b)}, {numbers}}}"
-
-
 def _side(side: Side) -> str:
-    point, arm = (", ".join(_number(x) for x in place) for place in (side.point, side.arm))
-    return f"{{{side.slot}, {side.body}, {{{point}}}, {{{arm}}}}}"
+    return f"{{{side.slot}, {side.body}, {_numbers(side.point)}, {_numbers(side.arm)}}}"
+
+
+def _statement(part: StatementInC) -> str:
+    directions = ", ".join(_numbers(axis) for axis in part.statement.axes)
+    return f"{{{part.statement.kind}, {part.coordinate}, {{{directions}}}, {_side(part.a)}, {_side(part.b)}}}"
+
+
+def _output(output: Output) -> str:
+    where = f"{output.kind}, {output.axis}, {int(output.in_body)}, {_number(output.origin)}"
+    return f"{{{where}, {_statement(output.statement)}}}"
+
+
+def _action(action: ActionInC) -> str:
+    a, b = action.nodes
+    return f"{{{a}, {b}, {action.law}, {action.strength}, {_numbers(action.winding)}, {_statement(action.statement)}}}"
 
 
 def _weigh(constants: Constants) -> str:
     """Return the function that evaluates the monomials."""
     numbers = {name: k for k, name in enumerate(constants.parameters)}
-    lines = ["void weigh(const double *p, double *terms, double *loads, double *dampers) {"]
-    lines.append("    (void)p, (void)terms, (void)loads, (void)dampers;")
+    lines = ["void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]) {"]
+    lines.append("    (void)p, (void)terms, (void)loads, (void)laws;")
     for into, monomials in (("terms", constants.weights), ("loads", constants.load_weights)):
         lines += [f"    {into}[{k}] = {_monomial(weight, numbers)};" for k, weight in enumerate(monomials)]
-    for k, quantity in enumerate(constants.coefficients):
-        lines.append(f"    dampers[{k}] = {_number(quantity.coefficient)} * {_monomial(quantity.monomial, numbers)};")
+    for k, law in enumerate(constants.laws):
+        for i, quantity in enumerate(law):
+            value = f"{_number(float(quantity.coefficient))} * {_monomial(quantity.monomial, numbers)}"
+            lines.append(f"    laws[{k}][{i}] = {value};")
     return "\n".join([*lines, "}", ""])
 
 

@@ -65,22 +65,13 @@ class ReducedActions:
         """
         if not actions:
             return cls.none(kinematics.n_coordinates)
-        space, fine = kinematics.mechanism.space, fine_grid(rom.tables.samples)
         sides = [side for action in actions for side in action.sides]
-        nodes = sorted({side.node for side in sides if not side.on_ground})
+        nodes = nodes_of(actions)
         rows = np.concatenate([kinematics.mechanism.node_dofs(node) for node in nodes])
         shapes = rom.projection[:, rows]
         if rom.curvature is not None:
             shapes = np.concatenate([shapes, rom.curvature[:, rows]], axis=2)
-        poses = kinematics.poses(fine.theta)
-        frames = []
-        for body, point in map(kinematics.mechanism.body_of, nodes):
-            frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
-        angles, winding = np.zeros((fine.n, len(actions))), np.zeros((len(actions), fine.n_coordinates))
-        for k, action in enumerate(actions):
-            if action.statement.kind == ANGLE:
-                angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
-        rigid = interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline")
+        rigid, winding = rigid_places(actions, kinematics, fine_grid(rom.tables.samples), start)
         bent = interpolant(rom.tables.samples, shapes.reshape(len(shapes), -1), scheme)
         places = Places(
             fine=grid_of(rigid),
@@ -90,7 +81,7 @@ class ReducedActions:
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
             n_nodes=len(nodes),
         )
-        return cls(tuple(actions), places, space.dimension)
+        return cls(tuple(actions), places, kinematics.mechanism.space.dimension)
 
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
@@ -113,6 +104,26 @@ class ReducedActions:
         actions = np.array(numbers, dtype=np.int64)
         nodes = np.unique(self.places.sides[actions])
         return Chosen(actions, nodes[nodes >= 0])
+
+
+def nodes_of(actions: Sequence[Action]) -> list[int]:
+    """Return the nodes that actions hold at, increasing."""
+    return sorted({side.node for action in actions for side in action.sides if not side.on_ground})
+
+
+def rigid_places(
+    actions: Sequence[Action], kinematics: RigidKinematics, fine: SampleGrid, start: np.ndarray
+) -> tuple[Interpolant, np.ndarray]:
+    """Return the frames of `nodes_of` actions on the rigid mechanism, and behind them the actions' angles less their
+    winding, 0 where they have none, as one interpolant; and the winding, shape (n_actions, n_theta)."""
+    space, poses, frames = kinematics.mechanism.space, kinematics.poses(fine.theta), []
+    for body, point in map(kinematics.mechanism.body_of, nodes_of(actions)):
+        frames.append(space.natural(space.place(poses[body], point[None])[0]).T)
+    angles, winding = np.zeros((fine.n, len(actions))), np.zeros((len(actions), fine.n_coordinates))
+    for k, action in enumerate(actions):
+        if action.statement.kind == ANGLE:
+            angles[:, k], winding[k] = _counted(action, kinematics, poses, fine, start)
+    return interpolant(fine, np.concatenate([*frames, angles], axis=1), "spline"), winding
 
 
 def functions_of_time(

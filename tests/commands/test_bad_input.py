@@ -429,6 +429,13 @@ CASES = {
     "export of a model": Case(("export", ROM, "-o", "{folder}/x.xdmf"), ("rom.h5", "needed: a trajectory")),
     "a model and an ending": Case(("export", ROM, "-o", "{folder}/x.c"), ("x.c'", "or as an FMU (-o ")),
     "an FMU of a trajectory": Case(("export", SCENE, "-o", "{folder}/x.fmu"), ("needed: a reduced model",)),
+    "a version of FMI for C99": Case(("export", ROM, "-o", "{folder}/m", "--fmi", "3"), ("--fmi 3 is for FMUs, and",)),
+    "a version of FMI for XDMF": Case(
+        ("export", SCENE, "-o", "{folder}/x.xdmf", "--fmi", "2"), ("--fmi 2 is for FMUs",)
+    ),
+    "a version of FMI that is none": Case(
+        ("export", ROM, "-o", "{folder}/m.fmu", "--fmi", "1"), ("--fmi", "1", "2<=x<=3")
+    ),
     "parameters of a trajectory": Case(
         ("export", SCENE, "-o", "{folder}/x.xdmf", "--set", "r1=5e-3"), ("--set and --override are for",)
     ),

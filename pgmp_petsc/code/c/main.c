@@ -1,6 +1,6 @@
 /* Runs the model as the scene does and prints time and outputs as CSV:  main [NAME=VALUE ...] > run.csv
 
-   cc -std=c99 -O2 main.c model.c tables.c -lm -o main
+   cc -std=c99 -O2 *.c -lm -o main
 
    written by pgmp_petsc */
 

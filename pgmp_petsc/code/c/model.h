@@ -3,27 +3,33 @@
    written by pgmp_petsc
 
    Set parameters and strengths after pgmp_initialise; pgmp_start weighs the tables with the parameters and finds the
-   accelerations at time 0; pgmp_step takes one step of STEP seconds; pgmp_observe evaluates the outputs. SI units. */
+   accelerations at time 0; pgmp_step takes one step of STEP seconds; pgmp_observe evaluates the outputs. Whoever has an
+   integrator of its own sets q and v and asks pgmp_accelerate for a. SI units. */
 
 #ifndef PGMP_MODEL_H
 #define PGMP_MODEL_H
 
 #include "sizes.h"
 
-#define N (M + 1)
+/* R rigid coordinates theta (rad) before M flexible ones delta; D dimensions */
+#define N (R + M)
 #define PACKED(n) ((n) * ((n) + 1) / 2)
 #define N_PAIRS (SECOND_ORDER ? PACKED(M) : 0)
 #define N_FACTORS (M + N_PAIRS)
-#define RIGID_POWERS 8
+#define RIGID_POWERS (R == 1 ? 8 : 64)
+#define N_FRAME (D * (D + 1))
+#define N_DOFS (D * (D + 1) / 2)
+#define N_POSE (D == 2 ? 3 : 12)
+#define N_LAW 4
 #define AT_LEAST_ONE(n) ((n) > 0 ? (n) : 1)
 
 enum {
     COUPLING = PACKED(N),
-    STIFFNESS = COUPLING + M,
+    STIFFNESS = COUPLING + PACKED(R) * M,
     CUBIC = STIFFNESS + PACKED(M),
     SWING = CUBIC + (SECOND_ORDER ? M * (M + 1) * (M + 2) / 6 : 0),
-    GYROSCOPIC = SWING + (SECOND_ORDER ? PACKED(M) : 0),
-    DAMPING = GYROSCOPIC + (SECOND_ORDER ? M * (M - 1) / 2 : 0),
+    GYROSCOPIC = SWING + (SECOND_ORDER ? PACKED(R) * PACKED(M) : 0),
+    DAMPING = GYROSCOPIC + (SECOND_ORDER ? R * (M * (M - 1) / 2) : 0),
     END = DAMPING + (STRUCTURAL_DAMPING ? PACKED(N) : 0),
     LOAD_END = N + (SECOND_ORDER ? PACKED(M) : 0)
 };
@@ -31,25 +37,26 @@ enum {
 /* What is wrong, bits of pgmp_model.validity; 0 is fine. */
 enum {
     PGMP_ROTATION = 1,      /* an elastic rotation is, or was, beyond ROTATION_LIMIT */
-    PGMP_OUT_OF_RANGE = 2,  /* the coordinate is, or was, outside the range of the tables */
-    PGMP_NOT_CONVERGED = 4, /* a correction at the end of a step was larger than CONVERGED */
+    PGMP_OUT_OF_RANGE = 2,  /* a coordinate is, or was, outside the range of the tables */
+    PGMP_NOT_CONVERGED = 4, /* Newton's iteration was not at its end after the CORRECTIONS of a step */
     PGMP_NOT_FINITE = 8,    /* the state is no finite number */
     PGMP_PARAMETER = 16     /* a parameter is outside what the model was built for, or no finite number */
 };
 
 struct pgmp_model {
     double parameters[AT_LEAST_ONE(N_PARAMETERS)];
-    double strengths[AT_LEAST_ONE(N_LOADS)]; /* used where follows_scene is 0 */
-    int follows_scene[AT_LEAST_ONE(N_LOADS)];
+    double strengths[AT_LEAST_ONE(N_STRENGTHS)]; /* used where follows_scene is 0 */
+    int follows_scene[AT_LEAST_ONE(N_STRENGTHS)];
     /* tables weighted with the parameters */
-    double rigid[N_CELLS][RIGID_POWERS], terms[N_ROWS][END], loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END];
-    double dampers[AT_LEAST_ONE(N_DAMPERS)];
-    /* state: theta (rad) and modal coordinates, their rates, accelerations, auxiliary ones, those of the step before */
+    double rigid[N_CELLS][PACKED(R) * RIGID_POWERS], terms[N_ROWS][END];
+    double loads[AT_LEAST_ONE(N_LOADS)][N_ROWS][LOAD_END], laws[AT_LEAST_ONE(N_ACTIONS)][N_LAW];
+    /* state: theta and delta, their rates, accelerations, auxiliary ones, those of the step before */
     double q[N], v[N], a[N], auxiliary[N], before[N];
-    long number; /* steps taken */
+    double contraction; /* of Newton's iteration, expected in the next step */
+    long number;        /* steps taken */
     double outputs[AT_LEAST_ONE(N_OUTPUTS)];
     double elastic_rotation; /* rad, the largest of any node at this instant */
-    double correction;       /* the last one of the last step, in units of the mechanism's size or 1 rad */
+    double correction;       /* what the last step left, estimated, in units of the mechanism's size or 1 rad */
     int validity;
 };
 
@@ -59,7 +66,12 @@ void pgmp_weigh(struct pgmp_model *model); /* parameters that changed within a r
 int pgmp_step(struct pgmp_model *model);
 void pgmp_observe(struct pgmp_model *model);
 double pgmp_time(const struct pgmp_model *model);
+/* Accelerations of the state at a time; what acts over time is that of the pieces that hold at the time `since`. */
+void pgmp_accelerate(struct pgmp_model *model, double time, double since);
+/* When what acts over time jumps or bends next after a time, and a very large number if it does not. */
+double pgmp_next_break(const struct pgmp_model *model, double time);
 
-extern const char *const pgmp_parameter_names[], *const pgmp_load_names[], *const pgmp_output_names[];
+extern const char *const pgmp_parameter_names[], *const pgmp_strength_names[], *const pgmp_output_names[];
+extern const int pgmp_prescribed[R]; /* which coordinates have a motion that is given */
 
 #endif

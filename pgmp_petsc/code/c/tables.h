@@ -1,4 +1,4 @@
-/* Constant tables of the model, in tables.c.
+/* Constant tables of the model, in tables.c, and what the parts of the model take of one another.
 
    written by pgmp_petsc */
 
@@ -7,22 +7,75 @@
 
 #include "model.h"
 
-struct piece { double begin, origin, cubic[4], wave[3]; };
-/* A point of a body: slot of its node among the output nodes, -1 on the ground; point and arm in the body's frame. */
-struct side { int slot, body; double point[2], arm[2]; };
-struct output { int kind, axis, in_body; struct side a, b; double x, y; };
-struct damper { int a, b; }; /* slots of the nodes of the joint, -1 on the ground */
-enum { ANGLE, ROTATION, POSITION, DEFORMATION, DISTANCE, SLIDING };
+#define N_STENCIL (R == 1 ? 4 : 16)
 
-extern const double rigid_table[N_CELLS][N_TERMS][RIGID_POWERS], terms_table[N_ROWS][N_TERMS][END];
+struct axis { double lower, step; int n_cells, n_rows, periodic, b_spline; };
+/* A piece of a function of time: a cubic polynomial of t - origin, and a sinusoid: amplitude, rate, phase. */
+struct piece { double begin, origin, cubic[4], wave[3]; };
+/* A point of a body: slot of its node among the nodes of the tables, -1 on the ground; point and arm in its frame. */
+struct side { int slot, body; double point[D], arm[D]; };
+/* A statement about two points; `coordinate` is that whose angle it is, -1 of others. */
+struct statement { int kind, coordinate; double axes[3][D]; struct side a, b; };
+/* A local effect: numbers of its nodes among those of the effects, -1 on the ground, law and number of its strength. */
+struct action { int a, b, law, strength; double winding[R]; struct statement statement; };
+struct output { int kind, axis, in_body; double origin; struct statement statement; };
+
+enum { MEET, PERPENDICULAR, WITHIN, ALONG, ANGLE, DISTANCE, FOLLOWING };
+enum { SOURCE, SPRING_DAMPER, FRICTION };
+enum { MEASURE, ROTATION, POSITION, DEFORMATION };
+
+extern const struct axis axes[R], rigid_axes[R], fine_axes[R], branch_axes[R];
+extern const double rigid_table[N_CELLS][N_TERMS][PACKED(R) * RIGID_POWERS], terms_table[N_ROWS][N_TERMS][END];
 extern const double loads_table[AT_LEAST_ONE(N_LOAD_TERMS)][N_ROWS][LOAD_END];
-extern const double shapes_table[N_ROWS][N_FACTORS][N_SHAPES], branch_table[3][N_BRANCH][N_BODIES][3];
-extern const int load_of_term[];
-extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[], winding[], node_points[][2];
-extern const int node_bodies[], load_pieces[];
+extern const double shapes_table[N_ROWS][N_FACTORS][N_SHAPES];
+extern const double branch_table[N_BRANCH_PARTS][N_BRANCH][N_BODIES][N_POSE];
+extern const double actions_table[AT_LEAST_ONE(N_FINE)][AT_LEAST_ONE(N_ACTION_ENTRIES)];
+extern const int load_of_term[], strength_of_load[], action_nodes[], function_pieces[];
+extern const double parameter_values[], parameter_lower[], parameter_upper[], scale[], winding[R][N_BODIES];
+extern const double node_points[AT_LEAST_ONE(N_NODES)][D], start_position[R], start_velocity[R];
+extern const double closure_wanted[];
+extern const int node_bodies[];
 extern const struct piece pieces[];
 extern const struct output outputs[];
-extern const struct damper dampers[];
-void weigh(const double *p, double *terms, double *loads, double *dampers);
+extern const struct action actions[];
+extern const struct statement coordinates[R], closure[];
+void weigh(const double *p, double *terms, double *loads, double (*laws)[N_LAW]);
+
+/* Rows of a table over the coordinates, with their weights for the value and for the derivative with each of them. */
+struct stencil { int rows[N_STENCIL]; double weights[1 + R][N_STENCIL]; };
+
+/* What is evaluated at one place: value first, then the derivatives. */
+struct terms {
+    double rigid[1 + R][PACKED(R)], table[1 + R][END], load[1 + R][LOAD_END];
+};
+
+/* Iteration matrix [[corner, row], [column, factor + skew]]; factor and skew are packed lower triangles. */
+struct matrix {
+    double factor[AT_LEAST_ONE(PACKED(M))], corner[R][R], column[R][AT_LEAST_ONE(M)], row[R][AT_LEAST_ONE(M)];
+    double skew[AT_LEAST_ONE(PACKED(M))];
+};
+
+/* Frame of a point: position and directors, in the plane the angle too, which counts turns. */
+struct frame { double z[N_FRAME], angle; };
+
+int locate(const struct axis *axis, double theta, double *place);
+void find_stencil(const struct axis of[R], const double theta[R], struct stencil *stencil);
+void interpolate(const struct pgmp_model *m, const struct stencil *stencil, const double theta[R],
+                 const double strengths[], struct terms *t);
+void add_rows(const struct stencil *stencil, int n_parts, int n, const double *table, double *found);
+double evaluate_piece(int function, double time, double since, double rates[2]);
+
+void evaluate_lagrangian(const struct terms *t, const double q[N], const double rate[N], const double rates[N],
+                         double gain_v, double gain_a, int fresh, double r[N], struct matrix *matrix);
+void add_actions(const struct pgmp_model *m, const struct stencil *stencil, const double strengths[],
+                 const double q[N], const double v[N], double gain_v, int fresh, double r[N], struct matrix *matrix);
+void eliminate(struct matrix *matrix);
+void solve(const struct matrix *matrix, double x[N]);
+
+double evaluate_statement(const struct statement *s, const double z[2 * N_FRAME], double turned, double gradient[],
+                          double (*hessian)[2 * N_FRAME]);
+void turn_frame(const double rigid[N_FRAME], const double moved[N_DOFS], const double point[D], struct frame *frame);
+void attach(const struct side *side, const struct frame nodes[], struct frame *frame);
+void place_bodies(const double theta[R], struct frame bodies[N_BODIES]);
 
 #endif

@@ -1,0 +1,151 @@
+/* Poses of the undeformed bodies, from the table of the assembly branch and Newton's method.
+
+   Of one coordinate the table's quintic Hermite polynomials close the loops to the last digit; where they do not, and of
+   two coordinates, CLOSURES steps of Newton's method lead from there to the poses that hold the joints together at the
+   given coordinates. What is said twice is allowed: the steps are those of least squares.
+
+   written by pgmp_petsc */
+
+#include <math.h>
+#include <string.h>
+
+#include "tables.h"
+
+#define TURN 6.283185307179586
+#define N_UNKNOWNS (N_BODIES * N_POSE)
+
+#if N_BRANCH_PARTS == 3
+/* Quintic Hermite polynomials through values, derivatives times the step and second ones times half its square. */
+static void look_up(const double theta[R], double poses[N_BODIES][N_POSE]) {
+    double position = (theta[0] - branch_axes[0].lower) / branch_axes[0].step;
+    int cell = 0;
+    if (position > 0.0) cell = position < N_BRANCH - 2 ? (int)position : N_BRANCH - 2;
+    double x = position - cell, y = 1.0 - x, a = y * y * y, b = x * x * x;
+    for (int body = 0; body < N_BODIES; body++)
+        for (int i = 0; i < N_POSE; i++) {
+            double near = branch_table[0][cell][body][i], far = branch_table[0][cell + 1][body][i];
+            double near1 = branch_table[1][cell][body][i], far1 = branch_table[1][cell + 1][body][i];
+            double near2 = branch_table[2][cell][body][i], far2 = branch_table[2][cell + 1][body][i];
+            double from = near * (1.0 + x * (3.0 + 6.0 * x)) + x * (1.0 + 3.0 * x) * near1 + x * x * near2;
+            double to = far * (1.0 + y * (3.0 + 6.0 * y)) - y * (1.0 + 3.0 * y) * far1 + y * y * far2;
+            poses[body][i] = a * from + b * to;
+        }
+}
+#else
+/* From the nearest configuration to second order: values, first and second derivatives, k >= l. */
+static void look_up(const double theta[R], double poses[N_BODIES][N_POSE]) {
+    double away[R];
+    long row = 0;
+    for (int k = 0; k < R; k++) {
+        const struct axis *axis = branch_axes + k;
+        double nearest = floor((theta[k] - axis->lower) / axis->step + 0.5);
+        if (!(nearest > 0.0)) nearest = 0.0;
+        if (nearest > axis->n_rows - 1) nearest = axis->n_rows - 1;
+        row = row * axis->n_rows + (long)nearest;
+        away[k] = theta[k] - axis->lower - nearest * axis->step;
+    }
+    for (int body = 0; body < N_BODIES; body++)
+        for (int i = 0; i < N_POSE; i++) {
+            double total = branch_table[0][row][body][i];
+            for (int k = 0, part = 1 + R; k < R; k++) {
+                total += branch_table[1 + k][row][body][i] * away[k];
+                for (int l = 0; l <= k; l++, part++)
+                    total += branch_table[part][row][body][i] * (l < k ? 1.0 : 0.5) * away[k] * away[l];
+            }
+            poses[body][i] = total;
+        }
+}
+#endif
+
+static void frame_of_pose(const double pose[N_POSE], double z[N_FRAME]) {
+#if D == 2
+    z[0] = pose[0], z[1] = pose[1];
+    z[2] = z[5] = cos(pose[2]), z[3] = sin(pose[2]), z[4] = -z[3];
+#else
+    memcpy(z, pose, N_FRAME * sizeof(double));
+#endif
+}
+
+/* Adds a gradient in the frame of a point of a body to that in the body's pose. */
+static void add_to_pose(const double z[N_FRAME], const double point[D], const double gradient[N_FRAME], double *row) {
+    double of_directors[D][D];
+    for (int j = 0; j < D; j++)
+        for (int c = 0; c < D; c++) of_directors[j][c] = gradient[D + D * j + c] + point[j] * gradient[c];
+    for (int c = 0; c < D; c++) row[c] += gradient[c];
+#if D == 2
+    for (int c = 0; c < D; c++) /* d d_1 / d phi = d_2, d d_2 / d phi = -d_1 */
+        row[2] += of_directors[0][c] * z[4 + c] - of_directors[1][c] * z[2 + c];
+#else
+    (void)z;
+    for (int j = 0; j < D; j++)
+        for (int c = 0; c < D; c++) row[D + D * j + c] += of_directors[j][c];
+#endif
+}
+
+static void frame_of_point(const struct side *side, double poses[N_BODIES][N_POSE], double body[N_FRAME],
+                           double z[N_FRAME]) {
+    if (side->body < 0) {
+        for (int c = 0; c < N_FRAME; c++) z[c] = c < D ? side->point[c] : (c - D) % (D + 1) == 0;
+        return;
+    }
+    frame_of_pose(poses[side->body], body);
+    memcpy(z, body, N_FRAME * sizeof(double));
+    for (int j = 0; j < D; j++)
+        for (int c = 0; c < D; c++) z[c] += side->point[j] * body[D + D * j + c];
+}
+
+/* One Newton step, of the normal equations; lengths are in units of the mechanism's size. */
+static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
+    static const int n_rows = N_CLOSURE;
+    double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0};
+    for (int number = 0; number < n_rows + R; number++) {
+        const struct statement *s = number < n_rows ? closure + number : coordinates + number - n_rows;
+        double wanted = number < n_rows ? closure_wanted[number] : theta[number - n_rows];
+        double z[2 * N_FRAME], bodies[2][N_FRAME], gradient[2 * N_FRAME], row[N_UNKNOWNS] = {0};
+        frame_of_point(&s->a, poses, bodies[0], z);
+        frame_of_point(&s->b, poses, bodies[1], z + N_FRAME);
+        double gap = evaluate_statement(s, z, wanted, gradient, 0) - wanted;
+        if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
+        if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);
+        double unit = s->kind == PERPENDICULAR || s->kind == WITHIN || s->kind == ANGLE ? 1.0 : 1.0 / SIZE;
+        for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
+        for (int i = 0; i < N_UNKNOWNS; i++) {
+            if (row[i] == 0.0) continue;
+            right[i] += row[i] * gap * unit;
+            for (int j = 0; j <= i; j++) normal[i][j] += row[i] * row[j];
+        }
+    }
+    for (int i = 0; i < N_UNKNOWNS; i++)
+        for (int j = 0; j <= i; j++) {
+            double total = normal[i][j];
+            for (int k = 0; k < j; k++) total -= normal[i][k] * normal[j][k];
+            normal[i][j] = j < i ? total / normal[j][j] : sqrt(total);
+        }
+    for (int i = 0; i < N_UNKNOWNS; i++) {
+        for (int j = 0; j < i; j++) right[i] -= normal[i][j] * right[j];
+        right[i] /= normal[i][i];
+    }
+    for (int i = N_UNKNOWNS - 1; i >= 0; i--) {
+        for (int j = i + 1; j < N_UNKNOWNS; j++) right[i] -= normal[j][i] * right[j];
+        right[i] /= normal[i][i];
+        poses[i / N_POSE][i % N_POSE] -= right[i] * (i % N_POSE < D ? SIZE : 1.0);
+    }
+}
+
+void place_bodies(const double theta[R], struct frame bodies[N_BODIES]) {
+    double poses[N_BODIES][N_POSE], inside[R], turns[R];
+    int outside = 0;
+    for (int k = 0; k < R; k++) {
+        const struct axis *axis = branch_axes + k;
+        turns[k] = axis->periodic ? floor((theta[k] - axis->lower) / TURN) : 0.0;
+        inside[k] = theta[k] - TURN * turns[k];
+        outside |= !(inside[k] >= axis->lower && inside[k] <= axis->lower + axis->n_cells * axis->step);
+    }
+    look_up(inside, poses);
+    for (int k = 0; k < (BRANCH_IS_EXACT && !outside ? 0 : CLOSURES); k++) close_loops(inside, poses);
+    for (int body = 0; body < N_BODIES; body++) {
+        frame_of_pose(poses[body], bodies[body].z);
+        bodies[body].angle = D == 2 ? poses[body][2] : 0.0;
+        for (int k = 0; k < R; k++) bodies[body].angle += TURN * winding[k][body] * turns[k];
+    }
+}

@@ -1,0 +1,102 @@
+/* What is seen of a state: frames of the nodes of outputs, and functions of them.
+
+   written by pgmp_petsc */
+
+#include <math.h>
+#include <string.h>
+
+#include "tables.h"
+
+#define REACH 0.05 /* rad beyond a limited range, to which deformations are evaluated */
+
+/* The frame of a point, from those of the nodes. */
+void attach(const struct side *side, const struct frame nodes[], struct frame *frame) {
+    if (side->slot < 0) {
+        for (int c = 0; c < N_FRAME; c++) frame->z[c] = c < D ? side->point[c] : (c - D) % (D + 1) == 0;
+        frame->angle = 0.0;
+        return;
+    }
+    *frame = nodes[side->slot];
+    for (int j = 0; j < D; j++)
+        for (int c = 0; c < D; c++) frame->z[c] += side->arm[j] * frame->z[D + D * j + c];
+}
+
+/* In the plane frames count the turns of an angle, in space it is nearest to that of its coordinate. */
+static double measure(const struct statement *s, const struct frame nodes[], const double theta[R]) {
+    struct frame pair[2];
+    double z[2 * N_FRAME], gradient[2 * N_FRAME];
+    attach(&s->a, nodes, pair);
+    attach(&s->b, nodes, pair + 1);
+    if (D == 2 && s->kind == ANGLE) return pair[1].angle - pair[0].angle;
+    for (int end = 0; end < 2; end++) memcpy(z + end * N_FRAME, pair[end].z, sizeof pair[end].z);
+    return evaluate_statement(s, z, s->coordinate < 0 ? 0.0 : theta[s->coordinate], gradient, 0);
+}
+
+/* A point's displacement against the rigid mechanism at the measured coordinates. */
+static double deformation(const struct output *o, const struct frame nodes[], const double theta[R]) {
+    const struct side *point = &o->statement.b;
+    struct frame bodies[N_BODIES], frame;
+    double measured[R], moved[D], along = 0.0;
+    for (int k = 0; k < R; k++) {
+        const struct axis *axis = branch_axes + k;
+        double upper = axis->lower + axis->n_cells * axis->step;
+        measured[k] = measure(coordinates + k, nodes, theta);
+        if (!axis->periodic && !(measured[k] >= axis->lower - REACH && measured[k] <= upper + REACH)) return NAN;
+    }
+    place_bodies(measured, bodies);
+    attach(point, nodes, &frame);
+    const double *body = bodies[point->body].z;
+    for (int c = 0; c < D; c++) {
+        moved[c] = frame.z[c] - body[c];
+        for (int j = 0; j < D; j++) moved[c] -= point->point[j] * body[D + D * j + c];
+    }
+    for (int c = 0; c < D; c++) along += moved[c] * body[D + D * o->axis + c];
+    return o->in_body ? along : moved[o->axis];
+}
+
+static void find_displacements(const struct pgmp_model *m, double moved[N_SHAPES]) {
+    double factors[N_FACTORS];
+    struct stencil stencil;
+    for (int i = 0, pair = M; i < M; i++) {
+        factors[i] = m->q[R + i];
+        for (int j = 0; SECOND_ORDER && j <= i; j++, pair++)
+            factors[pair] = (i == j ? 0.5 : 1.0) * m->q[R + i] * m->q[R + j];
+    }
+    find_stencil(axes, m->q, &stencil);
+    for (int c = 0; c < N_SHAPES; c++) moved[c] = 0.0;
+    for (int p = 0; p < N_STENCIL; p++)
+        for (int i = 0; i < N_FACTORS; i++) {
+            double weight = stencil.weights[0][p] * factors[i];
+            for (int c = 0; c < N_SHAPES; c++) moved[c] += weight * shapes_table[stencil.rows[p]][i][c];
+        }
+}
+
+void pgmp_observe(struct pgmp_model *m) {
+    double moved[N_SHAPES];
+    struct frame bodies[N_BODIES], nodes[AT_LEAST_ONE(N_NODES)], frame;
+    find_displacements(m, moved);
+    m->elastic_rotation = 0.0;
+    for (int c = N_DOFS * N_NODES; c < N_SHAPES; c += N_DOFS - D) { /* rotations of all flexible nodes */
+        double square = 0.0;
+        for (int i = 0; i < N_DOFS - D; i++) square += moved[c + i] * moved[c + i];
+        if (sqrt(square) > m->elastic_rotation) m->elastic_rotation = sqrt(square);
+    }
+    if (m->elastic_rotation > ROTATION_LIMIT) m->validity |= PGMP_ROTATION;
+    place_bodies(m->q, bodies);
+    for (int k = 0; k < N_NODES; k++) {
+        turn_frame(bodies[node_bodies[k]].z, moved + N_DOFS * k, node_points[k], nodes + k);
+        nodes[k].angle = bodies[node_bodies[k]].angle + moved[N_DOFS * k + D];
+    }
+    for (int number = 0; number < N_OUTPUTS; number++) {
+        const struct output *o = outputs + number;
+        double *value = m->outputs + number;
+        if (o->kind == DEFORMATION)
+            *value = deformation(o, nodes, m->q);
+        else if (o->kind == MEASURE)
+            *value = measure(&o->statement, nodes, m->q);
+        else {
+            attach(&o->statement.b, nodes, &frame);
+            *value = o->kind == ROTATION ? frame.angle : frame.z[o->axis] - o->origin;
+        }
+    }
+}

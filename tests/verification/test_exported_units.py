@@ -1,0 +1,236 @@
+"""FMUs of versions 2 and 3, for co-simulation and model exchange, give what the program gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import TIMEOUT_SECONDS
+from exported import Unit, assert_equal, needs_compiler, scene_of, simulated, with_scene
+from runs import reduced_model
+from scipy.integrate import solve_ivp
+
+from pgmp_petsc.code.constants import constants_of
+from pgmp_petsc.code.fmu import VERSIONS, write_fmu
+from pgmp_petsc.code.variables import FOLLOWS, OUTPUTS, STRENGTHS, TIME, VALID, VALIDITY
+from pgmp_petsc.dynamics.second_order_system import State
+from pgmp_petsc.models import ReducedModel
+
+pytestmark = needs_compiler
+# an interpreter that has FMPy, which takes a newer numpy than this program
+FMPY = os.environ.get("PGMP_FMPY_PYTHON", sys.executable)
+SIMULATE = """
+import sys, json
+from fmpy import simulate_fmu
+from fmpy.validation import validate_fmu
+path, kind, step, starts = sys.argv[1], sys.argv[2], float(sys.argv[3]), json.loads(sys.argv[4])
+problems = validate_fmu(path)
+more = dict(solver="CVode", relative_tolerance=1e-10) if kind == "ModelExchange" else {}
+found = simulate_fmu(path, fmi_type=kind, output_interval=step, start_values=starts, **more)
+print(json.dumps([problems, {name: found[name].tolist() for name in found.dtype.names}]))
+"""
+STEP = 5e-4
+
+
+@pytest.fixture(scope="module")
+def slider_crank() -> ReducedModel:
+    """Return a model with terms of second order."""
+    return reduced_model(scene_of("slider_crank", "reduction.parameter_modes=0"))
+
+
+@pytest.fixture(scope="module")
+def fmus(slider_crank, tmp_path_factory) -> dict[int, Path]:
+    """Return an FMU of each version."""
+    folder, found = tmp_path_factory.mktemp("fmus"), constants_of(slider_crank, "it")
+    named = {version: write_fmu(found, folder / f"{version}.fmu", version) for version in VERSIONS}
+    assert named == {2: "linux64", 3: "x86_64-linux"}
+    return {version: folder / f"{version}.fmu" for version in VERSIONS}
+
+
+@pytest.fixture(params=VERSIONS)
+def fresh(request, fmus, tmp_path) -> Unit:
+    """Return the library of an FMU, without an instance."""
+    return Unit(fmus[request.param], tmp_path)
+
+
+@pytest.fixture
+def loaded(fresh) -> Unit:
+    """Return the library with one instance for co-simulation."""
+    assert fresh.instantiate()
+    return fresh
+
+
+@pytest.fixture
+def exchanged(fresh) -> Unit:
+    """Return the library with one instance for model exchange, at the start of its run."""
+    assert fresh.instantiate(exchange=True)
+    assert fresh.begin() == 0
+    return fresh
+
+
+def test_co_simulation(loaded, slider_crank) -> None:
+    assert loaded.begin() == 0
+    wanted = simulated(slider_crank).outputs["crank_angle"]
+    found = [loaded.get("Real", OUTPUTS)]
+    for number in range(0, 100, 4):
+        assert loaded.step(number * STEP, 4 * STEP) == 0
+        found.append(loaded.get("Real", OUTPUTS))
+    assert_equal({"angle": np.array(found)}, {"angle": wanted[:101:4]})
+    assert loaded.get("Real", TIME) == pytest.approx(100 * STEP, rel=1e-14)
+    assert (loaded.get("Whole", VALIDITY), loaded.get("Boolean", VALID), loaded.said) == (0, 1, [])
+
+
+def test_accelerations_leave_no_residual_of_the_program(exchanged, slider_crank) -> None:
+    """At any state and time; the program's residual is of another implementation."""
+    rng, system = np.random.default_rng(3), slider_crank.batch({"r1": np.full(1, 5.6e-3)}, 1)
+    assert exchanged.set("Real", 0, 5.6e-3) == 0
+    n = system.n_eta
+    for time in (0.0, 0.04, 0.3):
+        q = np.concatenate([rng.uniform(-7.0, 7.0, 1), 1e-4 * rng.standard_normal(n - 1)])
+        v = np.concatenate([rng.uniform(-9.0, 9.0, 1), 1e-2 * rng.standard_normal(n - 1)])
+        exchanged.derivatives(time, np.concatenate([q, v]))
+        exchanged.event()
+        found = exchanged.derivatives(time, np.concatenate([q, v]))
+        np.testing.assert_array_equal(found[:n], v)
+        at = [np.array([part]) for part in (q, v, found[n:])]
+        left = system.residual(time, State(*at, np.zeros(0)))
+        without = system.residual(time, State(*at[:2], 0.0 * at[2], np.zeros(0)))
+        np.testing.assert_allclose(left, 0.0, atol=1e-11 * np.max(np.abs(without)))
+
+
+def test_model_exchange(exchanged, slider_crank) -> None:
+    """An integrator of others comes to where the program comes, whose own error goes with the square of its step."""
+    duration, n = 0.02, len(slider_crank.terms.scale)
+    assert exchanged.event() == slider_crank.effects[0].strength.pieces[2].begin
+    done = solve_ivp(
+        exchanged.derivatives, (0.0, duration), exchanged.states(2 * n), "Radau", rtol=1e-9, atol=1e-12, max_step=1e-3
+    )
+    exchanged.derivatives(duration, done.y[:, -1])
+    exchanged.end_step()
+    found, errors = exchanged.get("Real", OUTPUTS), []
+    for step in (5e-4, 2.5e-4):
+        over = f"simulation.duration={duration}", f"simulation.step={step}"
+        scene = scene_of("slider_crank", "reduction.parameter_modes=0", *over)
+        errors.append(abs(simulated(with_scene(slider_crank, scene)).outputs["crank_angle"][-1] - found))
+    assert done.success
+    assert errors[1] < 0.3 * errors[0] < 1e-3 * found
+
+
+def test_states_that_were_only_tried_leave_no_flags(exchanged, slider_crank) -> None:
+    n = len(slider_crank.terms.scale)
+    start = exchanged.states(2 * n)
+    bent = start.copy()
+    bent[1:n] = 10.0
+    exchanged.derivatives(0.0, bent)
+    assert exchanged.get("Whole", VALIDITY) & 1
+    exchanged.derivatives(0.0, start)
+    assert exchanged.get("Whole", VALIDITY) == 0
+    exchanged.derivatives(0.0, bent)
+    exchanged.end_step()
+    exchanged.derivatives(0.0, start)
+    assert exchanged.get("Whole", VALIDITY) & 1
+
+
+def test_a_jump_is_an_event(exchanged, slider_crank) -> None:
+    """A piece of a strength over time holds until the event, however far the integrator looks ahead."""
+    n, pieces = len(slider_crank.terms.scale), slider_crank.effects[0].strength.pieces
+    jump, end = pieces[2].begin, pieces[-1].begin
+    assert exchanged.event() == jump
+    start = exchanged.states(2 * n)
+    beyond = exchanged.derivatives(jump + 0.1, start)
+    assert exchanged.event() == (None if end <= jump + 0.1 else end)
+    assert not np.array_equal(beyond, exchanged.derivatives(jump + 0.1, start))
+
+
+def test_a_strength_from_outside(loaded) -> None:
+    """A strength of zero holds what starts at rest; one that is not looked at is said."""
+    assert loaded.set("Real", STRENGTHS, 1.0) == 1
+    assert "effects.motor_follows_scene is true" in loaded.said[0]
+    assert (loaded.set("Boolean", FOLLOWS, 0), loaded.set("Real", STRENGTHS, 0.0)) == (0, 0)
+    assert loaded.begin() == 0
+    assert loaded.step(0.0, 0.01) == 0
+    assert loaded.get("Real", OUTPUTS) == 0.0
+    assert loaded.set("Real", STRENGTHS, 0.5) == 0
+    assert loaded.step(0.01, 0.01) == 0
+    assert loaded.get("Real", OUTPUTS) > 0.0
+    assert loaded.call("Reset") == 0
+    assert loaded.get("Boolean", FOLLOWS) == 1
+
+
+def test_a_strength_from_outside_in_model_exchange(exchanged, slider_crank) -> None:
+    n = len(slider_crank.terms.scale)
+    assert exchanged.set("Boolean", FOLLOWS, 0) == 0
+    start = exchanged.states(2 * n)
+    np.testing.assert_allclose(exchanged.derivatives(0.0, start), 0.0, atol=1e-12)
+    assert exchanged.set("Real", STRENGTHS, 1.0) == 0
+    assert exchanged.derivatives(0.0, start)[n] > 0.0
+    assert exchanged.event() is None
+
+
+def test_a_parameter_that_is_tuned_within_a_run(loaded) -> None:
+    assert loaded.begin() == 0
+    assert loaded.step(0.0, 0.05) == 0
+    before = loaded.get("Real", OUTPUTS)
+    assert loaded.set("Real", 0, 8.5e-3) == 0
+    assert loaded.get("Real", OUTPUTS) == before
+    assert (loaded.get("Whole", VALIDITY), loaded.get("Boolean", VALID)) == (16, 0)
+    assert loaded.step(0.05, 0.05) == 0
+    assert loaded.get("Real", OUTPUTS) > before
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        (lambda u: u.step(0.0, 7e-4), "must be a whole number of steps"),
+        (lambda u: u.step(0.1, 5e-4), "but the model is at 0 s"),
+        (lambda u: u.set("Real", 77, 1.0), "no real number with value reference 77 can be set"),
+        (lambda u: u.set("Real", 0, float("nan")), "is no finite number"),
+        (lambda u: u.set("Boolean", 0, 1), "no Boolean with value reference 0 can be set"),
+        (lambda u: u.set("Whole", 0, 1), "can be set"),
+        (lambda u: u.get("Real", 77) is None and 3, "there is no real number with value reference 77"),
+        (lambda u: u.get("Whole", 77) is None and 3, "there is no whole number with value reference 77"),
+        (lambda u: u.get("Boolean", 77) is None and 3, "there is no Boolean with value reference 77"),
+        (lambda u: u.instantiate(token="other") is None and 3, "modelDescription.xml is of another model"),
+        (lambda u: u.call("GetFMUstate" if u.version == 2 else "GetFMUState", None), "states are not kept"),
+        (lambda u: u.begin(1.0), "the start time is 1 s"),
+        (lambda u: u.call("GetContinuousStates", None, 3), "3 states; this model has"),
+        (lambda u: u.call("GetEventIndicators", None, 1), "there are no event indicators"),
+        (lambda u: u.call("GetString", None, 1, None, 1), "there are no"),
+    ],
+)
+def test_what_is_refused_is_said(loaded, act, said) -> None:
+    assert loaded.begin() == 0
+    assert act(loaded) == 3
+    assert said in loaded.said[-1]
+
+
+def test_a_fifth_instance(loaded) -> None:
+    more = [loaded.instantiate() for _ in range(4)]
+    assert [one is None for one in more] == [False, False, False, True]
+    assert "at most so many" in loaded.said[-1]
+    loaded.free(more[0])
+    assert loaded.instantiate() == more[0]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_an_importer_that_others_wrote(fmus, slider_crank, version) -> None:
+    if subprocess.run([FMPY, "-c", "import fmpy"], capture_output=True, timeout=TIMEOUT_SECONDS).returncode:
+        pytest.skip(f"no FMPy in {FMPY}; name an interpreter that has it in PGMP_FMPY_PYTHON")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    scene = scene_of("slider_crank", "reduction.parameter_modes=0", settings=("r1=6e-3",))
+    wanted = simulated(with_scene(slider_crank, scene)).outputs
+    for kind, share in (("CoSimulation", 1e-9), ("ModelExchange", 1e-3)):
+        command = [FMPY, "-c", SIMULATE, fmus[version], kind, str(STEP), json.dumps({"parameters.r1": 6e-3})]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_SECONDS, env=environment)
+        assert done.returncode == 0, done.stderr
+        problems, found = json.loads(done.stdout)
+        assert problems == []
+        named = {name: np.interp(STEP * np.arange(401), found["time"], found[f"outputs.{name}"]) for name in wanted}
+        if kind == "ModelExchange":
+            del wanted["slider_deformation"]  # the step's own error is that of its vibrations
+        assert_equal(named, wanted, share)
