@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.components.block_lanczos import BlockLanczos
 from pgmp_petsc.components.displacement_fields import polynomial_fields
 from pgmp_petsc.components.petsc_terms import Terms, matrix_sum
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.runtime.memory import give_back
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 PREFIX = "pgmp_body_"
+# what eigenvalues of motions without stiffness are below: a multiple of those of rigid motion, which are round-off too,
+# and a share of the shift, near which the inverse tells eigenvalues apart; and of the shift, what counts as negative
+AS_RIGID, ZERO, NEGATIVE = 1e3, 1e-10, 1e-3
 DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and 1
 
 
@@ -62,14 +66,49 @@ class BodyProblem:
         self.mass, self.stiffness = (matrix for matrix, _ in self._sums)
         for matrix in (self.mass, self.stiffness):
             matrix.setOption(matrix.Option.SYMMETRIC, True)
-        self._memory, self._factor = memory, None
+        self._memory, self._factor, self._entry = memory, None, f"bodies.{name}"
 
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`."""
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
+
+        Raises
+        ------
+        InputError
+            If the stiffness is not positive, or more than rigid motion is free of it.
+        RunError
+            If modes do not converge or are missing.
+        """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
-        values, vectors = lanczos.solve(self._n_rigid, n_modes, self._count_below, self._where)
+        try:
+            values, vectors = lanczos.solve(self._n_rigid, n_modes, self._count_below, self._where)
+        except RunError:
+            n_negative = self._count_below(self._shift)
+            if n_negative:  # which no inverse near zero finds
+                raise self._not_positive(f"{n_negative} of its eigenvalues are below {self._shift:.3g}") from None
+            raise
+        if values[0] < NEGATIVE * self._shift:
+            raise self._not_positive(f"its lowest eigenvalue is {values[0]:.3g}")
+        self._check_rigid(values)
         return values[self._n_rigid :], vectors[:, self._n_rigid :]
+
+    def _check_rigid(self, values: np.ndarray) -> None:
+        """Refuse a body of which more than its rigid motions, which come first, have eigenvalues of round-off."""
+        zero = max(AS_RIGID * np.abs(values[: self._n_rigid]).max(), ZERO * abs(self._shift))
+        n_free = int((values < zero).sum())
+        if n_free > self._n_rigid:
+            at_least = "at least " if n_free == values.size else ""
+            raise InputError(
+                f"{self._entry}: {at_least}{n_free} motions are free of stiffness, and {self._n_rigid} of them are "
+                "rigid; the others are hinges or slides inside of it, or hourglass modes of elements with reduced "
+                "integration: let each body be one elastic piece, of fully integrated elements"
+            )
+
+    def _not_positive(self, found: str) -> InputError:
+        return InputError(
+            f"{self._entry}: its stiffness is not positive: {found}; it must be that of an elastic body at rest, without "
+            "preload"
+        )
 
     def factor(self) -> None:
         """Factor ``K - sigma M`` for `modes` and `answers`."""
@@ -101,7 +140,10 @@ class BodyProblem:
         squares, directions = eigh(mass)
         chosen = squares > DEPENDENT_FIELDS * squares[-1]
         basis = directions[:, chosen] / np.sqrt(squares[chosen])
-        return float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
+        found = float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
+        if not found > 0.0:
+            raise self._not_positive(f"a smooth displacement has the Rayleigh quotient {found:.3g}")
+        return found
 
     def answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `factor`."""

@@ -30,6 +30,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
+from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -232,7 +233,12 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
                 "stresses of a body; rotations are those of their frames only"
             )
         )
-        if np.isnan(validity["stiffness_gained"]).all():
+        if why_no_full_model(scene):
+            given = ", ".join(name for name in continuum if scene.bodies[name].matrices is not None)
+            remarks.append(
+                note(f"change of stiffness is not computed: matrices ({given}) do not tell it; {comparing(scene)}")
+            )
+        elif np.isnan(validity["stiffness_gained"]).all():
             remarks.append(
                 note(
                     f"change of stiffness is not computed with continuum bodies ({', '.join(continuum)}) in a model "
@@ -256,12 +262,12 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
 
 def _beyond(scene: Scene) -> dict[str, str]:
     """Return what to say where a value is beyond its limit, by name."""
-    full = "compare with the full-order model (pgmp simulate SCENE --full)"
+    full = comparing(scene)
     limits = limits_of(scene.second_order)
     rotation, strain, share = (limits[name] for name in ("elastic_rotation", "elastic_strain", "stiffness_lost"))
     texts = {
         "elastic_rotation": f"elastic rotations of {{}} rad, beyond {rotation}: linear strains are wrong by more than "
-        f"1 %; deformations of this size call for the full-order model (pgmp simulate SCENE --full)",
+        f"1 %; {full}",
         "elastic_strain": f"elastic strains of {{}}, beyond {strain}: few materials are linear there; {full}",
     }
     if scene.second_order:
