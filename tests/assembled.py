@@ -1,4 +1,4 @@
-"""Matrices of meshed bodies as other programs write them, each format by hand from its description, and scenes with them."""
+"""Matrices of meshed bodies as other programs write them, each format by hand from its description."""
 
 from __future__ import annotations
 

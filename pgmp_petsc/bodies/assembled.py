@@ -27,6 +27,9 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.errors import InputError, nearest_name
 
 
+ROUND_OFF = 1e-13  # of coordinates: a centre of mass nearer to 0 is there
+
+
 @dataclass(frozen=True, eq=False)
 class MassProperties:
     """Mass, centre of mass and inertia of a body.
@@ -138,12 +141,13 @@ class Assembled:
         weights = np.asarray(self.scalar_mass.sum(axis=0)).ravel()
         mass = float(weights.sum())
         centre = weights @ self.nodes / mass
+        centre[np.abs(centre) < ROUND_OFF * np.abs(self.nodes).max()] = 0.0
         arms = self.nodes - centre
         return MassProperties(mass, centre, arms.T @ (self.scalar_mass @ arms))
 
     @property
     def wave_speed(self) -> float:
-        """``sqrt(int C_1111 dV / int rho dV)``, m/s: from the energy of the displacement ``u = x`` along the first axis."""
+        """``sqrt(int C_1111 dV / int rho dV)``, m/s: from the energy of the displacement ``u = x`` along x."""
         stretched = np.zeros(self.nodes.shape)
         stretched[:, 0] = self.nodes[:, 0]
         energy = float(stretched.ravel() @ (self.matrix("stiffness") @ stretched.ravel()))

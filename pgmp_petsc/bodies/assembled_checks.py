@@ -56,8 +56,8 @@ def check_diagonal(matrix: sp.coo_matrix, kind: str, labels: np.ndarray, d: int,
     held = np.flatnonzero(np.abs(diagonal) >= PENALTY)
     if held.size:
         raise InputError(
-            f"{received}: {held.size} entries of the diagonal, the first of {_unknown(held[0], labels, d)}, are boundary "
-            f"conditions ({diagonal[held[0]]:.2g}); a body is free: write its matrices without boundary conditions"
+            f"{received}: {held.size} entries of the diagonal, the first of {_unknown(held[0], labels, d)}, are "
+            f"boundary conditions ({diagonal[held[0]]:.2g}); a body is free: write its matrices without them"
         )
     none = np.flatnonzero(diagonal <= 0.0)
     if none.size:
@@ -102,8 +102,8 @@ def check_mass(body: Assembled, received: str) -> None:
                 )
                 raise InputError(
                     f"{received}: not the mass of displacements: {what}, by {np.abs(part.data).max() / largest:.2g} of "
-                    "its largest entry; inertia forces of large rotations need the same mass along every axis: write it "
-                    "without rotary inertia, added mass and couplings"
+                    "its largest entry; inertia forces of large rotations need the same mass along every axis: write "
+                    "it without rotary inertia, added mass and couplings"
                 )
     scale = sp.diags(1.0 / np.sqrt(scalar.diagonal()))
     scaled = (scale @ scalar @ scale).tocsr()
@@ -114,8 +114,8 @@ def check_mass(body: Assembled, received: str) -> None:
         smallest = float(eigsh(scaled, 1, which="SA", v0=start, tol=1e-3, return_eigenvectors=False)[0])
     if smallest <= 0.0:
         raise InputError(
-            f"{received}: not positive definite: scaled to a diagonal of 1 it has the eigenvalue {smallest:.3g}; take a "
-            "consistent mass, or one lumped with positive shares"
+            f"{received}: not positive definite: scaled to a diagonal of 1 it has the eigenvalue {smallest:.3g}; take "
+            "a consistent mass, or one lumped with positive shares"
         )
 
 
@@ -171,8 +171,8 @@ def check_stated(found: MassProperties, stated: Stated, entry: str) -> None:
             units = {"mass": "kg", "centre": "m", "inertia": "kg m2"}[key]
             shown = values.tolist() if values.size > 1 else float(values[0])
             raise InputError(
-                f"{entry}.{key} = {wanted.tolist() if wanted.size > 1 else float(wanted[0])}: the matrices have {shown} "
-                f"{units}, which differs by more than {entry}.within = {stated.within:g} of "
+                f"{entry}.{key} = {wanted.tolist() if wanted.size > 1 else float(wanted[0])}: the matrices have "
+                f"{shown} {units}, which differs by more than {entry}.within = {stated.within:g} of "
                 f"{'the radius of gyration' if key == 'centre' else 'it'}; check units, and the frame of the nodes"
             )
 

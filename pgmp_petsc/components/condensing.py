@@ -50,8 +50,8 @@ def condensed(
     timings: Timings | None = None,
     large: bool | None = None,
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies with every mesh of continuum elements, or what was assembled, condensed. Collective on
-    ``group.world``.
+    """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
+    on ``group.world``.
 
     Parameters
     ----------

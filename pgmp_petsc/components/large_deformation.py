@@ -34,7 +34,8 @@ def with_second_order(
     """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
     is wanted. Collective on `comm`.
 
-    Nothing of it is known where the cross-section is scaled or matrices were assembled elsewhere, and no foreshortening of a body that is not slender.
+    Nothing of it is known where the cross-section is scaled or matrices were assembled elsewhere, and no foreshortening
+    of a body that is not slender.
 
     Parameters
     ----------

@@ -1,5 +1,7 @@
-"""Harwell-Boeing files of real, assembled matrices, as Ansys' HBMAT writes them (Duff, Grimes and Lewis, ACM Trans. Math.
-Softw. 15, 1989): symmetric ones too, with or without right-hand sides, which SciPy's reader does not take.
+"""Harwell-Boeing files of real, assembled matrices, as Ansys' HBMAT writes them.
+
+Duff, Grimes and Lewis, ACM Trans. Math. Softw. 15, 1989. SciPy's reader takes neither symmetric ones nor right-hand
+sides, which are passed over here.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def _check(rows: np.ndarray, nodes: NodeFile, d: int, received: str, of_nodes: s
     if across.any() or (rows[:, 1] < 1).any():
         node, direction = rows[across | (rows[:, 1] < 1)][0]
         raise InputError(
-            f"{received}: a row of node {node} has the direction {direction}; a solid{d}d body has the directions 1 to {d}"
+            f"{received}: a row of node {node} has the direction {direction}; those of a solid{d}d body are 1 to {d}"
         )
     lost = np.unique(rows[nodes.places_of(rows[:, 0]) < 0, 0])
     if lost.size:

@@ -9,19 +9,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from pgmp_petsc.mesh.abaqus_sets import check_sets
+from pgmp_petsc.mesh.abaqus_nodes import read_abaqus_nodes
 from pgmp_petsc.mesh.msh_groups import complete_physical_groups
 from pgmp_petsc.mesh.reading import check_file, read_mesh, usable
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.solid_mesh_reading import KINDS, coordinates, numbered_as_filed
 from pgmp_petsc.runtime.errors import InputError
-
-if TYPE_CHECKING:
-    import meshio
 
 NEEDED = "a file of nodes is needed: a mesh, .csv with the columns node, x, y(, z), or .npz with the array nodes"
 
@@ -95,7 +90,7 @@ def _of_table(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]:
     """Read lines of a node's number and coordinates; a line of names may come first."""
     lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     rows = [re.split(r"[,;\s]+", line.rstrip(",; ")) for line in lines if line and not line.startswith("#")]
-    if rows and not re.fullmatch(r"\d+", rows[0][0]):
+    if rows and not rows[0][0].replace(".", "").isdecimal():
         rows = rows[1:]
     if not rows or {len(row) for row in rows} not in ({3}, {4}):
         raise InputError(f"{received}: lines of a node's number and its two or three coordinates are needed")
@@ -121,11 +116,15 @@ def _of_arrays(path: Path, received: str) -> tuple[np.ndarray, np.ndarray, dict]
 
 
 def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
-    mesh = read_mesh(path, received)
+    check_file(path, received, NEEDED)
+    if path.suffix.lower() == ".inp":
+        with usable(received):
+            mesh, labels = read_abaqus_nodes(path, received)
+    else:
+        mesh = read_mesh(path, received)
+        labels = np.arange(1, len(mesh.points) + 1)
     with usable(received):
         complete_physical_groups(mesh, path)
-        check_sets(path, received)
-        labels = _labels(path, mesh, received)
         if not len(mesh.points):
             raise InputError(f"{received}: it has no nodes; {NEEDED}")
         sets = {name: np.unique(members) for name, members in mesh.point_sets.items()}
@@ -134,25 +133,3 @@ def _of_mesh(path: Path, dimension: int, received: str) -> NodeFile:
             solid = numbered_as_filed(mesh, dimension, received)
             return NodeFile(solid.nodes, labels, sets, solid)
         return NodeFile(coordinates(mesh.points, dimension, received), labels, sets)
-
-
-def _labels(path: Path, mesh: meshio.Mesh, received: str) -> np.ndarray:
-    """Return the numbers of nodes: those of an Abaqus file, which meshio forgets; otherwise their places from 1."""
-    if path.suffix.lower() != ".inp":
-        return np.arange(1, len(mesh.points) + 1)
-    labels, cards, inside = [], 0, False
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for line in file:
-            if line.startswith("**") or not line.strip():
-                continue
-            if line.startswith("*"):
-                inside = line[1:].partition(",")[0].strip().upper() == "NODE"
-                cards += inside
-            elif inside:
-                labels.append(int(line.partition(",")[0]))
-    if cards > 1 or len(labels) != len(mesh.points):
-        raise InputError(
-            f"{received}: it has {cards} NODE cards with {len(labels)} nodes, of which meshio reads {len(mesh.points)}; "
-            "one NODE card must list all nodes of the body, without INCLUDE"
-        )
-    return np.array(labels, dtype=np.int64)

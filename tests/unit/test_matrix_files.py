@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.io
 import scipy.sparse as sp
 from assembled import (
     GAP,
     WRITERS,
     labels_of,
     write_abaqus,
-    write_coordinates,
     write_csv,
     write_inp,
     write_node_arrays,
@@ -94,8 +92,20 @@ def test_every_file_of_nodes_has_the_same_nodes(mesh, suffix: str, tmp_path: Pat
 
 def test_nodes_without_cells_and_with_mixed_cells_have_sets_alone(tmp_path: Path) -> None:
     write_inp(tmp_path / "bare.inp", MESH, cells=False)
-    read = read_nodes(tmp_path / "bare.inp", 2, "nodes")
-    assert read.mesh is None and set(read.sets) == {"left", "right", "bottom", "top"}
+    shell = (tmp_path / "bare.inp").read_text() + "*ELEMENT, TYPE=S8R\n1, 10, 20, 30, 40, 50, 60, 70, 80\n"
+    (tmp_path / "shells.inp").write_text(shell)
+    for name in ("bare.inp", "shells.inp"):
+        read = read_nodes(tmp_path / name, 2, "nodes")
+        assert read.mesh is None and set(read.sets) == {"left", "right", "bottom", "top"}
+
+
+def test_sets_of_abaqus_by_ranges_by_other_sets_and_in_pieces(tmp_path: Path) -> None:
+    write_inp(tmp_path / "nodes.inp", MESH)
+    more = "*NSET, NSET=some, GENERATE\n10, 50, 20\n*NSET, NSET=some\n20,\n*NSET, NSET=all of them\nsome, 60\n"
+    (tmp_path / "nodes.inp").write_text((tmp_path / "nodes.inp").read_text() + more)
+    read = read_nodes(tmp_path / "nodes.inp", 2, "nodes")
+    np.testing.assert_array_equal(read.sets["some"], [0, 1, 2, 4])
+    np.testing.assert_array_equal(read.sets["all of them"], [0, 1, 2, 4, 5])
 
 
 def text(content: str) -> bytes:
@@ -151,7 +161,7 @@ TWO = NodeFile(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([10, 20]), {})
 ROW_CASES = {
     "internal": (labelled((10, 1), (-1, 1)), "internal nodes, such as -1"),
     "rotations": (labelled((10, 1), (10, 6)), "of rotations of nodes; .* mesh the body here"),
-    "out of the plane": (labelled((10, 1), (10, 3)), "has the direction 3; a solid2d body"),
+    "out of the plane": (labelled((10, 1), (10, 3)), "has the direction 3; those of a solid2d body"),
     "no direction": (labelled((10, 0)), "has the direction 0"),
     "other nodes": (labelled((10, 1), (30, 1)), "rows of 1 nodes that nodes does not hold, the first are 30"),
     "twice": (labelled((10, 1), (10, 1)), "node 10, direction 1 has two rows"),
@@ -193,7 +203,12 @@ NODE_CASES = {
     "not finite": ("nodes.csv", "1,0,0\n2,nan,0\n", "not finite"),
     "off the plane": ("nodes.csv", "1,0,0,0\n2,1,0,1\n", "off the plane"),
     "fractions": ("nodes.csv", "1.5,0,0\n", "whole numbers"),
-    "two cards": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NODE\n2, 1, 0, 0\n", "2 NODE cards with 2 nodes"),
+    "no card": ("nodes.inp", "*HEADING\nof nothing\n", "no nodes"),
+    "twice, cards": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NODE\n1, 1, 0, 0\n", "node 1 is there twice"),
+    "included": ("nodes.inp", "*INCLUDE, INPUT=more.inp\n", "includes other files"),
+    "lost": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NSET, NSET=a\n7\n", "names node 7, which is not there"),
+    "short": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=CPS4\n1, 1, 1, 1\n", "have 4 nodes each"),
+    "no numbers": ("nodes.inp", "*NODE\none, 0, 0, 0\n", "cannot be used"),
 }
 
 
