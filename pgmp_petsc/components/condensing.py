@@ -117,12 +117,14 @@ def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
     """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
+    Nothing is refused of a body whose third derivative is not known, which no command that needs it takes.
+
     Raises
     ------
     InputError
         Naming the effect that asks for it, and the cure.
     """
-    if not scene.static_stretching:
+    if not (scene.static_stretching and meshed.solid.third_derivative_known):
         return
     axis = LongAxis(meshed.solid)
     if not axis.is_long:

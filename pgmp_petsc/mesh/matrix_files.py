@@ -13,6 +13,7 @@ Abaqus             lines of five numbers (row's node, direction, column's node, 
 
 from __future__ import annotations
 
+import io
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,20 +120,23 @@ def _from_npz(path: Path, received: str) -> sp.csr_matrix:
 
 def _from_abaqus(lines: list[str], received: str) -> MatrixFile:
     """Read lines of three or five numbers."""
-    rows = [line.replace(",", " ").upper().replace("D", "E").split() for line in lines]
-    counts = {len(row) for row in rows}
-    if counts not in ({3}, {5}):
+    count = len(lines[0].replace(",", " ").split()) if lines else 0
+    if count not in (3, 5):
         raise InputError(f"{received}: this file is of no format that is known; {KINDS} are")
-    numbers = np.array(rows, dtype=float)
+    text = "\n".join(lines).replace(",", " ").upper().replace("D", "E")  # Fortran's exponents
+    numbers = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
     places, values = numbers[:, :-1].astype(np.int64), numbers[:, -1]
     if (places != numbers[:, :-1]).any():
         raise InputError(f"{received}: its nodes, directions, rows or columns are no whole numbers; it may be damaged")
-    if counts == {3}:
+    if count == 3:
         if places.min() < 1:
             raise InputError(f"{received}: rows and columns count from 1, but it has {places.min()}")
         size = int(places.max())
         return MatrixFile(_whole(sp.coo_matrix((values, tuple(places.T - 1)), shape=(size, size))))
-    labels, numbered = np.unique(places.reshape(-1, 2), axis=0, return_inverse=True)
+    nodes, directions = places[:, ::2].ravel(), places[:, 1::2].ravel()
+    base = int(np.abs(directions).max()) + 1  # one number for both, which is quicker to sort than pairs
+    keys, numbered = np.unique(nodes * base + directions, return_inverse=True)
+    labels = np.column_stack(np.divmod(keys, base))
     row, column = numbered.reshape(-1, 2).T
     return MatrixFile(_whole(sp.coo_matrix((values, (row, column)), shape=(len(labels),) * 2)), labels)
 

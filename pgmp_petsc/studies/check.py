@@ -24,6 +24,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 BYTES = 8
+ROUND_OFF = 1e-12  # of the largest moment of inertia
 #: What effects add that are neither loads nor local forces.
 ADDS = {
     "point_mass": lambda effect: f"part of the mass matrix at {effect.point}",
@@ -132,7 +133,9 @@ def _matrices(meshes: Mapping[str, BodyShape]) -> list[str]:
         if isinstance(body, Assembled):
             found = body.properties
             centre = ", ".join(f"{x:.6g}" for x in found.centre)
-            inertia = ", ".join(f"{x:.6g}" for x in found.inertia[np.triu_indices(len(found.inertia))])
+            moments = found.inertia[np.triu_indices(len(found.inertia))]
+            kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
+            inertia = ", ".join(f"{x:.6g}" for x in kept)
             which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
             lines += [
                 f"  matrices      {name}: {found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} "

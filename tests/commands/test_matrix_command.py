@@ -136,6 +136,9 @@ def test_a_scene_with_matrices_goes_through_the_commands(folder: Path, capfd: py
     for said in ("rod: 38 nodes, assembled matrices", "rod: 0.537", "3 rigid-body motions without stiffness",
                  "waves along x at 5439 m/s", "means over areas of faces"):  # fmt: skip
         assert said in out, out
+    main_ends(["check", *words, "--json"], 0)
+    rod = json.loads(capfd.readouterr().out)["bodies"]["rod"]
+    assert rod["nodes"] == 38 and rod["mass"] == pytest.approx(0.53792, rel=1e-4)
     rom, run = folder / "rom.h5", folder / "run.h5"
     main_ends(["build", *words, "-o", str(rom)], 0)
     main_ends(["simulate", str(rom), "-o", str(run)], 0)
