@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.linalg import eigh
 from assembled import write_abaqus, write_body, write_npz
+from conftest import ROOT
 from runs import IN_TURN, PAPER_SCENE, overridden
 from solid_scenes import SOLID, THICKNESS, solid_meshes
 from solids import body_of, matrices_of
@@ -148,6 +150,19 @@ def test_a_scene_with_matrices_goes_through_the_commands(folder: Path, capfd: py
     reduced, components = Trajectory.read(run), Trajectory.read(folder / "components.h5")
     known = components.outputs["slider_position"]
     np.testing.assert_allclose(reduced.outputs["slider_position"], known, atol=1e-6 * np.abs(known).max())
+
+
+def test_the_example_of_the_documentation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "matrices.md").read_text().replace("/tmp/", f"{tmp_path}/")
+    monkeypatch.chdir(ROOT)
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], {})
+    rod = re.search(r"    R='(.*)'\n", page)[1]
+    main_ends(["check", "scenes/slider_crank_solid3d.toml", "--override", rod], 0)
+    out = capfd.readouterr().out
+    for said in ("0.537502 kg", "(0.65, 0, 0) m", "6 rigid-body motions without stiffness", "6020 m/s", "count alike"):
+        assert said in out and said.split()[0] in page, said
 
 
 def main_ends(arguments: list[str], status: int) -> None:
