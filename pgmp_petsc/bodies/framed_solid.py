@@ -20,7 +20,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material
-from pgmp_petsc.scene.messages import problem
+from pgmp_petsc.scene.messages import toml_text
 from pgmp_petsc.scene.points import points_used
 
 ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the axis that its section is scaled about
@@ -100,7 +100,7 @@ class FramedSolid:
         for point, blame in points.items():
             wanted, asked = given.faces.get(point, point), f'{blame} = "{point}"'
             if point in given.faces:
-                asked = problem(f"bodies.{name}.matrices.faces.{point}", "", wanted).removesuffix(": ")
+                asked = f"bodies.{name}.matrices.faces.{point} = {toml_text(wanted)}"
             frame = body.frame(wanted, asked)
             frames[point] = _carrying(frame, body.nodes, f"{asked}: its {frame.nodes.size} nodes")
         factors = Quantity.of(given.stiffness_scale), Quantity.of(given.mass_scale)
