@@ -16,9 +16,11 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 from spatial import SLIDER_CRANK as IN_SPACE
+from solids import body_of, matrices_of
 from spatial import bar
 from two_coordinates import DOUBLE_PENDULUM
 
+from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.ensemble.batch import Plan
 from pgmp_petsc.ensemble.runner import run_ensemble
@@ -53,6 +55,7 @@ PARAMETER = '[parameters.r1]\nnominal = 5.6e-3\ndistribution = { name = "norm", 
 PLANE = without_effects(SLIDER_CRANK).replace('[parameters.r1]\nnominal = 5.6e-3\nunit = "m"\n', PARAMETER)
 ROD = 'mesh = "0.3:1.0:5"\nelement = "beam2d"\nmaterial = "steel"\nsection = { shape = "circle", radius = 5.6e-3 }'
 ROD_OF_CELLS = f'mesh = "0.3:1.0:4"\n{SOLID}'
+ROD_OF_MATRICES = 'element = "solid2d"\nmatrices = { stiffness = "none", mass = "none", nodes = "0.3:1.0:4" }'
 SPATIAL = PARAMETER + without_effects(IN_SPACE)
 OF_CELLS = 'element = "solid3d"\nmaterial = "steel"'
 IN_A_LINE = 'element = "beam3d"\nmaterial = "steel"\nsection = { shape = "circle", radius = "r1" }'
@@ -63,6 +66,7 @@ KINDS = {
     "two coordinates": PARAMETER + without_effects(DOUBLE_PENDULUM),
     "cells in the plane": PLANE.replace(BEAM, SOLID).replace(ROD, ROD_OF_CELLS),
     "mixture": PLANE.replace(ROD, ROD_OF_CELLS),
+    "matrices": PLANE.replace(ROD, ROD_OF_MATRICES),
     "solids in space": SPATIAL,
     "beams in space": SPATIAL.replace(OF_CELLS, IN_A_LINE),
     "beam and solid in space": SPATIAL.replace(OF_CELLS, IN_A_LINE, 1),
@@ -136,11 +140,13 @@ TINY = ("reduction.modes=2", "reduction.angles=8", "simulation.duration=0.003", 
 
 
 def meshes_for(scene: Scene) -> dict:
-    """Return the meshes of lines and bars that a scene's entries ``mesh`` describe."""
+    """Return the meshes of lines and bars that a scene's entries ``mesh`` describe, and ``nodes`` of matrices."""
     meshes = {}
     for name, body in scene.bodies.items():
-        first, last, n = body.mesh.split(":")
-        if body.continuum:
+        first, last, n = described(body).split(":")
+        if body.matrices is not None:
+            meshes[name] = assembled(bar(float(first), float(last), int(n), scene.dimension))
+        elif body.continuum:
             meshes[name] = bar(float(first), float(last), int(n), scene.dimension)
         elif scene.dimension == 3:
             meshes[name] = straight_beam(float(last) - float(first), int(n), float(first), 3)
@@ -148,6 +154,19 @@ def meshes_for(scene: Scene) -> dict:
             only = scene.model_copy(update={"bodies": {name: body}})
             meshes[name] = meshes_of(only)[name]
     return meshes
+
+
+def described(body) -> str:
+    """Return ``"first:last:n"`` of a body."""
+    return body.mesh if body.matrices is None else body.matrices.nodes
+
+
+def assembled(mesh) -> Assembled:
+    """Return the matrices of a bar of steel, 10 mm thick in the plane."""
+    thickness = 0.01 if mesh.dimension == 2 else 1.0
+    matrices = matrices_of(body_of(mesh, 210e9 * thickness, 7800.0 * thickness))
+    sets = {name: np.unique(faces) for name, faces in mesh.groups.items()}
+    return Assembled.of(mesh.nodes, np.arange(1, mesh.n_nodes + 1), sets, mesh, *matrices)
 
 
 def scene_of(kind: str, feature: str) -> Scene:
@@ -158,12 +177,12 @@ def scene_of(kind: str, feature: str) -> Scene:
     space = bare.dimension == 3
     words = {
         "drive": joints[0], "first": bodies[0], "last": bodies[-1], "theta": next(iter(bare.coordinates)),
-        "mesh": bare.bodies[bodies[0]].mesh, "coefficients": COEFFICIENTS,
+        "mesh": described(bare.bodies[bodies[0]]), "coefficients": COEFFICIENTS,
         "axes": "[[1.0,0.0,0.0],[0.0,1.0,0.0]]" if space else "[[1.0,0.0]]",
         "along": "[10.0,20.0,30.0]" if space else "[10.0,20.0]",
         "down": "[0.0,-1.0,0.0]" if space else "[0.0,-1.0]", "origin": "[0.0,0.0,0.0]" if space else "[0.0,0.0]",
         "quantity": "von_mises" if bare.bodies[bodies[-1]].continuum else "axial_force",
-        "inside": [float(bare.bodies[bodies[-1]].mesh.split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
+        "inside": [float(described(bare.bodies[bodies[-1]]).split(":")[1]) - 0.05] + [0.0] * (2 if space else 1),
     }  # fmt: skip
     asked = tuple(entry.format(**words) for entry in FEATURES[feature])
     extra = []

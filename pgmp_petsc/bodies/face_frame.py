@@ -69,9 +69,22 @@ class FaceFrame:
         weights, arms = np.zeros(nodes.size), np.zeros((nodes.size, places.shape[1]))
         np.add.at(weights, local, shares)
         np.add.at(arms, local, moments)
-        second = arms.T @ places[nodes]
-        inertia = np.trace(second) * np.eye(3) - second if len(second) == 3 else np.array([[np.trace(second)]])
-        return cls(centre, nodes, weights, arms, inertia)
+        return cls(centre, nodes, weights, arms, _inertia(arms.T @ places[nodes]))
+
+    @classmethod
+    def of_nodes(cls, places: np.ndarray, nodes: np.ndarray) -> FaceFrame:
+        """Make the frame of nodes that count alike, where faces are not known: means over nodes in place of areas.
+
+        Parameters
+        ----------
+        places
+            All nodes in the body's frame, shape (n_nodes, d), m.
+        nodes
+            Those that it follows, shape (n,).
+        """
+        weights, centre = np.full(nodes.size, 1.0 / nodes.size), places[nodes].mean(axis=0)
+        arms = (places[nodes] - centre) / nodes.size
+        return cls(centre, nodes, weights, arms, _inertia(arms.T @ places[nodes]))
 
     @property
     def radius(self) -> float:
@@ -90,6 +103,11 @@ class FaceFrame:
         columns = np.broadcast_to(d * self.nodes[:, None] + np.arange(d), values.shape)
         rows = np.broadcast_to(np.arange(len(values))[:, None, None], values.shape)
         return sp.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), (len(values), d * n_nodes)).tocsr()
+
+
+def _inertia(second: np.ndarray) -> np.ndarray:
+    """Return H / A from the mean of ``X' X^T``."""
+    return np.trace(second) * np.eye(3) - second if len(second) == 3 else np.array([[np.trace(second)]])
 
 
 def _areas(tangents: np.ndarray) -> np.ndarray:

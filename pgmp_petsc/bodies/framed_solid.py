@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial, Quantity
+from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
 from pgmp_petsc.bodies.face_frame import SMALLEST_RADIUS, FaceFrame
 from pgmp_petsc.bodies.profile import UNIFORM, Profiles
 from pgmp_petsc.bodies.random_fields import profiles_of
@@ -19,6 +20,7 @@ from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.bodies import Body as BodyEntry
 from pgmp_petsc.scene.bodies import Material
+from pgmp_petsc.scene.messages import toml_text
 from pgmp_petsc.scene.points import points_used
 
 ON_AXIS = 1e-6  # over the extent of the mesh: how far a group may be off the axis that its section is scaled about
@@ -31,14 +33,14 @@ class FramedSolid:
     Attributes
     ----------
     solid
-        Mesh and materials.
+        Mesh and materials, or assembled matrices.
     frames
         By the name of the group of faces.
     drawn
         What the cross-section of the mesh was scaled with already (`at`).
     """
 
-    solid: Solid
+    solid: Solid | AssembledBody
     frames: dict[str, FaceFrame]
     drawn: SectionScale | None = None
 
@@ -73,13 +75,36 @@ class FramedSolid:
             If a region or a group is missing, overlaps another one, or is too small to carry a rotation; with a scaled
             cross-section, if a group is no section across the x axis.
         """
-        frames = {point: _frame(mesh, point, blame) for point, blame in points.items()}
+        frames = {}
+        for point, blame in points.items():
+            faces = mesh.faces(point, blame)
+            frame = FaceFrame.of(mesh.nodes, faces, reference_element(mesh.kind).face_kind)
+            frames[point] = _carrying(frame, mesh.nodes, f'{blame} = "{point}": its {len(faces)} faces')
         scale = None
         if entry.section_scale is not None:
             scale = SectionScale(Quantity.of(entry.section_scale))
             for point, frame in frames.items():
                 _check_section(f"bodies.{name}.section_scale", mesh, point, frame)
         return cls(Solid(name, mesh, _regions(name, entry, materials, mesh), scale, profiles), frames)
+
+    @classmethod
+    def assembled(cls, name: str, entry: BodyEntry, body: Assembled, points: Mapping[str, str]) -> FramedSolid:
+        """Make a scene's body that is given by matrices; parameters as of `of`.
+
+        Raises
+        ------
+        InputError
+            If there is no such set of nodes, or it is too small to carry a rotation.
+        """
+        given, frames = entry.matrices, {}
+        for point, blame in points.items():
+            wanted, asked = given.faces.get(point, point), f'{blame} = "{point}"'
+            if point in given.faces:
+                asked = f"bodies.{name}.matrices.faces.{point} = {toml_text(wanted)}"
+            frame = body.frame(wanted, asked)
+            frames[point] = _carrying(frame, body.nodes, f"{asked}: its {frame.nodes.size} nodes")
+        factors = Quantity.of(given.stiffness_scale), Quantity.of(given.mass_scale)
+        return cls(AssembledBody(name, body, *factors), frames)
 
     def at(self, values: Mapping[str, float]) -> FramedSolid:
         """Return the body whose mesh has the cross-section that parameter values give, and no scale any more."""
@@ -109,20 +134,22 @@ class FramedSolid:
         return {weight * (scale.factor**power).monomial for weight in bare for power in scale.powers[kind]}
 
 
-def framed_solid(scene: Scene, name: str, mesh: SolidMesh) -> FramedSolid:
-    """Return a scene's body on its mesh; raises as `FramedSolid.of` and `profiles_of`."""
-    points, profiles = points_used(scene, name), profiles_of(scene, name, mesh)
+def framed_solid(scene: Scene, name: str, mesh: SolidMesh | Assembled) -> FramedSolid:
+    """Return a scene's body on its mesh or with its matrices; raises as `FramedSolid.of` and `profiles_of`."""
+    points = points_used(scene, name)
+    if isinstance(mesh, Assembled):
+        return FramedSolid.assembled(name, scene.bodies[name], mesh, points)
+    profiles = profiles_of(scene, name, mesh)
     return FramedSolid.of(name, scene.bodies[name], scene.materials, mesh, points, profiles)
 
 
-def _frame(mesh: SolidMesh, point: str, blame: str) -> FaceFrame:
-    faces = mesh.faces(point, blame)
-    frame = FaceFrame.of(mesh.nodes, faces, reference_element(mesh.kind).face_kind)
-    extent = float(np.ptp(mesh.nodes, axis=0).max())
+def _carrying(frame: FaceFrame, nodes: np.ndarray, what: str) -> FaceFrame:
+    """Return a frame if it can carry a rotation."""
+    extent = float(np.ptp(nodes, axis=0).max())
     if not frame.radius > SMALLEST_RADIUS * extent:
         raise InputError(
-            f'{blame} = "{point}": its {len(faces)} faces have a radius of gyration of {frame.radius:.3g} m, too small '
-            f"to carry a rotation; more than {SMALLEST_RADIUS * extent:.3g} m is needed"
+            f"{what} have a radius of gyration of {frame.radius:.3g} m, too small to carry a rotation; more than "
+            f"{SMALLEST_RADIUS * extent:.3g} m is needed"
         )
     return frame
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgmp_petsc.bodies import elasticity
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
 from pgmp_petsc.bodies.section import SpatialSection
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.reference_element import reference_element
 from pgmp_petsc.runtime.errors import InputError
 
 
@@ -28,16 +26,16 @@ def rigid_component(meshed: FramedSolid) -> Component:
         If its parts have densities that vary apart: its centre of mass would move with the parameters.
     """
     solid = meshed.solid
-    weights = solid.weights("mass")
-    if len(weights) > 1:
+    moments = solid.second_moments()
+    if len(moments) > 1:
         raise InputError(
             f"bodies.{solid.name}.flexible = false: a rigid body's density has one factor, but its regions have "
-            f"{', '.join(map(str, sorted(weights)))}; its centre of mass would move with the parameters"
+            f"{', '.join(map(str, sorted(moments)))}; its centre of mass would move with the parameters"
         )
     frames = {name: number for number, name in enumerate(meshed.frames)}
     centres = np.array([frame.centre for frame in meshed.frames.values()])
-    (weight,) = weights
-    return _component(frames, centres, weight, _moments(meshed), solid.n_dofs)
+    ((weight, second),) = moments.items()
+    return _component(frames, centres, weight, second, solid.n_dofs)
 
 
 def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Component:
@@ -70,7 +68,7 @@ def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndar
 def _component(
     frames: dict[str, int], centres: np.ndarray, weight: Monomial, second: np.ndarray, n_mesh_dofs: int
 ) -> Component:
-    """Return the component of a body with moments as of `_moments`."""
+    """Return the component of a body with moments ``int rho (x, 1) (x, 1)^T dV``."""
     d = centres.shape[1]
     mass, centre = second[d, d], second[:d, d] / second[d, d]
     about = second[:d, :d] - mass * np.outer(centre, centre)  # int rho x x^T about the centre of mass
@@ -88,19 +86,6 @@ def _component(
         error=0.0,
         centre_of_mass=centre,
     )
-
-
-def _moments(meshed: FramedSolid) -> np.ndarray:
-    """Return ``int rho (x, 1) (x, 1)^T dV`` with the density's weight taken out, shape (d + 1, d + 1)."""
-    mesh, rule = meshed.solid.mesh, reference_element(meshed.solid.mesh.kind).mass
-    total = np.zeros((mesh.dimension + 1, mesh.dimension + 1))
-    for region in meshed.solid.regions:
-        places = mesh.nodes[mesh.cells[region.cells]]
-        points = np.einsum("qa,eai->eqi", rule.values, places)
-        points = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2)
-        volumes = elasticity.volumes_of(places, rule)
-        total += region.density.coefficient * np.einsum("eq,eqi,eqj->ij", volumes, points, points, optimize=True)
-    return total
 
 
 def _spins(d: int) -> list[tuple[int, int]]:

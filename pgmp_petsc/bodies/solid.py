@@ -94,6 +94,35 @@ class Solid:
         """Return the rows of the consistent mass that belong to nodes, as `stiffness`."""
         return self._assemble(nodes, lambda region: [(self._density(region), self._mass)], self.profiles.mass)
 
+    def second_moments(self) -> dict[Monomial, np.ndarray]:
+        """Return ``int rho (x, 1) (x, 1)^T dV`` by weight, shape (d + 1, d + 1)."""
+        rule, found = self._element.mass, {}
+        for region in self.regions:
+            places = self.mesh.nodes[self.mesh.cells[region.cells]]
+            points = np.einsum("qa,eai->eqi", rule.values, places)
+            points = np.concatenate([points, np.ones((*points.shape[:2], 1))], axis=2)
+            volumes = elasticity.volumes_of(places, rule)
+            density = self._density(region)
+            own = density.coefficient * np.einsum("eq,eqi,eqj->ij", volumes, points, points, optimize=True)
+            found[density.monomial] = found.get(density.monomial, 0.0) + own
+        return found
+
+    @property
+    def third_derivative_known(self) -> bool:
+        """Whether the third derivative of the strain energy is known: not of a scaled cross-section, of which it has
+        other powers of the scale."""
+        return self.section_scale is None
+
+    @property
+    def n_entries(self) -> int:
+        """Entries of a matrix, roughly: neighbouring cells share some, about half of those of all elements are left."""
+        return self.mesh.n_cells * (self.mesh.dimension * self.mesh.cells.shape[1]) ** 2 // 2
+
+    @property
+    def described(self) -> str:
+        """What the body is made of."""
+        return f"{self.mesh.n_cells} {self.mesh.kind}, {self.volume:.6g} m{self.mesh.dimension}"
+
     @property
     def volume(self) -> float:
         """Volume of the mesh, m3 (in the plane its area, m2)."""

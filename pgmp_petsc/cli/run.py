@@ -18,7 +18,7 @@ from pgmp_petsc.cli.report import save, say, say_remarks
 from pgmp_petsc.cli.simulate import simulate
 from pgmp_petsc.experiments.price import Price, step_seconds
 from pgmp_petsc.experiments.reference import Demand, Reference, choose_reference, component_model
-from pgmp_petsc.mechanism.capabilities import Purpose
+from pgmp_petsc.mechanism.capabilities import Purpose, why_no_full_model
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import FullModel
@@ -216,6 +216,10 @@ class Job:
         )  # fmt: skip
         if self.model == "reduced":
             return choose_reference(self.scene, self.meshes, self.kinematics, demand, comm)
+        missing = why_no_full_model(self.scene)
+        if missing:
+            self._say("compare", f"left out: {missing}")
+            return None
         budget = self.scene.reference.budget
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(self.scene, self.meshes, self.kinematics)

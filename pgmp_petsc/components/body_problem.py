@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.components.block_lanczos import BlockLanczos
 from pgmp_petsc.components.displacement_fields import polynomial_fields
 from pgmp_petsc.components.petsc_terms import Terms, matrix_sum
+from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.matrices import times
 from pgmp_petsc.runtime.memory import give_back
 from pgmp_petsc.solvers.shifted_factor import ShiftedFactor
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 PREFIX = "pgmp_body_"
+ZERO = 1e-4  # of the shift, which is of the order of the first elastic eigenvalue: what counts as none
 DEPENDENT_FIELDS = 1e-9  # of the largest square, for polynomials between -1 and 1
 
 
@@ -62,14 +64,45 @@ class BodyProblem:
         self.mass, self.stiffness = (matrix for matrix, _ in self._sums)
         for matrix in (self.mass, self.stiffness):
             matrix.setOption(matrix.Option.SYMMETRIC, True)
-        self._memory, self._factor = memory, None
+        self._memory, self._factor, self._entry = memory, None, f"bodies.{name}"
 
     def modes(self, n_modes: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`."""
+        """Return eigenvalues (n_modes,) and elastic modes (n_local, n_modes) of the free body; after `factor`.
+
+        Raises
+        ------
+        InputError
+            If the stiffness is not positive, or more than rigid motion is free of it.
+        RunError
+            If modes do not converge or are missing.
+        """
         start = polynomial_fields(self._places, self.comm)
         lanczos = BlockLanczos(self.mass, self.stiffness, self.answers, self._shift, start, self.comm)
-        values, vectors = lanczos.solve(self._n_rigid, n_modes, self._count_below, self._where)
+        try:
+            values, vectors = lanczos.solve(self._n_rigid, n_modes, self._count_below, self._where)
+        except RunError:
+            self._check_stiffness()
+            raise
         return values[self._n_rigid :], vectors[:, self._n_rigid :]
+
+    def _check_stiffness(self) -> None:
+        """Refuse a stiffness that explains why modes were not found: their checks are shares of the first elastic
+        eigenvalue, which then is no more than that of a rigid motion."""
+        n_negative, n_low = (self._count_below(sign * ZERO * abs(self._shift)) for sign in (-1.0, 1.0))
+        if n_negative:
+            raise self._not_positive(f"{n_negative} of its eigenvalues are negative")
+        if n_low > self._n_rigid:
+            raise InputError(
+                f"{self._entry}: {n_low} motions are free of stiffness, and {self._n_rigid} of them are rigid; the "
+                "others are hinges or slides inside of it, or hourglass modes of elements with reduced integration: "
+                "let each body be one elastic piece, of fully integrated elements"
+            )
+
+    def _not_positive(self, found: str) -> InputError:
+        return InputError(
+            f"{self._entry}: its stiffness is not positive: {found}; it must be that of an elastic body at rest, "
+            "without preload"
+        )
 
     def factor(self) -> None:
         """Factor ``K - sigma M`` for `modes` and `answers`."""
@@ -101,7 +134,10 @@ class BodyProblem:
         squares, directions = eigh(mass)
         chosen = squares > DEPENDENT_FIELDS * squares[-1]
         basis = directions[:, chosen] / np.sqrt(squares[chosen])
-        return float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
+        found = float(eigh(basis.T @ stiffness @ basis, eigvals_only=True)[self._n_rigid])
+        if not found > 0.0:
+            raise self._not_positive(f"a smooth displacement has the Rayleigh quotient {found:.3g}")
+        return found
 
     def answers(self, loads: np.ndarray) -> np.ndarray:
         """Return ``(K - sigma M)^-1`` times local columns (n_local, k); after `factor`."""

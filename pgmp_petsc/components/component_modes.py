@@ -30,6 +30,7 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.face_frame import FaceFrame
 from pgmp_petsc.bodies.recovery import Recovery
+from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.displacement_fields import linear_fields
@@ -51,7 +52,7 @@ N_PROBES = 64
 
 
 def condense(
-    solid: Solid,
+    solid: Solid | AssembledBody,
     frames: Mapping[str, FaceFrame],
     points: Sequence[Mapping[str, float]],
     n_modes: int,
@@ -203,7 +204,7 @@ def _residual(subspace: Subspace, loads: np.ndarray, test: float) -> np.ndarray:
 
 
 def _condensed(
-    solid: Solid,
+    solid: Solid | AssembledBody,
     frames: Mapping[str, FaceFrame],
     points: Sequence[Mapping[str, float]],
     subspace: Subspace,

@@ -11,11 +11,10 @@ from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid, framed_solid
 from pgmp_petsc.bodies.large_deformation import SLENDER, LongAxis
 from pgmp_petsc.bodies.rigid_component import rigid_component
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
 from pgmp_petsc.components.component_modes import condense
 from pgmp_petsc.components.floating_component import in_floating_frame
 from pgmp_petsc.components.large_deformation import with_second_order
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.agreement import agreed
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
@@ -51,8 +50,8 @@ def condensed(
     timings: Timings | None = None,
     large: bool | None = None,
 ) -> dict[str, BodyShape]:
-    """Return the shapes of a scene's bodies with every mesh of continuum elements condensed. Collective on
-    ``group.world``.
+    """Return the shapes of a scene's bodies with every mesh of continuum elements, and matrices, condensed. Collective
+    on ``group.world``.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ def condensed(
         On all ranks, whichever rank met it.
     """
     done = dict(shapes) | dict({} if finished is None else finished.components)
-    waiting = [name for name, shape in done.items() if isinstance(shape, SolidMesh)]
+    waiting = [name for name, shape in done.items() if isinstance(shape, ContinuumShape)]
     found = {}
     wanted = scene.second_order if large is None else large
     own, stressed, timings = waiting[group.index :: group.count], stressed_bodies(scene), timings or Timings()
@@ -118,12 +117,14 @@ def _floating(shape: BodyShape, scene: Scene) -> BodyShape:
 def check_slender(scene: Scene, meshed: FramedSolid, cure: str = 'take "dynamic"') -> None:
     """Refuse static stretching of a flexible body that has no long axis to be stretched along, with the cure.
 
+    Nothing is refused of a body whose third derivative is not known, which no command that needs it takes.
+
     Raises
     ------
     InputError
         Naming the effect that asks for it, and the cure.
     """
-    if not scene.static_stretching:
+    if not (scene.static_stretching and meshed.solid.third_derivative_known):
         return
     axis = LongAxis(meshed.solid)
     if not axis.is_long:

@@ -12,6 +12,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.large_deformation import FieldsOnCells, LargeDeformation, LongAxis, stretching_of
+from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import own_nodes, weighted_sum_dense
 from pgmp_petsc.components.floating_component import elastic_modes
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 def with_second_order(
     component: Component,
-    solid: Solid,
+    solid: Solid | AssembledBody,
     recovery: np.ndarray,
     comm: MPI.Comm,
     nominal: Mapping[str, float],
@@ -33,7 +34,8 @@ def with_second_order(
     """Return a condensed body with its foreshortening, and with what is of second order in all of its fields where that
     is wanted. Collective on `comm`.
 
-    Nothing of it is known where the cross-section is scaled, and no foreshortening of a body that is not slender.
+    Nothing of it is known where the cross-section is scaled or matrices were assembled elsewhere, and no foreshortening
+    of a body that is not slender.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ def with_second_order(
     all_fields
         Whether it is wanted of all fields: that takes longest.
     """
-    if solid.section_scale is not None:
+    if not solid.third_derivative_known:
         return component
     fields = FieldsOnRanks(solid, recovery, comm)
     stretching, slenderness = fields.stretching(), fields.axis.slenderness

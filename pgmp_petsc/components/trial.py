@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pgmp_petsc.bodies.framed_solid import framed_solid
-from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.shape import BodyShape, ContinuumShape
 from pgmp_petsc.components.body_problem import BodyProblem
 from pgmp_petsc.components.condensing import FACTOR_SHARE
 from pgmp_petsc.components.petsc_terms import petsc_terms
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.memory import free_share
 from pgmp_petsc.scene import Scene
 
@@ -69,7 +68,7 @@ def try_largest(scene: Scene, shapes: Mapping[str, BodyShape], comm: MPI.Comm) -
     InputError, RunError
         If the body's frames or materials are not sound, or the factorisation fails.
     """
-    solids = {name: shape for name, shape in shapes.items() if isinstance(shape, SolidMesh)}
+    solids = {name: shape for name, shape in shapes.items() if isinstance(shape, ContinuumShape)}
     if not solids:
         return None
     name = max(solids, key=lambda key: solids[key].n_nodes * solids[key].dimension)

@@ -21,8 +21,8 @@ from pgmp_petsc.ensemble.quantities import came_true, in_words, quantities
 from pgmp_petsc.ensemble.sampling import Sampler, sampler_remarks
 from pgmp_petsc.ensemble.sensitivity import sensitivities, sensitivity_remarks
 from pgmp_petsc.ensemble.statistics import describe, quantile_bounds
-from pgmp_petsc.indicator.coverage import CURE
 from pgmp_petsc.indicator.validity import remarks_of
+from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.results.ensemble import DESCRIBED, UNSTABLE, Ensemble
 from pgmp_petsc.results.statistics import Band, Chance, Statistics
 from pgmp_petsc.runtime.files import RunRecord
@@ -235,7 +235,7 @@ def _estimate_remarks(
             remarks.append(
                 note(
                     f"errors were not estimated for {unknown} of the {int(chosen.sum())} samples that are checked: the "
-                    f"full-order equations could not be solved about their motion; {CURE}"
+                    f"full-order equations could not be solved about their motion; {comparing(scene)}"
                 )
             )
     return tuple(remarks)

@@ -19,6 +19,7 @@ from pgmp_petsc.components.floating_frames import floating_shapes
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.price import Price, duration_text, step_seconds
+from pgmp_petsc.mechanism.capabilities import why_no_full_model
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models import ComponentModel, FullModel
@@ -137,40 +138,39 @@ def choose_reference(
     InputError
         If neither is within the budget and none is named; or if the component model is named and there is none.
     """
-    wanted, budget = scene.reference.model, scene.reference.budget
-    with agreed(comm, "preparing the full-order model"):
-        mesh = FullModel(scene, meshes, kinematics)
-        of_mesh = Price(step_seconds(mesh.kinematics.mechanism), demand.steps)
-    if wanted == "mesh" or wanted == "auto" and of_mesh.seconds <= budget:
-        named = "as reference.model says" if wanted == "mesh" else f"within reference.budget = {budget:g} s"
-        why = f"reference: the mesh; its runs are predicted to take {of_mesh} of processor time, {named}"
-        return Reference(mesh, of_mesh, why, {})
-    too_dear = f"runs of the mesh would take {of_mesh}, and reference.budget = {budget:g} s"
+    wanted, budget, missing = scene.reference.model, scene.reference.budget, why_no_full_model(scene)
+    without = missing  # why it is not the mesh
+    if not missing:
+        with agreed(comm, "preparing the full-order model"):
+            mesh = FullModel(scene, meshes, kinematics)
+            of_mesh = Price(step_seconds(mesh.kinematics.mechanism), demand.steps)
+        if wanted == "mesh" or wanted == "auto" and of_mesh.seconds <= budget:
+            named = "as reference.model says" if wanted == "mesh" else f"within reference.budget = {budget:g} s"
+            why = f"reference: the mesh; its runs are predicted to take {of_mesh} of processor time, {named}"
+            return Reference(mesh, of_mesh, why, {})
+        without = f"runs of the mesh would take {of_mesh}, and reference.budget = {budget:g} s"
+    elif wanted == "mesh":
+        raise InputError(f'reference.model = "mesh": {missing}; take "components"')
+    refused = (
+        f"{demand.entry}: no reference is within reference.budget = {budget:g} s of processor time: {demand.cases} "
+        f"take {demand.steps:.2g} steps, {missing or f'predicted for the mesh {of_mesh}'}"
+    )
     try:
         components = component_model(scene, meshes, comm, demand.n_modes, kinematics)
     except InputError as error:
         if wanted == "components":
             raise InputError(f'reference.model = "components": {error}') from error
-        raise InputError(
-            f"{_refused(demand, of_mesh, budget)}; there is no component model in its place: {error}"
-        ) from error
+        raise InputError(f"{refused}; there is no component model in its place: {error}") from error
     price = Price(step_seconds(components.kinematics.mechanism), demand.steps)
     if wanted == "auto" and price.seconds > budget:
-        raise InputError(f"{_refused(demand, of_mesh, budget)}, of the component model {price}; {_cure(demand)}")
+        raise InputError(f"{refused}, of the component model {price}; {_cure(demand)}")
     modes = ", ".join(f"{body} {n}" for body, n in components.n_amplitudes.items())
-    named = "as reference.model says" if wanted == "components" else too_dear
+    named = "as reference.model says" if wanted == "components" else without
     why = (
         f"reference: the component model (modes: {modes}); its runs are predicted to take {price} of processor time; "
         f"{named}"
     )
     return Reference(components, price, why, {})
-
-
-def _refused(demand: Demand, of_mesh: Price, budget: float) -> str:
-    return (
-        f"{demand.entry}: no reference is within reference.budget = {budget:g} s of processor time: {demand.cases} "
-        f"take {demand.steps:.2g} steps, predicted for the mesh {of_mesh}"
-    )
 
 
 def _cure(demand: Demand) -> str:
@@ -198,6 +198,8 @@ def distance_from_mesh(
     if reference.is_mesh:
         return reference
     model, scene = reference.model, reference.model.scene
+    if why_no_full_model(scene):
+        return replace(reference, why=f"{reference.why}, and how far it is from one is not known")
     with agreed(comm, "preparing the full-order model"):
         mesh = FullModel(scene, meshes, model.kinematics)
         per_step = step_seconds(mesh.kinematics.mechanism)

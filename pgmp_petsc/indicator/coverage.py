@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
 from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
-
-CURE = "compare with the full-order model (pgmp simulate SCENE --full)"
 
 
 def is_estimated(scene: Scene) -> bool:
@@ -20,9 +19,9 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     if not scene.outputs:
         return (note("errors were not estimated: the scene has no [outputs], whose errors these would be"),)
     if not scene.simulation.error_indicator:
-        return (_absent("simulation.error_indicator = false switches the estimate off"),)
+        return (_absent(scene, "simulation.error_indicator = false switches the estimate off"),)
     if ensemble and scene.ensemble.checked_share == 0.0:
-        return (_absent("ensemble.checked_share = 0 switches the estimate off"),)
+        return (_absent(scene, "ensemble.checked_share = 0 switches the estimate off"),)
     return ()
 
 
@@ -35,13 +34,15 @@ def left_out_of_estimates(model: ReducedModel) -> tuple[Remark, ...]:
         why = "it was built with simulation.error_indicator = false, or it is not slender"
         if scene.bodies[name].section_scale is not None:
             why = "its cross-section is scaled"
+        elif scene.bodies[name].matrices is not None:
+            why = "its matrices do not tell it"
         found.append(f"bodies.{name} ({why})")
     if not found or not is_estimated(scene):
         return ()
     return (
         note(
             f"estimated errors leave out what is of second order in the deformation of {', '.join(found)}; where it "
-            f"bends much, {CURE}"
+            f"bends much, {comparing(scene)}"
         ),
     )
 
@@ -70,7 +71,7 @@ def why_not_of_full_order(model: FullModel) -> tuple[Remark, ...]:
         return (
             note(
                 f"errors of the component modes ({counts}) and of the time step were not estimated; take more "
-                "reduction.modes and a smaller simulation.step, or compare with pgmp simulate SCENE --full"
+                f"reduction.modes and a smaller simulation.step, or {comparing(scene)}"
             ),
             note(_left_out(scene)),
             *_condensed_alone(model),
@@ -91,6 +92,9 @@ def _left_out(scene: Scene) -> str:
     what = "left out: what is of second order in the deformation of a body in its floating frame"
     if scene.static_stiffening:
         return f"{what}, but for the foreshortening of bodies that bend and what follows from it (geometric_stiffening)"
+    missing = why_no_full_model(scene)
+    if missing:
+        return f"{what} (stiffening by loads, foreshortening), which matrices do not tell; {comparing(scene)}"
     return (
         f"{what} (stiffening by loads, foreshortening); the effects geometric_stiffening and mode_inertia add these, a "
         "full-order run has it all"
@@ -112,5 +116,5 @@ def _condensed_alone(model: ComponentModel) -> tuple[Remark, ...]:
     )
 
 
-def _absent(reason: str) -> Remark:
-    return note(f"errors were not estimated: {reason}; {CURE}")
+def _absent(scene: Scene, reason: str) -> Remark:
+    return note(f"errors were not estimated: {reason}; {comparing(scene)}")

@@ -30,6 +30,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.indicator.validity_kernel import Kept, Places, fill_planar_strains, look_at, side_by_side
+from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import ReducedModel
@@ -225,20 +226,29 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
             worst = values[too_far][np.argmax(np.abs(values[too_far]))]
             remarks.append(warning(whose + text.format(f"{worst:.2g}")))
     continuum = [name for name, body in scene.bodies.items() if body.continuum and body.flexible]
-    if continuum:
+    given = [name for name in continuum if scene.bodies[name].matrices is not None]
+    meshed = [name for name in continuum if name not in given]
+    if meshed:
         remarks.append(
             note(
-                f"strain is not computed of continuum bodies ({', '.join(continuum)}): a stress output has the "
+                f"strain is not computed of continuum bodies ({', '.join(meshed)}): a stress output has the "
                 "stresses of a body; rotations are those of their frames only"
             )
         )
-        if np.isnan(validity["stiffness_gained"]).all():
-            remarks.append(
-                note(
-                    f"change of stiffness is not computed with continuum bodies ({', '.join(continuum)}) in a model "
-                    "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
-                )
+    if given:
+        remarks.append(
+            note(
+                f"strain and change of stiffness are not computed: matrices ({', '.join(given)}) do not tell them, and "
+                f"rotations are those of their frames only; {comparing(scene)}"
             )
+        )
+    elif meshed and np.isnan(validity["stiffness_gained"]).all():
+        remarks.append(
+            note(
+                f"change of stiffness is not computed with continuum bodies ({', '.join(meshed)}) in a model "
+                "without terms of second order; take pgmp check --effects, or geometric_stiffening in the build"
+            )
+        )
     by_coefficients = [
         name
         for name, body in scene.bodies.items()
@@ -256,12 +266,12 @@ def remarks_of(scene: Scene, validity: Mapping[str, np.ndarray | float]) -> tupl
 
 def _beyond(scene: Scene) -> dict[str, str]:
     """Return what to say where a value is beyond its limit, by name."""
-    full = "compare with the full-order model (pgmp simulate SCENE --full)"
+    full = comparing(scene)
     limits = limits_of(scene.second_order)
     rotation, strain, share = (limits[name] for name in ("elastic_rotation", "elastic_strain", "stiffness_lost"))
     texts = {
         "elastic_rotation": f"elastic rotations of {{}} rad, beyond {rotation}: linear strains are wrong by more than "
-        f"1 %; deformations of this size call for the full-order model (pgmp simulate SCENE --full)",
+        f"1 %; {full}",
         "elastic_strain": f"elastic strains of {{}}, beyond {strain}: few materials are linear there; {full}",
     }
     if scene.second_order:

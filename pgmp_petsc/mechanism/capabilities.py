@@ -55,8 +55,11 @@ class Feature:
         Yields what in a scene asks for it, in the words of the scene; nothing where it is not asked for.
     purposes
         What it is used for; for others it is without effect, and allowed.
-    unscaled
-        Whether bodies with a scaled cross-section are refused.
+    third_derivative
+        Whether it takes the third derivative of the strain energy, which bodies with a scaled cross-section and those
+        from matrices have not.
+    elements
+        Whether it takes the elements of all bodies: flexible ones from matrices are refused.
     one_coordinate
         Whether more than one rigid coordinate is refused.
     flexible_body
@@ -70,7 +73,8 @@ class Feature:
     name: str
     entries: Callable[[Scene], Iterator[str]]
     purposes: frozenset[Purpose]
-    unscaled: bool = False
+    third_derivative: bool = False
+    elements: bool = False
     one_coordinate: bool = False
     flexible_body: bool = False
     why_not: str = ""
@@ -106,7 +110,7 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 
 FEATURES = (
-    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, unscaled=True),
+    Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
     Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),
     Feature(
@@ -116,12 +120,12 @@ FEATURES = (
         flexible_body=True,
         cure="leave it out, and give simulation.step",
     ),
-    Feature("choice of effects", _automatic, OF_THE_REDUCTION, unscaled=True),
+    Feature("choice of effects", _automatic, OF_THE_REDUCTION, third_derivative=True),
     Feature(
         "stiffness by loads, inertia of changing modes",
         _effects_of("geometric_stiffening", "mode_inertia"),
         OF_THE_REDUCTION | {Purpose.COMPONENTS},
-        unscaled=True,
+        third_derivative=True,
     ),
     Feature(
         "stretching with its inertia",
@@ -131,10 +135,24 @@ FEATURES = (
         cure='take "static", or pgmp simulate --full',
     ),
     Feature(
+        "full-order runs",
+        _command(Purpose.FULL),
+        frozenset({Purpose.FULL}),
+        elements=True,
+        cure="take pgmp simulate SCENE --components, or a reduced model",
+    ),
+    Feature(
+        "trade-off",
+        _command(Purpose.TRADEOFF),
+        frozenset({Purpose.TRADEOFF}),
+        elements=True,
+        cure="compare reduced runs with pgmp simulate SCENE --components",
+    ),
+    Feature(
         "sizes of effects",
         _command(Purpose.SIZES),
         frozenset({Purpose.SIZES}),
-        unscaled=True,
+        third_derivative=True,
         cure="take pgmp check without --effects",
     ),
 )
@@ -169,19 +187,56 @@ def check_capabilities(scene: Scene, purpose: Purpose, meshes: Mapping[str, Body
                     raise InputError(f"{entry}: {feature.why_not}; {feature.cure}")
                 if feature.flexible_body and not flexible:
                     raise InputError(f"{entry}: for mechanisms with a flexible body, but all are rigid; {feature.cure}")
-                if feature.unscaled:
-                    _check_unscaled(scene, entry, feature.cure)
+                if feature.elements:
+                    _check_elements(scene, entry, feature.cure)
+                if feature.third_derivative:
+                    _check_third_derivative(scene, entry, feature.cure)
                 if feature.one_coordinate:
                     _check_single(scene, entry, feature.cure)
 
 
-def _check_unscaled(scene: Scene, what: str, cure: str) -> None:
+def _check_elements(scene: Scene, what: str, cure: str) -> None:
+    given = _from_matrices(scene)
+    if given:
+        raise InputError(
+            f"{what}: takes the elements of bodies, of which large displacements have other matrices, but there is "
+            f"{', '.join(given)}; {cure}"
+        )
+
+
+def _check_third_derivative(scene: Scene, what: str, cure: str) -> None:
     scaled = [f"bodies.{name}.section_scale" for name, body in scene.bodies.items() if body.section_scale is not None]
     if scaled:
         raise InputError(
             f"{what}: not known of scaled cross-sections, of which the third derivative of the strain energy has other "
             f"powers of the scale, but there is {', '.join(scaled)}; {cure}"
         )
+    given = _from_matrices(scene)
+    if given:
+        raise InputError(
+            f"{what}: takes the third derivative of the strain energy, which matrices do not tell, but there is "
+            f"{', '.join(given)}; {cure}"
+        )
+
+
+def _from_matrices(scene: Scene) -> list[str]:
+    """Return the entries of flexible bodies from matrices."""
+    return [
+        f"bodies.{name}.matrices" for name, body in scene.bodies.items() if body.matrices is not None and body.flexible
+    ]
+
+
+def comparing(scene: Scene) -> str:
+    """Return what to do for a comparison with the full-order model, which bodies from matrices have none of."""
+    if why_no_full_model(scene):
+        return f"give {', '.join(_from_matrices(scene))} a mesh, and compare with the full-order model of that"
+    return "compare with the full-order model (pgmp simulate SCENE --full)"
+
+
+def why_no_full_model(scene: Scene) -> str:
+    """Return why a scene has no full-order model; empty where it has one."""
+    given = _from_matrices(scene)
+    return f"there is no full-order model with {', '.join(given)}" if given else ""
 
 
 def _check_single(scene: Scene, what: str, cure: str) -> None:

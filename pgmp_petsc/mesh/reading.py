@@ -52,7 +52,7 @@ def read_mesh(path: Path, received: str) -> meshio.Mesh:
         If there is no such file, it is a directory, pipe or device, of a format that meshio does not know, meshio
         cannot read it, or does not come to an end.
     """
-    _check_file(path, received)
+    check_file(path, received, "a mesh file that meshio reads is needed (paths are relative to the scene's directory)")
     if path.suffix.lower() not in ENDING:
         return _read_apart(path, received)
     import meshio  # takes a noticeable time, and only runs that read a mesh need it
@@ -112,9 +112,14 @@ def usable(received: str) -> Iterator[None]:
         ) from error
 
 
-def _check_file(path: Path, received: str) -> None:
-    """Refuse what is no file, before anything is read from it."""
-    needed = "a mesh file that meshio reads is needed (paths are relative to the scene's directory)"
+def check_file(path: Path, received: str, needed: str) -> None:
+    """Refuse what is no file, before anything is read from it, and say what is needed.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it cannot be read, or it is a directory, pipe or device.
+    """
     try:
         mode = path.stat().st_mode
     except FileNotFoundError as error:

@@ -73,12 +73,17 @@ def solid_mesh(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
         are not finite or, in the plane, off z = 0; if cells are repeated, inverted, without volume or in several
         pieces; or if a named group has faces that the cells do not have.
     """
+    return renumbered(numbered_as_filed(mesh, dimension, received))
+
+
+def numbered_as_filed(mesh: meshio.Mesh, dimension: int, received: str) -> SolidMesh:
+    """Return the body's mesh as `solid_mesh` does, but with nodes and cells in the order of the file."""
     kind, cells = _cells(mesh, dimension, received)
     _check_nodes(mesh.points, kind, cells, received)
-    nodes = _coordinates(mesh.points, dimension, received)
+    nodes = coordinates(mesh.points, dimension, received)
     check_cells(kind, nodes, cells, received)
     groups, regions, small_groups = named_groups(mesh, kind, cells, received)
-    return renumbered(SolidMesh(kind, nodes, cells, groups, regions, small_groups))
+    return SolidMesh(kind, nodes, cells, groups, regions, small_groups)
 
 
 def _cells(mesh: meshio.Mesh, dimension: int, received: str) -> tuple[str, np.ndarray]:
@@ -132,7 +137,7 @@ def _check_nodes(points: np.ndarray, kind: str, cells: np.ndarray, received: str
         )
 
 
-def _coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray:
+def coordinates(points: np.ndarray, dimension: int, received: str) -> np.ndarray:
     """Return the coordinates in the plane or in space after checking that they are finite and in the plane z = 0."""
     points = np.asarray(points, dtype=float)
     strange = np.flatnonzero(~np.isfinite(points).all(axis=1))

@@ -24,6 +24,7 @@ from pgmp_petsc.scene.fields import (
     exactly_one,
     refusal,
 )
+from pgmp_petsc.scene.matrices import Matrices
 
 MOST_ELEMENTS = 100_000
 
@@ -115,6 +116,9 @@ class Body(Table):
     line: StraightBeam | None = Field(
         None, description="instead of a mesh file, a straight line { length = 0.3, elements = 5 }"
     )
+    matrices: Matrices | None = Field(
+        None, description="instead of a mesh and a material, assembled matrices of another program; solids only"
+    )
     element: Literal["beam2d", "beam3d", "solid2d", "solid3d"] = Field(
         description="beam in the plane or in space, plane stress or solid; the cells of the mesh say which element of "
         "its kind"
@@ -144,18 +148,29 @@ class Body(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        exactly_one(self, "mesh", "line")
+        exactly_one(self, "mesh", "line", "matrices")
+        if self.matrices is not None:
+            return self._consistent_matrices()
         return self._consistent_solid() if self.continuum else self._consistent_beam()
 
     @property
     def continuum(self) -> bool:
-        """Whether the body is meshed with continuum elements."""
+        """Whether the body is made of continuum elements, meshed here or assembled by another program."""
         return self.element in ("solid2d", "solid3d")
 
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
         return int(self.element[-2])
+
+    def _consistent_matrices(self) -> Self:
+        if not self.continuum:
+            raise refusal("for solid2d and solid3d only", "matrices")
+        for key in ("material", "thickness", "section", "orientation", "section_scale", "regions"):
+            if getattr(self, key):
+                cure = "matrices.stiffness_scale and matrices.mass_scale multiply these"
+                raise refusal(f"is in the matrices already; {cure}", key)
+        return self
 
     def _consistent_solid(self) -> Self:
         for key in ("line", "section", "orientation"):

@@ -143,6 +143,9 @@ def _of_body(scene: Scene, name: str, field: RandomField) -> Iterator[str]:
     if body.section_scale is not None:
         what = "its section_scale changes the mesh that the field is over; give numbers to one of them"
         yield problem(f"{entry}.body", what, field.body)
+    if body.matrices is not None:
+        what = "its matrices are assembled, and nothing of them is known place by place; give it a mesh"
+        yield problem(f"{entry}.body", what, field.body)
     rectangle = body.element == "beam2d" and isinstance(body.section, Rectangle)
     affine = {"E": True, "rho": True, "width": rectangle, "thickness": body.element == "solid2d"}
     if not affine.get(field.quantity, False):

@@ -35,6 +35,10 @@ def stress_problems(scene: Scene, name: str, output: Stress) -> Iterator[str]:
     if body.section_scale is not None:
         why = f"a body with section_scale has no stress outputs; leave bodies.{output.body}.section_scale out"
         yield problem(f"{entry}.body", why, output.body)
+    if body.matrices is not None:
+        why = f"matrices do not tell stresses from displacements; give bodies.{output.body} a mesh, or leave it out"
+        yield problem(f"{entry}.body", why, output.body)
+        return
     yield from _quantity(entry, output, body)
     yield from _place(entry, output, body)
 

@@ -16,6 +16,7 @@ Sign = Literal["positive", "not negative", "any"]
 
 MATERIAL = {"E": "Pa", "rho": "kg/m3"}
 BODY = {"thickness": "m", "section_scale": "1"}
+MATRICES = ("stiffness_scale", "mass_scale")
 SECTION = {
     "radius": "m",
     "width": "m",
@@ -94,6 +95,8 @@ def uses_of(scene: Scene) -> Iterator[Use]:
         for key, unit in BODY.items():
             if getattr(body, key) is not None:
                 yield Use(f"bodies.{name}.{key}", getattr(body, key), "positive", (unit,))
+        for key in MATRICES if body.matrices is not None else ():
+            yield Use(f"bodies.{name}.matrices.{key}", getattr(body.matrices, key), "positive", ("1",))
         for key, size in body.section or ():
             if key != "shape":
                 sign = "not negative" if key == "rotary_density" and not body.flexible else "positive"

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from pgmp_petsc.bodies.affine import Monomial
+from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.matrices import assemble
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import check_slender
 from pgmp_petsc.components.trial import Trial
 from pgmp_petsc.effects import Effect, Load, actions_of, effects_of, loads_of, patterns_of
@@ -14,13 +18,13 @@ from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES, RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.null_space import null_space
-from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import start_of
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
 
 BYTES = 8
+ROUND_OFF = 1e-12  # of the largest moment of inertia
 #: What effects add that are neither loads nor local forces.
 ADDS = {
     "point_mass": lambda effect: f"part of the mass matrix at {effect.point}",
@@ -32,7 +36,7 @@ ADDS = {
 }
 
 
-def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
+def describe_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> str:
     """Return the report of ``pgmp check``.
 
     Raises
@@ -65,7 +69,12 @@ def describe_scene(scene: Scene, meshes: Mapping[str, LineMesh]) -> str:
             f"reduction.modes = {scene.reduction.modes}: the mesh has only {n_flexible} flexible modes; "
             "take fewer modes or a finer mesh"
         )
-    lines = [f"scene {scene.name}", *_bodies(mechanism), *_joints(mechanism, null.n_redundant, kinematics.n_redundant)]
+    lines = [
+        f"scene {scene.name}",
+        *_bodies(mechanism),
+        *_matrices(meshes),
+        *_joints(mechanism, null.n_redundant, kinematics.n_redundant),
+    ]
     for coordinate in coordinates:
         kind = ("periodic" if coordinate.periodic else "limited") + (", prescribed" if coordinate.prescribed else "")
         lines.append(f"  coordinate    {coordinate.name}: {coordinate.lower:.6g} to {coordinate.upper:.6g} rad, {kind}")
@@ -106,14 +115,36 @@ def _bodies(mechanism: Mechanism) -> list[str]:
             mesh = body.meshed.solid.mesh
             frames = ", ".join(f"{name} ({frame.nodes.size} nodes)" for name, frame in body.meshed.frames.items())
             lines.append(
-                f"  body          {body.name}: {mesh.n_nodes} nodes, {mesh.n_cells} {mesh.kind}, "
-                f"{body.meshed.solid.volume:.6g} m{mesh.dimension}, weights {stiffness}; frames {frames}"
+                f"  body          {body.name}: {mesh.n_nodes} nodes, {body.meshed.solid.described}, "
+                f"weights {stiffness}; frames {frames}"
             )
             continue
         lines.append(
             f"  body          {body.name}: {body.n_nodes} nodes, {len(body.mesh.cells)} elements, "
             f"{body.mesh.lengths.sum():.6g} m, weights {stiffness}"
         )
+    return lines
+
+
+def _matrices(meshes: Mapping[str, BodyShape]) -> list[str]:
+    """Return the mass properties of bodies from matrices at factors of 1, and what their stiffness looks like."""
+    lines = []
+    for name, body in meshes.items():
+        if isinstance(body, Assembled):
+            found = body.properties
+            centre = ", ".join(f"{x:.6g}" for x in found.centre)
+            moments = found.inertia[np.triu_indices(len(found.inertia))]
+            kept = np.where(np.abs(moments) > ROUND_OFF * np.abs(moments).max(), moments, 0.0)
+            inertia = ", ".join(f"{x:.6g}" for x in kept)
+            which = "" if len(found.inertia) == 1 else " (xx, xy, xz, yy, yz, zz)"
+            lines += [
+                f"  matrices      {name}: {found.mass:.6g} kg, centre of mass ({centre}) m, inertia about it{which} "
+                f"{inertia} kg m2",
+                f"                {body.n_rigid} rigid-body motions without stiffness, waves along x at "
+                f"{body.wave_speed:.4g} m/s; its points are means over "
+                f"{'areas of faces' if body.groups else 'nodes that count alike'}; whether nothing else is free, and K "
+                "positive, a build finds out",
+            ]
     return lines
 
 
@@ -208,11 +239,10 @@ def describe_trial(trial: Trial) -> str:
 def _condensing(mechanism: Mechanism) -> list[str]:
     """Estimate what condensing the continuum bodies holds."""
     solids = [body.meshed.solid for body in mechanism.bodies if body.meshed is not None]
-    entries = sum(solid.mesh.n_cells * (solid.mesh.dimension * solid.mesh.cells.shape[1]) ** 2 for solid in solids)
+    entries = sum(solid.n_entries for solid in solids)
     largest = max(solids, key=lambda solid: solid.n_dofs)
-    # neighbouring cells share entries: about half of those of all elements are left
     return [
-        f"  memory        sparse matrices about {_size(0.5 * entries * (BYTES + 4) * 2)}, factors more (--trial "
+        f"  memory        sparse matrices about {_size(entries * (BYTES + 4) * 2)}, factors more (--trial "
         f"measures them); {largest.name} has {largest.n_dofs} unknowns"
     ]
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 
 from pgmp_petsc.bodies.random_fields import field_remarks
-from pgmp_petsc.mesh.line_mesh import LineMesh, read_line_mesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mesh.line_mesh import read_line_mesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
 from pgmp_petsc.outputs.stress import check_stresses
@@ -45,7 +45,7 @@ def read_scene(
     settings: Sequence[str],
     comm: MPI.Comm,
     purpose: Purpose,
-) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
+) -> tuple[Scene, dict[str, BodyShape]]:
     """Read a scene, with remarks on what it says that probably is not meant, and its meshes. Collective on `comm`.
 
     Raises
@@ -54,13 +54,13 @@ def read_scene(
         If the scene or a mesh cannot be read, says what cannot be meant, or has what the purpose cannot do with it.
     """
 
-    def read() -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
+    def read() -> tuple[Scene, dict[str, BodyShape]]:
         return with_meshes(load_scene(path, overrides, settings), purpose)
 
     return on_root(comm, read)
 
 
-def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, LineMesh | SolidMesh]]:
+def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodyShape]]:
     """Return a scene with its remarks, and its meshes; by one process. Raises as `read_scene`."""
     meshes = {name: _mesh_of(scene, name) for name in scene.bodies}
     check_capabilities(scene, purpose, meshes)
@@ -68,10 +68,15 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, LineMe
     return scene.with_remarks((*plausibility(scene, meshes), *field_remarks(scene, meshes))), meshes
 
 
-def _mesh_of(scene: Scene, name: str) -> LineMesh | SolidMesh:
+def _mesh_of(scene: Scene, name: str) -> BodyShape:
     body = scene.bodies[name]
     if body.line is not None:
         return straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
+    if body.matrices is not None:
+        # takes a noticeable time, and only such bodies need it
+        from pgmp_petsc.bodies.assembled_reading import read_assembled
+
+        return read_assembled(scene, name)
     path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
     if not body.continuum:
         return read_line_mesh(path, entry, body.dimension)

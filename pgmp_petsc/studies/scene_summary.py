@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from pgmp_petsc.bodies.assembled import Assembled
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
@@ -20,7 +21,7 @@ def summary_of_scene(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str,
     return {
         "scene": scene.name,
         "dimension": scene.dimension,
-        "bodies": {body.name: _body(scene, body) for body in mechanism.bodies},
+        "bodies": {body.name: _body(scene, body) | _mass_of(meshes.get(body.name)) for body in mechanism.bodies},
         "joints": {name: {"type": joint.type, "connect": list(joint.connect)} for name, joint in scene.joints.items()},
         "coordinates": {
             coordinate.name: {
@@ -54,3 +55,11 @@ def _body(scene: Scene, body) -> dict[str, Any]:
     n_cells = len(body.shape.cells) if solid is None else solid.n_cells
     return {"element": scene.bodies[body.name].element if body.name in scene.bodies else "point mass",
             "flexible": body.flexible, "nodes": n_nodes, "cells": n_cells}  # fmt: skip
+
+
+def _mass_of(mesh: BodyShape | None) -> dict[str, Any]:
+    """Return mass (kg), centre of mass (m) and inertia about it (kg m2) of a body from matrices, at factors of 1."""
+    if not isinstance(mesh, Assembled):
+        return {}
+    found = mesh.properties
+    return {"mass": found.mass, "centre": found.centre.tolist(), "inertia": found.inertia.tolist()}

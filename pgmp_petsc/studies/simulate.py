@@ -15,7 +15,6 @@ from pgmp_petsc.dynamics.settled_start import require_settled, start_remarks
 from pgmp_petsc.dynamics.smaller_steps import Attempt, integrate_with_smaller_steps
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.coverage import (
-    CURE,
     absence_of_estimates,
     is_estimated,
     left_out_of_estimates,
@@ -24,6 +23,7 @@ from pgmp_petsc.indicator.coverage import (
 )
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator, Estimate
 from pgmp_petsc.indicator.validity import Validity, remarks_of
+from pgmp_petsc.mechanism.capabilities import comparing
 from pgmp_petsc.models import FullModel, ReducedModel
 from pgmp_petsc.results.errors import EstimatedErrors
 from pgmp_petsc.results.trajectory import Trajectory
@@ -33,7 +33,7 @@ from pgmp_petsc.runtime.groups import first_ranks
 from pgmp_petsc.runtime.progress import Progress, progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
-from pgmp_petsc.scene import scene_to_toml
+from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, with_weights
 from pgmp_petsc.studies.full_record import FullRecord
@@ -255,7 +255,7 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     elif watched is not None:
         with timings.phase("errors"):
             estimate = watched.estimate(status)
-        remarks += [*steps, *_not_estimated(estimate), *left_out_of_estimates(model)]
+        remarks += [*steps, *_not_estimated(estimate, model.scene), *left_out_of_estimates(model)]
     else:
         remarks += [*steps, *absence_of_estimates(model.scene)]
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
@@ -279,7 +279,7 @@ def _progress(name: str, attempt: Attempt, comm: MPI.Comm) -> Progress:
     return progress(count_steps(*_span(attempt.simulation)), name + again, comm)
 
 
-def _not_estimated(estimate: Estimate) -> list[Remark]:
+def _not_estimated(estimate: Estimate, scene: Scene) -> list[Remark]:
     """Return which outputs have no estimate although the scene's errors can be estimated."""
     unknown = [name for name, largest in estimate.largest.items() if not np.isfinite(largest[0])]
     if not unknown:
@@ -288,7 +288,7 @@ def _not_estimated(estimate: Estimate) -> list[Remark]:
     return [
         note(
             f"errors were not estimated for {names}: the full-order equations could not be solved about this motion; "
-            f"{CURE}"
+            f"{comparing(scene)}"
         )
     ]
 

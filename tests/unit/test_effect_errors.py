@@ -385,7 +385,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mesh and line": (
         ('bodies.rod.mesh="rod.msh"',),
         (
-            "bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line is "
+            "bodies.rod.line = { length = 0.7, elements = 2 }: exactly one of mesh, line, matrices is "
             "needed; mesh and line are given",
         ),
     ),

@@ -64,8 +64,8 @@ ENTRIES = [
                 scene,
                 "bodies.crank.line={length=0.3, elements=4}",
                 (
-                    "bodies.crank.line = { length = 0.3, elements = 4 }: exactly one of mesh, line is needed; "
-                    "mesh and line are given"
+                    "bodies.crank.line = { length = 0.3, elements = 4 }: exactly one of mesh, line, matrices is "
+                    "needed; mesh and line are given"
                 ),
             ),
             (

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pgmp_petsc.bodies.assembled import Assembled
+from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.mesh.straight_beam import straight_beam
@@ -43,7 +45,7 @@ class Size:
     frequency_hz: float
 
 
-def sizes_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> dict[str, Size]:
+def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     """Return the proportions of bodies whose mesh is given, and of all straight beams."""
     sizes = {}
     for name, body in scene.bodies.items():
@@ -51,7 +53,8 @@ def sizes_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> dict[s
         if mesh is None and body.line is not None:
             mesh = straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
         if mesh is not None:
-            sizes[name] = _beam(scene, body, mesh) if isinstance(mesh, LineMesh) else _solid(scene, body, mesh)
+            of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}[type(mesh)]
+            sizes[name] = of(scene, body, mesh)
     return sizes
 
 
@@ -171,6 +174,45 @@ def _solid(scene: Scene, body: Body, mesh: SolidMesh) -> Size:
     volume = float(np.prod(extents)) * (1.0 if body.thickness is None else scene.number(body.thickness))
     frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
     return Size(length, thickness, density * volume, frequency)
+
+
+def _assembled(scene: Scene, body: Body, mesh: Assembled) -> Size:
+    extents = np.sort(np.ptp(mesh.nodes, axis=0))[::-1]
+    length, thickness, speed = float(extents[0]), float(extents[-1]), _speed(scene, body, mesh)
+    mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
+    frequency = 0.5 * math.pi * thickness / math.sqrt(12.0) * speed / length**2 if body.flexible else 0.0
+    return Size(length, thickness, mass, frequency)
+
+
+def _speed(scene: Scene, body: Body, mesh: Assembled) -> float:
+    """Return the speed of waves along x, m/s."""
+    given = body.matrices
+    return mesh.wave_speed * math.sqrt(scene.number(given.stiffness_scale) / scene.number(given.mass_scale))
+
+
+def matrix_findings(scene: Scene, meshes: Mapping[str, BodyShape]) -> Iterator[Finding]:
+    """Yield matrices of materials that do not exist: as a rule of other units than the scene says."""
+    for name, mesh in meshes.items():
+        if not isinstance(mesh, Assembled):
+            continue
+        body, entry = scene.bodies[name], f"bodies.{name}.matrices.units"
+        units = body.matrices.units.model_dump()
+        speed, box = _speed(scene, body, mesh), float(np.prod(np.ptp(mesh.nodes, axis=0)))
+        mass = scene.number(body.matrices.mass_scale) * mesh.properties.mass
+        if not WAVE_SPEEDS[0] <= speed <= WAVE_SPEEDS[1]:
+            yield doubt(
+                entry,
+                f"with these, waves run through {name} at {speed:.3g} m/s, outside {WAVE_SPEEDS[0]:g} to "
+                f"{WAVE_SPEEDS[1]:,.0f} m/s, which solids have; programs that take mm and N have mass in t",
+                units,
+            )
+        if mesh.dimension == 3 and mass / box > DENSITIES[1]:
+            yield doubt(
+                entry,
+                f"with these, {name} has {mass:.3g} kg in a box of {box:.3g} m3, more than solids have (up to "
+                f"{DENSITIES[1]:,.0f} kg/m3); programs that take mm and N have mass in t",
+                units,
+            )
 
 
 def _material(scene: Scene, body: Body) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from pgmp_petsc.mesh.solid_mesh import SolidMesh
 from pgmp_petsc.runtime.remarks import Remark, warning
 from pgmp_petsc.scene import Scene
 from pgmp_petsc.scene.messages import input_error
-from pgmp_petsc.studies.plausibility.bodies import body_findings, material_findings, sizes_of
+from pgmp_petsc.studies.plausibility.bodies import body_findings, material_findings, matrix_findings, sizes_of
 from pgmp_petsc.studies.plausibility.loads import load_findings
 from pgmp_petsc.studies.plausibility.motion import motion_findings
 from pgmp_petsc.studies.plausibility.parameters import parameter_findings
@@ -42,6 +42,7 @@ def plausibility(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh] | None
             parameter_findings(scene),
             material_findings(scene),
             body_findings(scene, sizes),
+            matrix_findings(scene, meshes or {}),
             load_findings(scene, sizes),
             motion_findings(scene, sizes),
             setting_findings(scene, sizes),

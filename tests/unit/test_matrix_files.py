@@ -1,0 +1,233 @@
+"""Matrices and nodes from the files of other programs: every format holds the same body, and says what it lacks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from assembled import (
+    GAP,
+    WRITERS,
+    labels_of,
+    write_abaqus,
+    write_csv,
+    write_inp,
+    write_node_arrays,
+)
+from solids import body_of, matrices_of, mesh_of
+
+from pgmp_petsc.mesh.matrix_files import MatrixFile, read_matrix
+from pgmp_petsc.mesh.matrix_rows import in_order_of_nodes, read_rows
+from pgmp_petsc.mesh.node_file import NodeFile, read_nodes
+from pgmp_petsc.runtime.errors import InputError
+
+MESH = mesh_of("quad8", (3, 1), (0.3, 0.05))
+STIFFNESS, MASS = matrices_of(body_of(MESH, 2e9, 7800.0))
+IN_SPACE = mesh_of("hexahedron", (2, 1, 1), (0.2, 0.05, 0.04))
+
+
+def nodes_of(mesh=MESH) -> NodeFile:
+    return NodeFile(mesh.nodes, labels_of(mesh), {})
+
+
+def found(file: MatrixFile, nodes: NodeFile | None = None, rows=None) -> np.ndarray:
+    return in_order_of_nodes(file, rows, nodes or nodes_of(), "matrix", "nodes").toarray()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_every_format_has_the_same_matrix(kind: str, tmp_path: Path) -> None:
+    WRITERS[kind](tmp_path / kind, STIFFNESS, MESH)
+    read = read_matrix(tmp_path / kind, "matrix")
+    # 16 digits of the shortest one
+    np.testing.assert_allclose(found(read), STIFFNESS.toarray(), rtol=1e-15, atol=1e-15 * STIFFNESS.max())
+
+
+def test_files_of_one_ending_are_told_apart(tmp_path: Path) -> None:
+    path = tmp_path / "k.mtx"
+    for kind, labelled in (("abaqus.mtx", True), ("coordinate.mtx", False), ("market.mtx", False)):
+        WRITERS[kind](path, MASS, MESH)
+        assert (read_matrix(path, "matrix").rows is not None) == labelled
+
+
+def test_a_triangle_and_the_whole_matrix_are_the_same(tmp_path: Path) -> None:
+    for triangle in (True, False):
+        write_abaqus(tmp_path / f"{triangle}.mtx", MASS, MESH, triangle)
+    one, other = (found(read_matrix(tmp_path / f"{triangle}.mtx", "matrix")) for triangle in (True, False))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_rows_of_abaqus_find_their_nodes_in_any_order(tmp_path: Path) -> None:
+    write_abaqus(tmp_path / "m.mtx", MASS, MESH)
+    order = np.random.default_rng(3).permutation(MESH.n_nodes)
+    shuffled = NodeFile(MESH.nodes[order], labels_of(MESH)[order], {})
+    unknowns = (2 * order[:, None] + np.arange(2)).ravel()
+    read = found(read_matrix(tmp_path / "m.mtx", "matrix"), shuffled)
+    np.testing.assert_allclose(read, MASS.toarray()[np.ix_(unknowns, unknowns)], rtol=1e-15)
+
+
+def test_a_list_of_rows_says_where_they_belong(tmp_path: Path) -> None:
+    order = np.random.default_rng(4).permutation(MASS.shape[0])
+    sp.save_npz(tmp_path / "m.npz", MASS[order][:, order].tocsr())
+    lines = ["  Matrix Eqn    Node   DOF"]
+    lines += [f"{k + 1:8d} {GAP * (row // 2 + 1):8d}   {('UX', 'UY')[row % 2]}" for k, row in enumerate(order)]
+    (tmp_path / "m.mapping").write_text("\n".join(lines))
+    rows = read_rows(tmp_path / "m.mapping", "rows")
+    np.testing.assert_array_equal(found(read_matrix(tmp_path / "m.npz", "matrix"), rows=rows), MASS.toarray())
+
+
+@pytest.mark.parametrize("mesh", [MESH, IN_SPACE], ids=["plane", "space"])
+@pytest.mark.parametrize("suffix", [".inp", ".csv", ".npz"])
+def test_every_file_of_nodes_has_the_same_nodes(mesh, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"nodes{suffix}"
+    {".inp": write_inp, ".csv": write_csv, ".npz": write_node_arrays}[suffix](path, mesh, 1e-3)
+    read = read_nodes(path, mesh.dimension, "nodes")
+    np.testing.assert_allclose(1e-3 * read.nodes, mesh.nodes, rtol=1e-15, atol=1e-17)
+    np.testing.assert_array_equal(read.labels, labels_of(mesh))
+    if suffix != ".csv":
+        np.testing.assert_array_equal(np.sort(read.sets["left"]), np.unique(mesh.groups["left"]))
+    assert (read.mesh is not None) == (suffix == ".inp")
+
+
+def test_nodes_without_cells_and_with_mixed_cells_have_sets_alone(tmp_path: Path) -> None:
+    write_inp(tmp_path / "bare.inp", MESH, cells=False)
+    shell = (tmp_path / "bare.inp").read_text() + "*ELEMENT, TYPE=S8R\n1, 10, 20, 30, 40, 50, 60, 70, 80\n"
+    (tmp_path / "shells.inp").write_text(shell)
+    for name in ("bare.inp", "shells.inp"):
+        read = read_nodes(tmp_path / name, 2, "nodes")
+        assert read.mesh is None and set(read.sets) == {"left", "right", "bottom", "top"}
+
+
+def test_sets_of_abaqus_by_ranges_by_other_sets_and_in_pieces(tmp_path: Path) -> None:
+    write_inp(tmp_path / "nodes.inp", MESH)
+    more = "*NSET, NSET=some, GENERATE\n10, 50, 20\n*NSET, NSET=some\n20,\n*NSET, NSET=all of them\nsome, 60\n"
+    (tmp_path / "nodes.inp").write_text((tmp_path / "nodes.inp").read_text() + more)
+    read = read_nodes(tmp_path / "nodes.inp", 2, "nodes")
+    np.testing.assert_array_equal(read.sets["some"], [0, 1, 2, 4])
+    np.testing.assert_array_equal(read.sets["all of them"], [0, 1, 2, 4, 5])
+
+
+def text(content: str) -> bytes:
+    return content.encode()
+
+
+FIVE = "10,1, 10,1, 2.0\n"
+MATRIX_CASES = {
+    "missing": (None, "no such file"),
+    "empty": (b"", "no format that is known"),
+    "prose": (b"a matrix\nof words\n", "no format that is known"),
+    "ragged": (text(FIVE + "1 2 3\n"), "number of columns changed"),
+    "words for numbers": (b"1, 1, x, 1, 2.0\n", "cannot be read as a matrix"),
+    "no whole numbers": (b"1.5 1 2.0\n", "no whole numbers"),
+    "rows from 0": (b"0 0 2.0\n", "count from 1"),
+    "not finite": (b"1 1 nan\n", "not finite"),
+    "nastran": (b"$ punch\nDMIG    KAAX           0       6       1       0\n", "pyNastran"),
+    "market, damaged": (b"%%MatrixMarket matrix coordinate real general\n2 2 9\n1 1 1.0\n", "cannot be read"),
+    "market, complex": (b"%%MatrixMarket matrix coordinate complex general\n1 1 1\n1 1 1.0 2.0\n", "complex"),
+    "market, not square": (b"%%MatrixMarket matrix coordinate real general\n1 2 1\n1 2 1.0\n", "a square matrix"),
+    "harwell-boeing, complex": (
+        text(f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nCSA{1:25d}{1:14d}{1:14d}{0:14d}\n(I8) (I8) (D25.16)\n"),
+        "CSA",
+    ),
+    "harwell-boeing, cut off": (
+        text(f"{'m':<80}\n{3:14d}{1:14d}{1:14d}{1:14d}{0:14d}\nRSA{4:25d}{4:14d}{9:14d}{0:14d}\n(I8) (I8) (D25.16)\n"),
+        "are announced",
+    ),
+    "zip": (b"PK\x03\x04 and no more", "cannot be read as a matrix"),
+}
+
+
+@pytest.mark.parametrize(("content", "words"), MATRIX_CASES.values(), ids=MATRIX_CASES)
+def test_what_is_no_matrix_is_refused_by_name(content: bytes | None, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "k.mtx"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match="^matrix: .*" + words):
+        read_matrix(path, "matrix")
+
+
+def test_arrays_that_are_no_sparse_matrix_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "k.npz", K=np.eye(2))
+    with pytest.raises(InputError, match="the arrays K; what scipy.sparse.save_npz"):
+        read_matrix(tmp_path / "k.npz", "matrix")
+
+
+def labelled(*rows: tuple[int, int]) -> MatrixFile:
+    return MatrixFile(sp.eye(len(rows), format="csr"), np.array(rows))
+
+
+TWO = NodeFile(np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([10, 20]), {})
+ROW_CASES = {
+    "internal": (labelled((10, 1), (-1, 1)), "internal nodes, such as -1"),
+    "rotations": (labelled((10, 1), (10, 6)), "of rotations of nodes; .* mesh the body here"),
+    "out of the plane": (labelled((10, 1), (10, 3)), "has the direction 3; those of a solid2d body"),
+    "no direction": (labelled((10, 0)), "has the direction 0"),
+    "other nodes": (labelled((10, 1), (30, 1)), "rows of 1 nodes that nodes does not hold, the first are 30"),
+    "twice": (labelled((10, 1), (10, 1)), "node 10, direction 1 has two rows"),
+    "other size": (MatrixFile(sp.eye(5, format="csr")), "5 by 5 entries, but 2 nodes .* have 4 displacements"),
+    "those of shells": (MatrixFile(sp.eye(12, format="csr")), "6 unknowns a node look like"),
+}
+
+
+@pytest.mark.parametrize(("file", "words"), ROW_CASES.values(), ids=ROW_CASES)
+def test_rows_of_another_body_are_refused_by_name(file: MatrixFile, words: str) -> None:
+    with pytest.raises(InputError, match="^matrix: .*" + words):
+        found(file, TWO)
+
+
+def test_a_list_of_rows_of_another_length_is_refused() -> None:
+    with pytest.raises(InputError, match="it has 4 rows, and the list of rows has 2"):
+        found(MatrixFile(sp.eye(4, format="csr")), TWO, np.array([[10, 1], [10, 2]]))
+
+
+LIST_CASES = {
+    "missing": ("1 10 UX\n3 20 UX\n", "row 2 is not in it"),
+    "twice": ("1 10 UX\n1 20 UX\n", "row 1 is there twice"),
+    "no direction": ("1 10 TEMP\n", "line 1 is '1 10 TEMP'"),
+    "empty": ("rows\n", "row 1 is not in it"),
+}
+
+
+@pytest.mark.parametrize(("content", "words"), LIST_CASES.values(), ids=LIST_CASES)
+def test_lists_of_rows_that_lack_something_are_refused(content: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "rows").write_text(content)
+    with pytest.raises(InputError, match="^rows: " + words):
+        read_rows(tmp_path / "rows", "rows")
+
+
+NODE_CASES = {
+    "words": ("nodes.csv", "node,x,y\n1,a,b\n", "cannot be used"),
+    "few columns": ("nodes.csv", "1,2\n", "two or three coordinates"),
+    "twice": ("nodes.csv", "1,0,0\n1,1,0\n", "node 1 is there twice"),
+    "not finite": ("nodes.csv", "1,0,0\n2,nan,0\n", "not finite"),
+    "off the plane": ("nodes.csv", "1,0,0,0\n2,1,0,1\n", "off the plane"),
+    "fractions": ("nodes.csv", "1.5,0,0\n", "whole numbers"),
+    "no card": ("nodes.inp", "*HEADING\nof nothing\n", "no nodes"),
+    "twice, cards": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NODE\n1, 1, 0, 0\n", "node 1 is there twice"),
+    "included": ("nodes.inp", "*INCLUDE, INPUT=more.inp\n", "includes other files"),
+    "lost": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*NSET, NSET=a\n7\n", "names node 7, which is not there"),
+    "short": ("nodes.inp", "*NODE\n1, 0, 0, 0\n*ELEMENT, TYPE=CPS4\n1, 1, 1, 1\n", "have 4 nodes each"),
+    "no numbers": ("nodes.inp", "*NODE\none, 0, 0, 0\n", "cannot be used"),
+}
+
+
+@pytest.mark.parametrize(("name", "content", "words"), NODE_CASES.values(), ids=NODE_CASES)
+def test_files_that_are_no_nodes_are_refused(name: str, content: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match="^nodes: .*" + words):
+        read_nodes(tmp_path / name, 2, "nodes")
+
+
+ARRAY_CASES = {
+    "no nodes": ({"points": np.eye(2)}, "the array nodes"),
+    "labels": ({"nodes": np.eye(2), "labels": np.arange(3)}, "the array labels"),
+    "set": ({"nodes": np.eye(2), "tip": np.array([7])}, 'the set "tip" has node 7'),
+}
+
+
+@pytest.mark.parametrize(("arrays", "words"), ARRAY_CASES.values(), ids=ARRAY_CASES)
+def test_arrays_that_are_no_nodes_are_refused(arrays: dict, words: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "nodes.npz", **arrays)
+    with pytest.raises(InputError, match="^nodes: .*" + words):
+        read_nodes(tmp_path / "nodes.npz", 2, "nodes")

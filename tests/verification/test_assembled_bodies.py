@@ -1,0 +1,179 @@
+"""Bodies from matrices against the meshes that these were assembled from: modes, mechanisms, motion, mass."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from assembled import WRITERS, labels_of, write_body, write_csv
+from mpi4py import MPI
+import scipy.sparse as sp
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+from solid_scenes import GRAVITY, HEIGHT, THICKNESS, solid_meshes, solid_slider_crank
+from solids import body_of, matrices_of, mesh_of
+from spatial import SLIDER_CRANK as IN_SPACE
+from spatial import bar
+
+from pgmp_petsc.bodies.affine import Quantity
+from pgmp_petsc.bodies.assembled import Assembled, AssembledBody
+from pgmp_petsc.bodies.assembled_reading import read_assembled
+from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.components.component_modes import condense
+from pgmp_petsc.experiments.reference import component_model
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.build import build_rom
+from pgmp_petsc.runtime.groups import RankGroup
+from pgmp_petsc.scene import Scene, scene_from_toml
+from pgmp_petsc.studies.check import describe_scene
+from pgmp_petsc.studies.simulate import simulate_full, simulate_reduced
+
+MODULUS, DENSITY, N_MODES = 210e9, 7800.0, 6
+MM_T_S = (1e-3, 1e3, 1.0)
+UNITS = 'units={length="mm", mass="t"}'
+# what frequencies owe to the round-off of files with 16 digits, and to that of two eigensolvers
+SAME = 1e-9
+MOVING = ("simulation.initial.theta.velocity=4.0", "simulation.duration=0.05", "simulation.step=1e-3")
+
+
+def steel(mesh: SolidMesh, thickness: float = 1.0):
+    return body_of(mesh, MODULUS * thickness, DENSITY * thickness)
+
+
+def scene_with(table: str, *overrides: str, **others: str) -> Scene:
+    """Return the plane slider-crank with the rod from matrices."""
+    return solid_slider_crank(GRAVITY, f'bodies.rod={{element="solid2d", matrices={table}}}', *overrides)
+
+
+def written(folder: Path, kind: str = "abaqus.mtx", units=(1.0, 1.0, 1.0), extra: str = "") -> Scene:
+    """Return that scene with the files of its rod of `solid_meshes`."""
+    mesh = solid_meshes()["rod"]
+    stiffness, mass = matrices_of(steel(mesh, THICKNESS))
+    table = write_body(folder, "rod", mesh, stiffness, mass, kind, units)
+    return scene_with(table.replace("}", f"{', ' if extra else ''}{extra}}}"), f"reduction.modes={N_MODES}", *MOVING)
+
+
+def frequencies(stiffness: sp.spmatrix, mass: sp.spmatrix) -> np.ndarray:
+    """Return the first elastic frequencies, Hz, by a factor with a shift: dense solvers err by 1e-16 of the largest
+    eigenvalue, 2e-9 of the first frequency here."""
+    n = N_MODES + (3 if stiffness.shape[0] == 2 * solid_meshes()["rod"].n_nodes else 6)
+    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    values = eigsh(stiffness, n, mass, sigma=-1e5, v0=start, return_eigenvectors=False)
+    return np.sqrt(np.sort(values)[-N_MODES:]) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("units", [(1.0, 1.0, 1.0), MM_T_S], ids=["SI", "mm, t, s"])
+@pytest.mark.parametrize("kind", WRITERS)
+def test_free_frequencies_are_those_of_the_mesh_in_the_plane(kind: str, units, tmp_path: Path) -> None:
+    body = read_assembled(written(tmp_path, kind, units, UNITS if units == MM_T_S else ""), "rod")
+    known = frequencies(*matrices_of(steel(solid_meshes()["rod"], THICKNESS)))
+    np.testing.assert_allclose(frequencies(body.matrix("stiffness"), body.matrix("mass")), known, rtol=SAME)
+
+
+@lru_cache
+def in_space() -> tuple[SolidMesh, np.ndarray, np.ndarray]:
+    mesh = bar(0.3, 1.0, 3, 3)
+    return mesh, *matrices_of(steel(mesh))
+
+
+@pytest.mark.parametrize("kind", ["abaqus.mtx", "hbmat.matrix"])
+def test_condensed_bodies_in_space_have_the_free_frequencies_of_the_mesh(kind: str, tmp_path: Path) -> None:
+    mesh, stiffness, mass = in_space()
+    table = write_body(tmp_path, "rod", mesh, stiffness, mass, kind, MM_T_S).replace("}", f", {UNITS}}}")
+    scene = scene_from_toml(IN_SPACE, ".", (f'bodies.rod={{element="solid3d", matrices={table}}}',))
+    points = {"hinge": "one", "tip": "other"}
+    framed = FramedSolid.assembled("rod", scene.bodies["rod"], read_assembled(scene, "rod"), points)
+    component = condense(framed.solid, framed.frames, [{}], N_MODES, MPI.COMM_SELF)[0]
+    (small_mass,), (small_stiffness,) = component.mass.values(), component.stiffness.values()
+    squares = eigh(small_stiffness, small_mass, eigvals_only=True)[6 : 6 + N_MODES]
+    np.testing.assert_allclose(np.sqrt(squares) / (2.0 * np.pi), frequencies(stiffness, mass), rtol=SAME)
+    # and frames are the same means over the same faces
+    own = FramedSolid.of("rod", scene.bodies["crank"], scene.materials, mesh, points)
+    for name, frame in own.frames.items():
+        np.testing.assert_allclose(framed.frames[name].centre, frame.centre, rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(np.sort(framed.frames[name].weights), np.sort(frame.weights), rtol=1e-12)
+
+
+def rom_of(scene: Scene, meshes: dict):
+    with RankGroup.split(MPI.COMM_SELF, 1) as group:
+        return build_rom(scene, meshes, group)
+
+
+@lru_cache
+def on_the_mesh() -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return frequencies over the angles, and outputs of the reduced and of the component run, of the meshes."""
+    return runs_of(solid_slider_crank(GRAVITY, f"reduction.modes={N_MODES}", *MOVING), solid_meshes())
+
+
+def runs_of(scene: Scene, meshes: dict) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    rom = rom_of(scene, meshes)
+    stiffness, mass = rom.tables.stiffness[:, 0], rom.tables.mass[:, 0]
+    reduced = simulate_reduced(ReducedModel(scene, rom), MPI.COMM_SELF)
+    whole = simulate_full(component_model(scene, meshes, MPI.COMM_SELF), MPI.COMM_SELF)
+    squares = [eigh(k, m[1:, 1:], eigvals_only=True) for k, m in zip(stiffness, mass)]
+    return np.sqrt(np.array(squares)[:, :N_MODES]) / (2.0 * np.pi), reduced.outputs, whole.outputs
+
+
+def test_a_mechanism_moves_as_with_the_mesh(tmp_path: Path) -> None:
+    scene = written(tmp_path, "abaqus.mtx", MM_T_S, UNITS)
+    meshes = solid_meshes() | {"rod": read_assembled(scene, "rod")}
+    found, known = runs_of(scene, meshes), on_the_mesh()
+    # the condensed answers of the frames are exact to 1e-10; deformations are differences of motions
+    np.testing.assert_allclose(found[0], known[0], rtol=1e-9)
+    for own, other in zip(found[1:], known[1:]):
+        for name, values in other.items():
+            np.testing.assert_allclose(own[name], values, rtol=0, atol=1e-8 * np.abs(values).max(), err_msg=name)
+
+
+def test_mass_properties_are_those_of_the_mesh(tmp_path: Path) -> None:
+    length, width = 0.7, HEIGHT
+    scene = written(tmp_path)
+    body = read_assembled(scene, "rod")
+    found = body.properties
+    assert found.mass == pytest.approx(DENSITY * THICKNESS * length * width, rel=1e-12)
+    np.testing.assert_allclose(found.centre, (0.3 + 0.5 * length, 0.0), atol=1e-12)
+    np.testing.assert_allclose(found.inertia, [[found.mass * (length**2 + width**2) / 12.0]], rtol=1e-12)
+    # plane stress, without lateral strain
+    assert body.wave_speed == pytest.approx(np.sqrt(MODULUS / (1.0 - 0.3**2) / DENSITY), rel=1e-9)
+    said = describe_scene(scene, solid_meshes() | {"rod": body})
+    assert "rod: 0.5379" in said and "3 rigid-body motions without stiffness" in said
+
+
+def test_a_rigid_body_has_the_inertia_of_its_matrices(tmp_path: Path) -> None:
+    mesh, stiffness, mass = in_space()
+    table = write_body(tmp_path, "rod", mesh, stiffness, mass)
+    of_matrices = f'bodies.rod={{element="solid3d", flexible=false, matrices={table}}}'
+    scene = scene_from_toml(IN_SPACE, ".", (of_matrices,))
+    body = read_assembled(scene, "rod")
+    (found,) = AssembledBody("rod", body, Quantity(1.0), Quantity(1.0)).second_moments().values()
+    (known,) = steel(mesh).second_moments().values()
+    np.testing.assert_allclose(found, known, rtol=1e-12, atol=1e-15 * np.abs(known).max())
+    np.testing.assert_allclose(body.properties.inertia[0, 0], known[1, 1] + known[2, 2], rtol=1e-9)
+
+
+def test_factors_scale_stiffness_and_mass(tmp_path: Path) -> None:
+    scene = written(tmp_path)
+    body = AssembledBody("rod", read_assembled(scene, "rod"), Quantity.of("s"), Quantity.of(2.0))
+    nodes = range(3, 7)
+    ((weight, rows),) = body.stiffness(nodes).items()
+    assert str(weight) == "s" and body.weights("stiffness") == {weight}
+    whole = body.mesh.matrix("stiffness")[6:14]
+    assert abs(rows - whole).max() == 0.0
+    (rows,) = body.mass(nodes).values()
+    assert abs(rows - 2.0 * body.mesh.matrix("mass")[6:14]).max() == 0.0
+
+
+def test_points_may_be_numbers_of_nodes_that_count_alike(tmp_path: Path) -> None:
+    mesh = mesh_of("quad", (4, 2), (0.4, 0.1))
+    stiffness, mass = matrices_of(steel(mesh))
+    write_csv(tmp_path / "nodes.csv", mesh)
+    body = Assembled.of(mesh.nodes, labels_of(mesh), {}, None, stiffness, mass)
+    chosen = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
+    frame = body.frame(tuple(int(n) for n in labels_of(mesh)[chosen]), "entry")
+    np.testing.assert_allclose(frame.centre, (0.0, 0.05), atol=1e-15)
+    # a rigid motion of the nodes is that of the frame
+    turn = np.column_stack([-mesh.nodes[:, 1], mesh.nodes[:, 0]]).ravel()
+    np.testing.assert_allclose(frame.functionals(mesh.n_nodes) @ turn, (-0.05, 0.0, 1.0), atol=1e-14)
