@@ -92,6 +92,15 @@ class Motion:
         """All places that anything is at, shape (n, 3), m."""
         return np.concatenate([skin.points.reshape(-1, 3) for skin in self.skins])
 
+    def only(self, number: int) -> Motion:
+        """Return one instant alone."""
+        one = slice(number, number + 1) if number >= 0 else slice(len(self.captions) + number, len(self.captions))
+        skins = (
+            replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
+            for skin in self.skins
+        )
+        return replace(self, skins=tuple(skins), captions=self.captions[one], peak=0)
+
     @property
     def flat(self) -> bool:
         """Whether all of it stays in the plane."""

@@ -42,7 +42,7 @@ def solids(run: Trajectory, at: float | None = None, exaggeration: float = 1.0, 
         If there is nothing to draw, `at` is outside the run, or there is nothing to draw with.
     """
     motion = motion_of(run, "mises", exaggeration, label)
-    number, why = motion.peak, ", where it is largest"
+    number, why = motion.peak, ", when it is largest"
     if at is not None:
         time = run.frames.time
         if not time[0] <= at <= time[-1]:
@@ -59,10 +59,11 @@ def has_solids(run: Trajectory) -> bool:
 @styled
 def still(motion: Motion, number: int, why: str = "") -> Figure:
     """Return the picture of an instant; `why` follows its caption."""
-    frame = Surround(motion, motion.captions[number] + why)
+    motion = motion.only(number)
+    frame = Surround(motion, motion.captions[0] + why)
     with Stage(motion, *frame.size) as stage:
         frame.measure(stage.metre)
-        frame.axes.imshow(stage.picture(number), interpolation="antialiased", aspect="auto")
+        frame.axes.imshow(stage.picture(0), interpolation="antialiased", aspect="auto")
     return frame.figure
 
 

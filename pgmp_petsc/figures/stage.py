@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 COLOURS = "viridis"
 RIGID, PLAIN = "#B9BEC4", "#7FA6C9"
-EDGE = "#2B2B2B"
+EDGE = "#3A3A3A"
 WINDOWS = {"vtkEGLRenderWindow": "libEGL.so.1", "vtkOSOpenGLRenderWindow": "libOSMesa.so.8"}
 OLDEST = (9, 4)  # of VTK: older ones end the process where there is no display
 THINNEST = 1.5e-3  # radius of beams over the size of the picture: thinner ones are drawn so
@@ -115,6 +115,7 @@ class Stage:
         self._plotter = self._pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
         try:
             self._plotter.set_background("white")
+            self._plotter.enable_anti_aliasing("ssaa")
             self._drawn = [_Drawn(self._pyvista, self._plotter, skin, motion, self._thinnest) for skin in motion.skins]
             depth = float(np.ptp(motion.points @ view[2]))
             centre = 0.5 * (low + high)
@@ -179,7 +180,7 @@ class _Drawn:
             plotter.add_mesh(self._mesh, smooth_shading=not motion.flat, show_scalar_bar=False, **look, **colour)
             lines = np.column_stack([np.full(len(skin.edges), 2), skin.edges])
             self._edges = pyvista.PolyData(skin.points[0].astype(float), lines=lines.ravel())
-            actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.2, lighting=False)
+            actor = plotter.add_mesh(self._edges, color=EDGE, line_width=1.0, opacity=0.45, lighting=False)
             actor.mapper.resolve = "polygon_offset"
             return
         if len(skin.edges):
@@ -218,11 +219,14 @@ class _Drawn:
         """Return beams as tubes, or a point mass as a ball."""
         skin = self._skin
         if not len(skin.edges):
-            return self._pyvista.Sphere(3.0 * self._radius, skin.points[number][0])
+            return self._pyvista.Sphere(radius=3.0 * self._radius, center=skin.points[number][0])
         self._line.points = skin.points[number][self._line["number"]]
         if skin.values is not None:
             self._line["rgb"] = self._rgb(number, self._line["number"])
-        return self._line.tube(radius=self._radius, n_sides=20, capping=True)
+        tube = self._line.tube(radius=self._radius, n_sides=20, capping=True)
+        if skin.values is not None:
+            tube.set_active_scalars("rgb")  # VTK draws what is active
+        return tube
 
     def _rgb(self, number: int, nodes: np.ndarray) -> np.ndarray:
         """Return colours of nodes as bytes, shape (n, 3); grey where the value is not known."""

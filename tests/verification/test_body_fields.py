@@ -1,4 +1,4 @@
-"""Bodies over a run's frames: a cantilever in pure bending, read back from XDMF; instants; modes; bodies of every kind."""
+"""Bodies over a run's frames: a cantilever in pure bending, read back from XDMF; modes; bodies of every kind."""
 
 from __future__ import annotations
 
