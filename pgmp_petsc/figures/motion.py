@@ -101,6 +101,11 @@ class Motion:
         )
         return replace(self, skins=tuple(skins), captions=self.captions[one], peak=0)
 
+    def together(self, numbers: np.ndarray) -> Motion:
+        """Return several instants as one."""
+        parts = [self.only(int(number)) for number in numbers]
+        return replace(parts[-1], skins=tuple(skin for part in parts for skin in part.skins))
+
     @property
     def flat(self) -> bool:
         """Whether all of it stays in the plane."""
