@@ -161,10 +161,11 @@ class ReducedModel:
         stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
         return self.outputs.observed(self.output_frames_of(eta), stresses)
 
-    def fields(self) -> ReducedFields:
-        """Return what makes the fields of bodies from reduced coordinates: of those that frames are kept of."""
-        bodies, frames = self.kinematics.mechanism.bodies, self.scene.simulation.frames
-        seen = FieldSet.of(self.scene, bodies, self.meshes, frames)
+    def fields(self, n_frames: int | None = None) -> ReducedFields:
+        """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
+        asks for by default."""
+        frames = self.scene.simulation.frames if n_frames is None else n_frames
+        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, self.meshes, frames)
         return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:

@@ -7,15 +7,18 @@ that is enlarged takes no joint apart but for what is of second order in it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
 from pgmp_petsc.models.field_points import FieldPoints, FieldSet
 from pgmp_petsc.outputs.outputs import joint_angle
 from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.remarks import Remark, note
 
 
@@ -42,6 +45,33 @@ def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, flo
     n = fields.at_once if fields.seen.points else max(1, len(eta))
     with np.errstate(all="ignore"):
         return joined([fields.of(eta[first : first + n], values) for first in range(0, len(eta), n)])
+
+
+def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
+    """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
+
+    Raises
+    ------
+    InputError
+        If the run is not of this model, an instant is outside it, or no mesh is known.
+    """
+    instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
+    n_eta = tables.n_coordinates + tables.n_modes
+    columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
+    if run.model != "reduced" or columns.shape[1] != n_eta:
+        raise InputError(
+            f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}; "
+            "give the reduced model that it was made with"
+        )
+    outside = instants[~((instants >= run.time[0]) & (instants <= run.time[-1]))]
+    if outside.size:
+        raise InputError(f"times: {outside[0]:g} s is outside the run, from {run.time[0]:g} to {run.time[-1]:g} s")
+    eta = np.stack([np.interp(instants, run.time, column) for column in columns.T], axis=1)
+    fields = model.fields(instants.size)
+    if not fields.seen.points:
+        raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
+    nodal = np.moveaxis(model.frames_of(eta), 2, 0)
+    return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
 
 
 def rigid_poses(kinematics: RigidKinematics, nodal: np.ndarray) -> np.ndarray:

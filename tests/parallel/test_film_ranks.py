@@ -22,7 +22,8 @@ def test_one_rank_draws(n: int, mpirun: Callable, tmp_path: Path) -> None:
         ["animate", str(tmp_path / "run.h5"), "-o", str(tmp_path / "none.gif")],
     ]
     done = mpirun(n, "-c", IN_TURN, json.dumps(commands))
-    assert [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")] == [[0] * n, [2] * n, [2] * n]
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    assert statuses == [[0] * n, [2] * n, [2] * n]
     assert done.stderr.count("--mode 99") == 1 and done.stderr.count("nothing of this run is known") == 1
     assert "Traceback" not in done.stderr and not (tmp_path / "none.gif").exists()
     mpirun(1, "-c", IN_TURN, json.dumps([[*commands[0][:-1], str(tmp_path / "one.gif")]]))
