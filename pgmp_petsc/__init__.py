@@ -19,6 +19,7 @@ _NAMES = {
     "simulate": "api.runs",
     "montecarlo": "api.runs",
     "sensitivities": "api.runs",
+    "fields": "api.fields",
     "write_report": "api.pages",
     "Result": "api.result",
     "Rom": "api.result",

@@ -145,6 +145,12 @@ class BeamStrains:
         return cls.of(body, elements, ends.astype(float), held)
 
     @classmethod
+    def in_middles(cls, body: Body) -> BeamStrains:
+        """Take the middles of all elements."""
+        n = len(body.mesh.cells)
+        return cls(body, np.arange(n), np.full(n, 0.5), sp.identity(n, format="csr"))
+
+    @classmethod
     def at_place(cls, body: Body, place: np.ndarray, held: Collection[int] = ()) -> BeamStrains | None:
         """Take a place on a body, shape (d,), m, in every element that it is in; None where it is in none."""
         mesh = body.mesh

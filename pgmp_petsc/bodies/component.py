@@ -48,7 +48,8 @@ class Component:
     centre_of_mass
         Of a rigid body, whose unknowns are its displacement and rotation there, shape (d,), m; None of a flexible one.
     recovery
-        T and the mesh, where stresses are asked for.
+        T and the mesh, where stresses are asked for or where they are small; of a rigid body the rigid motions of its
+        mesh. None where they are not known.
     large
         What is of second order in y; None where it is not known: of rigid bodies, of scaled cross-sections, and of
         bodies read back from a reduced model, whose tables hold it.

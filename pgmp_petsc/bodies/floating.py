@@ -61,7 +61,7 @@ class FloatingBody:
     curved
         ``int rho X_k chi_l dV`` by weight, shape (d, d, n, n); empty likewise.
     recovery
-        The fields on the mesh, where stresses are asked for.
+        The fields on the mesh, of condensed bodies as far as these have them.
     parts
         Small displacement and rotation of the frame, and amplitudes, that a unit of every unknown of the condensed body
         is, shape (n_rigid + n, n_rigid + n); None of a body of beams.

@@ -24,10 +24,13 @@ class Recovery:
     shapes
         Displacements (of beams and rotations) of the nodes in the body's frame for a unit of each coordinate, node
         after node, shape (n_mesh_dofs, n).
+    answered
+        Whether the shapes hold the body's static answers to its own inertia forces, as stress outputs ask for.
     """
 
     carrier: SolidMesh | Body
     shapes: np.ndarray
+    answered: bool = True
 
     @property
     def by_node(self) -> np.ndarray:

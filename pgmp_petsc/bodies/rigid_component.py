@@ -7,12 +7,16 @@ motion that has the momenta of the fields: the inertia forces of any motion are 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.section import SpatialSection
+from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.runtime.errors import InputError
 
@@ -35,7 +39,15 @@ def rigid_component(meshed: FramedSolid) -> Component:
     frames = {name: number for number, name in enumerate(meshed.frames)}
     centres = np.array([frame.centre for frame in meshed.frames.values()])
     ((weight, second),) = moments.items()
-    return _component(frames, centres, weight, second, solid.n_dofs)
+    component = _component(frames, centres, weight, second, solid.n_dofs)
+    if not isinstance(solid, Solid):  # matrices have no cells to be drawn
+        return component
+    mesh = solid.mesh
+    fields = _rigid(mesh.dimension, component.centre_of_mass)
+    d = mesh.dimension
+    shapes = fields[:d] + np.einsum("nj,ijr->nir", mesh.nodes, fields[d:].reshape(d, d, -1))
+    shapes = shapes.reshape(-1, fields.shape[1])
+    return replace(component, recovery=Recovery(mesh, shapes))
 
 
 def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Component:

@@ -133,6 +133,14 @@ class SolidStrains:
         return cls(mesh, chosen, _gradients(mesh, chosen), weights, points[:, 0], points[:, 1])
 
     @classmethod
+    def in_cells(cls, mesh: SolidMesh, materials: Sequence[np.ndarray]) -> SolidStrains:
+        """Take the mean strain of the sampling points of every cell, which is that in its middle: of no other cell."""
+        cells, gradients = np.arange(mesh.n_cells), _gradients(mesh, np.arange(mesh.n_cells))
+        n_g = gradients.shape[1]
+        weights = sp.kron(sp.identity(mesh.n_cells), np.full((1, n_g), 1.0 / n_g), format="csr")
+        return cls(mesh, cells, gradients, weights, _owners(mesh, materials), np.full(mesh.n_cells, -1))
+
+    @classmethod
     def at_place(cls, mesh: SolidMesh, materials: Sequence[np.ndarray], place: np.ndarray) -> SolidStrains | None:
         """Take the strain at a place of the mesh, shape (d,), m: that of the nodes, interpolated as displacements are.
 

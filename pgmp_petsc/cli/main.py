@@ -52,6 +52,7 @@ COMMANDS = {
     "fit": LazyCommand("pgmp_petsc.cli.fit:fit", "Fit parameters to a measured history."),
     "optimize": LazyCommand("pgmp_petsc.cli.optimize:optimize", "Find the parameters that meet a goal best."),
     "plot": LazyCommand("pgmp_petsc.cli.plot:plot", "Draw result files as pictures.", False),
+    "animate": LazyCommand("pgmp_petsc.cli.animate:animate", "A run or a mode as a film, MP4 or GIF.", False),
     "report": LazyCommand("pgmp_petsc.cli.page:report", "Write results as one page that needs no network.", False),
     "export": LazyCommand(
         "pgmp_petsc.cli.export:export", "A trajectory for ParaView, a reduced model as C99 or FMU.", False

@@ -27,10 +27,16 @@ from pgmp_petsc.runtime.agreement import on_root
     show_default=True,
     metavar="FACTOR",
     type=click.FloatRange(min=1.0),
-    help="Enlarge the deformation in the picture of the mechanism.",
+    help="Enlarge the deformation in the pictures of the mechanism.",
+)
+@click.option(
+    "--at",
+    metavar="SECONDS",
+    type=float,
+    help="Instant of the picture of solids; that of the largest stress if not given.",
 )
 @click.pass_context
-def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float) -> None:
+def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggerate: float, at: float | None) -> None:
     """Draw result FILEs: what belongs together goes into one picture.
 
     Results of different scenes never share a picture: with several, the names of pictures end with those of the
@@ -39,13 +45,14 @@ def plot(context: click.Context, files: tuple[Path, ...], output: Path, exaggera
 
     Tables of modes become frequencies.png or, with two coordinates, frequency_maps.png. Trajectories become
     trajectories.png (full-order and reduced ones are compared where they are of one case); the first that has
-    them gives mechanism.png, energies.png and, with two coordinates, coordinate_path.png. Ensembles become
+    them gives mechanism.png, energies.png, of solids solids.png (surfaces with von Mises' stress in colour) and, with
+    two coordinates, coordinate_path.png. Ensembles become
     densities.png and, each ensemble by itself, bands.png (outputs over time) and sobol.png (which parameters
     matter), rare events rare_event.png, trade-off studies tradeoff.png, tradeoff_total.png and tradeoff_mesh.png.
     """
     from pgmp_petsc.figures.collection import draw
 
-    for line in on_root(context.obj.comm, draw, files, output, exaggerate):
+    for line in on_root(context.obj.comm, draw, files, output, exaggerate, at):
         say(context, line)
     for line in on_root(context.obj.comm, stopped_runs, *files):
         say(context, line)

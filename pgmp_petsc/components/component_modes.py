@@ -49,6 +49,7 @@ TOLERANCE = 1e-10  # relative error of compliances, and so of eigenvalues; of mo
 MAX_ROUNDS = 12
 N_TESTS = 5  # values of lambda at which the interface's answers are tried
 N_PROBES = 64
+MOST_KEPT = 2**27  # bytes of a body's displacements that are kept without being asked for
 
 
 def condense(
@@ -83,7 +84,8 @@ def condense(
         What a factor may take on this rank, bytes; beyond that it is kept in files. None for as much as there is.
     stressed
         Whether stresses are asked for: the subspace then holds the static answers to all inertia forces of rigid
-        motion too, and the component keeps T and the mesh.
+        motion too, and the component keeps T and the mesh whatever their size. Otherwise it keeps them, for pictures,
+        where they are small (`MOST_KEPT`) and there is no scaled cross-section.
     large
         Whether what is of second order in the deformation will be asked for (`large_deformation.with_second_order`):
         the subspace then answers the inertia forces of the rigid motion as well.
@@ -140,9 +142,10 @@ def condense(
             component, recovery, section = _condensed(
                 solid, frames, points, subspace, loads, fields, (mass, stiffness), nodes, error
             )
-            if stressed:
+            small = section is None and recovery.shape[1] * solid.n_dofs * 8 <= MOST_KEPT
+            if isinstance(solid, Solid) and (stressed or small):  # matrices have no cells to show anything on
                 shapes = np.concatenate(comm.allgather(recovery))
-                component = replace(component, recovery=Recovery(solid.mesh, shapes))
+                component = replace(component, recovery=Recovery(solid.mesh, shapes, stressed))
     finally:
         for matrix in (*mass.values(), *stiffness.values()):
             matrix.destroy()

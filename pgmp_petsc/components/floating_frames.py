@@ -133,7 +133,7 @@ def _of_beams(scene: Scene, body: Body, points: Mapping[str, str]) -> FloatingBo
         bent, curved = foreshortened(curvature, shapes, moments)
         for weight, part in _turned_sections(body, modes).items():
             curved[weight] = curved.get(weight, 0.0) + part
-    kept = Recovery(body, modes) if stressed else None
+    kept = Recovery(body, modes, stressed)
     return FloatingBody(frames, body.mesh.nodes[held], shapes, moments, reduced, bent, curved, kept)
 
 

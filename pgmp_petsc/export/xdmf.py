@@ -17,8 +17,8 @@ import h5py
 import numpy as np
 
 from pgmp_petsc import __version__
+from pgmp_petsc.results.body_fields import GROUP, PLACES
 from pgmp_petsc.results.layout import frame_name
-from pgmp_petsc.results.stress_fields import GROUP, SHAPE
 from pgmp_petsc.runtime.claims import check_output
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import open_file, replacing, shapes_of, take
@@ -43,8 +43,8 @@ def write_xdmf(trajectory_path: str | os.PathLike[str], xdmf_path: str | os.Path
     """Write the XDMF description of a trajectory's frames and return their number; by one process only.
 
     Every frame holds the positions of all nodes at that instant, the line cells, and on the nodes the
-    displacement from the first frame (m), the rotation (rad) and the number of the body. A body that a stress output
-    names has a series of its own beside this one, with its cells and the stresses on their nodes.
+    displacement from the first frame (m), the rotation (rad) and the number of the body. A body whose field is stored
+    has a series of its own beside this one, with its cells, displacements, and stresses at nodes and in cells.
 
     Raises
     ------
@@ -106,18 +106,17 @@ def _tree(file: h5py.File, heavy: str) -> tuple[ElementTree.ElementTree, int]:
             _refer(_attribute(grid, attribute, "Scalar" if data.ndim == 1 else "Vector"), data, heavy)
         _refer(_attribute(grid, "body", "Scalar"), file["mesh/body"], heavy)
     for body, group in file.get(GROUP, {}).items():
-        _add_stresses(domain, body, group, time, heavy)
+        _add_field(domain, body, group, time, heavy)
     return ElementTree.ElementTree(root), len(time)
 
 
-def _add_stresses(domain: ElementTree.Element, body: str, group: h5py.Group, time: np.ndarray, heavy: str) -> None:
-    """Add the series of a body with stresses."""
-    name = f"stress {body}"
-    series = ElementTree.SubElement(domain, "Grid", Name=name, GridType="Collection", CollectionType="Temporal")
-    cells, quantities = group["cells"], [name for name in group if name not in SHAPE]
+def _add_field(domain: ElementTree.Element, body: str, group: h5py.Group, time: np.ndarray, heavy: str) -> None:
+    """Add the series of a body with its real cells."""
+    series = ElementTree.SubElement(domain, "Grid", Name=body, GridType="Collection", CollectionType="Temporal")
+    cells = group["cells"]
     for number, instant in enumerate(time):
         frame = frame_name(number)
-        grid = ElementTree.SubElement(series, "Grid", Name=f"frame {frame}", GridType="Uniform")
+        grid = ElementTree.SubElement(series, "Grid", Name=f"{body} {frame}", GridType="Uniform")
         ElementTree.SubElement(grid, "Time", Value=repr(float(instant)))
         topology = ElementTree.SubElement(
             grid, "Topology", NumberOfElements=str(len(cells)), **TOPOLOGY[str(cells.attrs["kind"])]
@@ -125,13 +124,16 @@ def _add_stresses(domain: ElementTree.Element, body: str, group: h5py.Group, tim
         _refer(topology, cells, heavy)
         geometry = ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ")
         _refer(geometry, group[f"points/{frame}"], heavy)
-        for quantity in quantities:
-            _refer(_attribute(grid, quantity, "Scalar"), group[f"{quantity}/{frame}"], heavy)
+        for vector in ("displacement", "deformation"):
+            _refer(_attribute(grid, vector, "Vector"), group[f"{vector}/{frame}"], heavy)
+        for place, centre in zip(PLACES, ("Node", "Cell")):
+            for quantity, values in group.get(place, {}).items():
+                _refer(_attribute(grid, quantity, "Scalar", centre), values[frame], heavy)
 
 
-def _attribute(grid: ElementTree.Element, name: str, kind: str) -> ElementTree.Element:
-    """Add an attribute on the nodes."""
-    return ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
+def _attribute(grid: ElementTree.Element, name: str, kind: str, centre: str = "Node") -> ElementTree.Element:
+    """Add an attribute on the nodes or on the cells."""
+    return ElementTree.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center=centre)
 
 
 def _refer(parent: ElementTree.Element, dataset: h5py.Dataset, heavy: str) -> None:

@@ -27,6 +27,7 @@ from pgmp_petsc.figures.mechanism import mechanism
 from pgmp_petsc.figures.rare_event import rare_event
 from pgmp_petsc.figures.sensitivities import sensitivities
 from pgmp_petsc.figures.sobol import sobol
+from pgmp_petsc.figures.solids import has_solids, solids
 from pgmp_petsc.figures.stopping import stopping
 from pgmp_petsc.figures.style import MODELS, save, scene_name
 from pgmp_petsc.figures.tradeoff import mesh_costs, online_costs, total_costs
@@ -50,7 +51,7 @@ Result = TypeVar("Result", ModesTable, Trajectory, Ensemble, Tradeoff, Derivativ
 Sourced = list[tuple[Path, Result]]  # results and the files that they come from
 
 
-def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> list[str]:
+def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0, at: float | None = None) -> list[str]:
     """Draw result files into ``directory`` and return the paths written, one line each; by one process only.
 
     Results of different mechanisms are never in one picture: the pictures' names then end with those of the scenes.
@@ -77,7 +78,7 @@ def draw(files: Sequence[Path], directory: Path, exaggeration: float = 1.0) -> l
     _make(directory)
     pictures: dict[Path, Callable[[], Figure]] = {}
     for results, ending in zip(scenes.values(), _endings([found[0][1] for found in scenes.values()])):
-        of_scene, notes = _of_scene(results, exaggeration)
+        of_scene, notes = _of_scene(results, exaggeration, at)
         pictures |= {directory / f"{name}{ending}.png": picture for name, picture in of_scene.items()}
         lines += [note.replace(".png", f"{ending}.png") for note in notes]
     for target in pictures:
@@ -108,13 +109,13 @@ def draw_result(result: Result, directory: Path) -> str:
     return str(save(picture(result), check_output(directory / f"{name}.png", "picture")))
 
 
-def _of_scene(results: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
+def _of_scene(results: Sourced, exaggeration: float, at: float | None) -> tuple[Pictures, list[str]]:
     """Return the pictures of one scene's results, and lines on what is left out."""
     tables, runs, ensembles, studies = (
         [(path, result) for path, result in results if isinstance(result, kind)]
         for kind in (ModesTable, Trajectory, Ensemble, Tradeoff)
     )
-    of_runs, notes = _of_runs(runs, exaggeration)
+    of_runs, notes = _of_runs(runs, exaggeration, at)
     of_ensembles, left_out = _of_ensembles(ensembles)
     pictures, notes = {**_of_modes(tables), **of_runs, **of_ensembles}, notes + left_out
     for study, name in _numbered([study for _, study in studies], "tradeoff"):
@@ -170,7 +171,7 @@ def _of_modes(tables: Sourced) -> Pictures:
     return {name: partial(frequency_maps, table, label=label) for (table, name), label in numbered}
 
 
-def _of_runs(runs: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
+def _of_runs(runs: Sourced, exaggeration: float, at: float | None) -> tuple[Pictures, list[str]]:
     """Return the pictures of runs: all outputs together; shapes, energies and path of the first run that has them.
 
     Lines say which run that is where there are several, and what is left out.
@@ -184,6 +185,7 @@ def _of_runs(runs: Sourced, exaggeration: float) -> tuple[Pictures, list[str]]:
     label_of = {id(run): label for model in MODELS for run, label in _told_apart(found, files, model)}
     of_one = {
         "mechanism": (partial(mechanism, exaggeration=exaggeration), lambda run: run.frames is not None),
+        "solids": (partial(solids, at=at, exaggeration=exaggeration), has_solids),
         "energies": (energies, lambda run: run.balance is not None),
         "coordinate_path": (coordinate_path, lambda run: len(run.coordinate_units) == 2),
     }

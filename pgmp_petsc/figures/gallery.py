@@ -1,5 +1,7 @@
 """The gallery: a small picture of every scene, with the mechanism at several instants and one telling curve.
 
+Solids are shown by their surfaces, with von Mises' stress in colour.
+
     python -m pgmp_petsc.figures.gallery RUNS IMAGES
 
 Read from the directory RUNS: ``<scene>.h5``, trajectories with frames, which `scripts/gallery` leaves there. Written to
@@ -9,15 +11,22 @@ IMAGES: ``gallery_<scene>.png``.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from PIL import Image
 
+from pgmp_petsc.figures.motion import motion_of
 from pgmp_petsc.figures.shapes import Shapes, TimeColours
+from pgmp_petsc.figures.solids import has_solids
+from pgmp_petsc.figures.stage import COLOURS, Stage, bounds_of
 from pgmp_petsc.figures.style import QUIET, axis_label, axis_unit, new_figure, save, styled, top_legend
 from pgmp_petsc.results import Trajectory
 from pgmp_petsc.runtime.ending import guarded
@@ -64,7 +73,7 @@ PORTRAITS = {
     "spinning_beam": Portrait("Spin-up of a beam", "tip_deflection", 5.0, until=7.0),
     "quick_return": Portrait("Quick-return mechanism", "ram_deformation", 5.0, until=0.59, n_instants=7),
     "double_four_bar": Portrait("Double four-bar, rigid", "pin_x", until=1.7, n_instants=6),
-    "spatial_slider_crank": Portrait("Spatial slider-crank of solids", "slider_position", n_instants=7),
+    "spatial_slider_crank": Portrait("Spatial slider-crank of solids", "slider_position", n_instants=4),
 }
 
 
@@ -72,7 +81,7 @@ PORTRAITS = {
 def portrait(run: Trajectory, shown: Portrait) -> Figure:
     """Draw a run's shapes, equally spaced in the motion of its coordinates, beside the curve of an output.
 
-    Dots on the curve have the colours of the shapes.
+    Dots on the curve have the colours of the shapes; those of surfaces are their stresses, and dots are grey.
 
     Raises
     ------
@@ -83,6 +92,8 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
         raise InputError(
             f"the run has no frames or no output '{shown.output}'; simulate the scene with simulation.frames=401"
         )
+    if has_solids(run):
+        return _portrait_of_solids(run, shown)
     factor, unit = axis_unit("m", *run.frames.positions.values())
     shapes = Shapes.of(run.frames, shown.exaggeration, factor)
     low, high = shapes.limits
@@ -100,9 +111,37 @@ def portrait(run: Trajectory, shown: Portrait) -> Figure:
     left.set_ylim(low[1] - FOOT * (high - low)[1], high[1])
     left.set_aspect("equal")
     left.axis("off")
-    _draw_curve(right, run, shown.output, run.frames.time[instants], colours)
-    enlarged = f", deformation × {shown.exaggeration:g}" if shown.exaggeration != 1.0 else ""
-    top_legend(figure, shapes.keys(), f"{shown.title}{enlarged}")
+    _draw_curve(right, run, shown.output, run.frames.time[instants], colours.at)
+    top_legend(figure, shapes.keys(), f"{shown.title}{_enlarged(shown)}")
+    return figure
+
+
+def _enlarged(shown: Portrait) -> str:
+    return f", deformation × {shown.exaggeration:g}" if shown.exaggeration != 1.0 else ""
+
+
+def _portrait_of_solids(run: Trajectory, shown: Portrait) -> Figure:
+    """As `portrait`, with the surfaces of all instants in front of one camera."""
+    motion = motion_of(run, scale=shown.exaggeration)
+    # at the start nothing is stressed; the colours reach up to the instant of the largest stress
+    instants = np.unique([*spaced_by_motion(run, shown.n_instants, shown.until)[1:], motion.peak])
+    motion = motion.together(instants)
+    low, high, _ = bounds_of(motion)
+    share = np.clip((HEIGHT - 0.6) / WIDTH * (high - low)[0] / (high - low)[1] + 0.1, NARROWEST, WIDEST)
+    figure = new_figure(WIDTH, HEIGHT)
+    left, right = (part.subplots() for part in figure.subfigures(1, 2, width_ratios=[share, 1.0 - share]))
+    left.axis("off")
+    colours = ScalarMappable(Normalize(0.0, motion.largest or 1.0), matplotlib.colormaps[COLOURS])
+    bar = left.figure.colorbar(colours, ax=left, location="bottom", shrink=0.8, aspect=30, pad=0.02)
+    bar.outline.set_visible(False)
+    bar.set_label(motion.quantity, fontsize=8.5)
+    _draw_curve(right, run, shown.output, run.frames.time[instants], lambda order: QUIET)
+    top_legend(figure, (), f"{shown.title}{_enlarged(shown)}")
+    figure.canvas.draw()
+    figure.set_layout_engine("none")
+    box = left.get_window_extent()
+    with Stage(motion, round(box.width), round(box.height)) as stage:
+        left.imshow(stage.picture(0), aspect="auto")
     return figure
 
 
@@ -161,14 +200,14 @@ def _draw_scale(axes: Axes, shapes: Shapes, unit: str) -> None:
     axes.annotate(f"{length:g} {unit}", (x + length, y), fontsize=8.5, color=QUIET, **beside)
 
 
-def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colours: TimeColours) -> None:
-    """Draw an output over time, with dots at the instants of the shapes."""
+def _draw_curve(axes: Axes, run: Trajectory, output: str, instants: np.ndarray, colour: Callable) -> None:
+    """Draw an output over time, with dots at the instants of the shapes, in the colours of their order."""
     values = run.outputs[output]
     factor, unit = axis_unit(run.units.get(output, "1"), values)
     axes.plot(run.time, values * factor, color=QUIET, linewidth=1.1)
     for order, instant in enumerate(instants):
         value = np.interp(instant, run.time, values) * factor
-        axes.plot(instant, value, "o", color=colours.at(order), markersize=5.0, zorder=3, clip_on=False)
+        axes.plot(instant, value, "o", color=colour(order), markersize=5.0, zorder=3, clip_on=False)
     axes.set_title(axis_label(output, unit), fontsize=9.5)
     axes.set_xlabel("time (s)")
     axes.set_xlim(run.time[0], run.time[-1])

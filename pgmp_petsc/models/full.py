@@ -23,7 +23,8 @@ from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.models.model import search_of, start_of
-from pgmp_petsc.models.stress_fields import FieldPoints, Fields
+from pgmp_petsc.models.body_fields import FullFields
+from pgmp_petsc.models.field_points import FieldSet
 from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
@@ -197,14 +198,11 @@ class FullModel:
         stresses = np.empty((0, frames.shape[2])) if self._stresses is None else self._stresses.of(q, values)
         return self.outputs.observed(frames[list(self.outputs.nodes)], stresses)
 
-    @property
-    def stress_points(self) -> dict[str, FieldPoints]:
-        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
-        return {} if self._stresses is None else self._stresses.points
-
-    def stress_fields(self, system: FullBatch | FullDistributed, state: State) -> Fields:
-        """Return the stresses over whole bodies of the only sample. Collective on the system's communicator."""
-        return {} if self._stresses is None else self._stresses.fields(system.unpack(state.q), system.values)
+    def fields(self) -> FullFields:
+        """Return what makes the fields of bodies from unknowns: of those that frames are kept of."""
+        unknowns = Unknowns(self.kinematics.mechanism)
+        seen = FieldSet.of(self.scene, unknowns.bodies, self.meshes, self.scene.simulation.frames)
+        return FullFields(seen, unknowns)
 
     def frames(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, n_frame, n_samples); in space with the coordinates behind."""

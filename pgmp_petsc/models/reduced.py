@@ -20,7 +20,8 @@ from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
-from pgmp_petsc.models.stress_fields import FieldPoints, Fields
+from pgmp_petsc.models.body_fields import ReducedFields
+from pgmp_petsc.models.field_points import FieldSet
 from pgmp_petsc.models.stresses import ReducedStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
@@ -160,14 +161,12 @@ class ReducedModel:
         stresses = np.empty((0, len(eta))) if self._stresses is None else self._stresses.of(eta, values)
         return self.outputs.observed(self.output_frames_of(eta), stresses)
 
-    @property
-    def stress_points(self) -> dict[str, FieldPoints]:
-        """Points of the stress fields of bodies, by name; empty where no output asks for stresses."""
-        return {} if self._stresses is None else self._stresses.points
-
-    def stress_fields_of(self, eta: np.ndarray, values: Mapping[str, float]) -> list[Fields]:
-        """Return the stresses over whole bodies for every row of reduced coordinates (n, n_eta)."""
-        return [{} if self._stresses is None else self._stresses.fields(row[None], values) for row in eta]
+    def fields(self, n_frames: int | None = None) -> ReducedFields:
+        """Return what makes the fields of bodies from reduced coordinates, for so many frames; for those that the scene
+        asks for by default."""
+        frames = self.scene.simulation.frames if n_frames is None else n_frames
+        seen = FieldSet.of(self.scene, self.kinematics.mechanism.bodies, self.meshes, frames)
+        return ReducedFields(seen, self.kinematics, self.rom, self.scene.reduction.interpolation)
 
     def frames_of(self, eta: np.ndarray) -> np.ndarray:
         """Return the frames of all nodes, shape (n_nodes, 3, n), for reduced coordinates (n, n_eta)."""

@@ -23,14 +23,10 @@ from pgmp_petsc.bodies.solid_strains import SolidStrains
 from pgmp_petsc.bodies.strain_kernel import products
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import on_mesh
-from pgmp_petsc.mechanism.space import Space
 from pgmp_petsc.mechanism.unknowns import Unknowns
-from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.mesh.solid_mesh import SolidMesh
-from pgmp_petsc.models.stress_fields import Fields, field_points
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.outputs.stress import StressOutput, Values
-from pgmp_petsc.reduction.interpolation import Interpolant, interpolant
+from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.reduction.second_order import pair_products
 from pgmp_petsc.scene import Scene
@@ -47,16 +43,10 @@ class FullStresses:
         The scene and its outputs.
     unknowns
         The numbering.
-
-    Attributes
-    ----------
-    points
-        Of the fields, by body.
     """
 
     def __init__(self, scene: Scene, outputs: OutputSet, unknowns: Unknowns) -> None:
         self._stresses, self._unknowns = outputs.stresses, unknowns
-        self.points = field_points(scene, unknowns.bodies, outputs)
         self._linear = {
             stress.name: linear_map(stress, unknowns.bodies[stress.body].floating.recovery.by_node)
             for stress in outputs.stresses
@@ -74,22 +64,6 @@ class FullStresses:
             return in_blocks(stress, lambda part: _times(self._linear[stress.name], q[body.internal, part]), q, values)
         return in_blocks(stress, lambda part: _of_unknowns(stress, body, self._unknowns, q[:, part]), q, values)
 
-    def fields(self, q: np.ndarray, values: Values) -> Fields:
-        """Return the stresses over whole bodies for unknowns (n_dofs, 1)."""
-        found = {}
-        for name, field in self.points.items():
-            body, frames = self._unknowns.bodies[field.number], self._unknowns.frames(q)
-            if body.floating is None:
-                strains = field.points.of_places(on_mesh(body, q) if body.meshed is not None else frames[body.nodes])
-                d = field.mesh.nodes.shape[1]
-                places = (on_mesh(body, q) if body.meshed is not None else frames[body.nodes][:, :d])[..., 0]
-            else:
-                moved = body.floating.recovery.by_node @ q[body.internal]
-                strains = field.points.of_displacements(moved)
-                places = _placed(self._unknowns.mechanism.space, frames[body.nodes.stop - 1, :, 0], field.mesh, moved)
-            found[name] = places, field.at_nodes(strains, values)
-        return found
-
 
 class ReducedStresses:
     """Stresses from reduced coordinates.
@@ -102,62 +76,64 @@ class ReducedStresses:
         Of the mechanism.
     rom
         The reduced model with its projection.
-
-    Attributes
-    ----------
-    points
-        Of the fields, by body.
     """
 
     def __init__(self, scene: Scene, outputs: OutputSet, kinematics: RigidKinematics, rom: ReducedOrderModel) -> None:
-        self._stresses, self._n_theta = outputs.stresses, kinematics.n_coordinates
-        self._kinematics, scheme = kinematics, scene.reduction.interpolation
-        self.points = field_points(scene, kinematics.mechanism.bodies, outputs)
-        self._bodies, self._curved = kinematics.mechanism.bodies, rom.curvature is not None
-        self._shapes: dict[int, Interpolant] = {}
-        for number in {stress.body for stress in outputs.stresses}:
-            self._shapes[number] = _shapes_of(rom, self._bodies[number], scheme)
+        self._stresses, self._bodies = outputs.stresses, kinematics.mechanism.bodies
+        self._amplitudes = {
+            number: Amplitudes(rom, self._bodies[number], scene.reduction.interpolation)
+            for number in {stress.body for stress in outputs.stresses}
+        }
         self._linear = {s.name: linear_map(s, _by_node(self._bodies[s.body])) for s in outputs.stresses}
 
     def of(self, eta: np.ndarray, values: Values) -> np.ndarray:
         """Return the stresses, shape (n_stresses, n), for eta (n, n_eta); values are numbers, or of shape (n,)."""
-        amplitudes = {number: self._amplitudes(shapes, eta) for number, shapes in self._shapes.items()}
+        amplitudes = {number: shapes.of(eta) for number, shapes in self._amplitudes.items()}
         rows = [self._of(stress, amplitudes[stress.body], values) for stress in self._stresses]
         return np.array(rows).reshape(len(rows), len(eta))
 
-    def fields(self, eta: np.ndarray, values: Values) -> Fields:
-        """Return the stresses over whole bodies for reduced coordinates (1, n_eta)."""
-        poses, found = self._kinematics.poses(eta[:, : self._n_theta]), {}
-        for name, field in self.points.items():
-            body = self._bodies[field.number]
-            y = self._amplitudes(self._shapes[field.number], eta)
-            moved = _by_node(body) @ y
-            strains = self._strains_of_beams(body, field.points, y) if self._curves(body) else None
-            strains = field.points.of_displacements(moved) if strains is None else strains
-            places = _placed(self._kinematics.mechanism.space, poses[field.number, :, 0], field.mesh, moved)
-            found[name] = places, field.at_nodes(strains, values)
-        return found
-
-    def _amplitudes(self, shapes: Interpolant, eta: np.ndarray) -> np.ndarray:
-        """Return the unknowns of a body in its frame, shape (n_dofs, n)."""
-        delta = np.ascontiguousarray(eta[:, self._n_theta :])
-        factors = np.hstack([delta, pair_products(delta)]) if self._curved else delta
-        return shapes.product(eta[:, : self._n_theta], factors).T
-
     def _of(self, stress: StressOutput, y: np.ndarray, values: Values) -> np.ndarray:
         body = self._bodies[stress.body]
-        if self._curves(body):
-            return in_blocks(stress, lambda part: self._strains_of_beams(body, stress.points, y[:, part]), y, values)
+        if self._amplitudes[stress.body].curved and body.is_planar_beam:
+            return in_blocks(stress, lambda part: strains_of_beams(body, stress.points, y[:, part]), y, values)
         return in_blocks(stress, lambda part: _times(self._linear[stress.name], y[:, part]), y, values)
 
-    def _curves(self, body: Body) -> bool:
-        return self._curved and body.is_planar_beam
 
-    def _strains_of_beams(self, body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:
-        """Return the strains of what is of second order in the deformation, for unknowns (n_dofs, n) in its frame."""
-        frames = y.reshape(body.n_nodes, body.node_dofs, -1).copy()
-        frames[:, :2] += body.mesh.nodes[:, :, None]
-        return points.of_places(frames)
+class Amplitudes:
+    """The unknowns of a body in its frame, from reduced coordinates.
+
+    Parameters
+    ----------
+    rom, body, scheme
+        The reduced model with its projection, the body, and the interpolation over the configurations.
+
+    Attributes
+    ----------
+    curved
+        Whether they are of second order in the flexible coordinates.
+    """
+
+    def __init__(self, rom: ReducedOrderModel, body: Body, scheme: str) -> None:
+        self.curved, self._n_theta = rom.curvature is not None, rom.tables.n_coordinates
+        shapes = [rom.projection[:, body.dofs]]
+        if self.curved:
+            shapes.append(rom.curvature[:, body.dofs])
+        table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
+        self._shapes = interpolant(rom.tables.samples, table, scheme)
+
+    def of(self, eta: np.ndarray) -> np.ndarray:
+        """Return them, shape (n_dofs, n), for reduced coordinates (n, n_eta)."""
+        delta = np.ascontiguousarray(eta[:, self._n_theta :])
+        factors = np.hstack([delta, pair_products(delta)]) if self.curved else delta
+        return self._shapes.product(eta[:, : self._n_theta], factors).T
+
+
+def strains_of_beams(body: Body, points: BeamStrains, y: np.ndarray) -> np.ndarray:
+    """Return the strains of planar beams, those of second order in the deformation among them, for unknowns (n_dofs, n)
+    in the body's frame."""
+    frames = y.reshape(body.n_nodes, body.node_dofs, -1).copy()
+    frames[:, :2] += body.mesh.nodes[:, :, None]
+    return points.of_places(frames)
 
 
 def linear_map(stress: StressOutput, by_node: np.ndarray) -> np.ndarray:
@@ -198,23 +174,8 @@ def _of_unknowns(stress: StressOutput, body: Body, unknowns: Unknowns, q: np.nda
     return stress.points.of_places(on_mesh(body, q) if body.meshed is not None else unknowns.frames(q)[body.nodes])
 
 
-def _placed(space: Space, pose: np.ndarray, mesh: SolidMesh | LineMesh, moved: np.ndarray) -> np.ndarray:
-    """Return positions (n_nodes, d) of nodes displaced in a frame at a pose (n_pose,); moved is (n_nodes, >= d, 1)."""
-    d = mesh.nodes.shape[1]
-    return space.place(pose[: space.n_pose], mesh.nodes + moved[:, :d, 0])[:, :d]
-
-
 def _by_node(body: Body) -> np.ndarray:
     """Return the displacements of nodes for a unit of each of a body's unknowns, (n_nodes, n_of_a_node, n)."""
     if body.is_beam:
         return np.eye(body.dofs.size).reshape(body.n_nodes, body.node_dofs, -1)
     return body.component.recovery.by_node
-
-
-def _shapes_of(rom: ReducedOrderModel, body: Body, scheme: str) -> Interpolant:
-    """Return the modes of a body's unknowns, and their curvatures, over the configurations."""
-    shapes = [rom.projection[:, body.dofs]]
-    if rom.curvature is not None:
-        shapes.append(rom.curvature[:, body.dofs])
-    table = np.ascontiguousarray(np.swapaxes(np.concatenate(shapes, axis=2), 1, 2))
-    return interpolant(rom.tables.samples, table, scheme)

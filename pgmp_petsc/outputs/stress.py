@@ -173,10 +173,10 @@ class StressOutput:
             If the place is not on the body's mesh, or the body was condensed without what stresses need.
         """
         entry = scene.outputs[name]
-        carrier = carrier_of(body)
-        if carrier is None:
+        carrier, recovery = carrier_of(body), recovery_of(body)
+        if carrier is None or recovery is not None and not recovery.answered:
             raise InputError(
-                f'outputs.{name}.body = "{entry.body}": the reduced model was built without the mesh of this body; '
+                f'outputs.{name}.body = "{entry.body}": the reduced model was built without what its stresses need; '
                 "name the output in the scene and run pgmp build again"
             )
         law = law_of(scene, entry.body, carrier)
@@ -190,8 +190,15 @@ def carrier_of(body: Body) -> SolidMesh | Body | None:
         return body
     if body.meshed is not None:
         return body.meshed.solid.mesh
-    recovery: Recovery | None = (body.component or body.floating).recovery
+    recovery = recovery_of(body)
     return None if recovery is None else recovery.carrier
+
+
+def recovery_of(body: Body) -> Recovery | None:
+    """Return what brings a body that is condensed or in a floating frame back to its mesh; None of others, and where it
+    is not known."""
+    condensed = body.component or body.floating
+    return None if condensed is None else condensed.recovery
 
 
 def law_of(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidLaw | BeamLaw:
@@ -222,6 +229,13 @@ def all_points(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidStrai
         return BeamStrains.at_ends(carrier, _held(scene, name, carrier))
     materials = [cells for _, cells in cells_of_materials(name, scene.bodies[name], carrier)]
     return SolidStrains.at_nodes(carrier, materials, np.arange(carrier.n_nodes))
+
+
+def cell_points(scene: Scene, name: str, carrier: SolidMesh | Body) -> SolidStrains | BeamStrains:
+    """Return the middles of all cells of a body, or of all elements of beams."""
+    if not isinstance(carrier, SolidMesh):
+        return BeamStrains.in_middles(carrier)
+    return SolidStrains.in_cells(carrier, [cells for _, cells in cells_of_materials(name, scene.bodies[name], carrier)])
 
 
 def _held(scene: Scene, name: str, body: Body) -> set[int]:

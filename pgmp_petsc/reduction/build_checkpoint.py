@@ -212,7 +212,7 @@ def _of_recovery(recovery: Recovery) -> dict[str, np.ndarray]:
     """Return the arrays of the mesh of a condensed body and of its displacements there."""
     mesh = recovery.carrier
     arrays = {"mesh_kind": np.array(mesh.kind), "mesh_nodes": mesh.nodes, "mesh_cells": mesh.cells}
-    arrays["mesh_shapes"] = recovery.shapes
+    arrays |= {"mesh_shapes": recovery.shapes, "mesh_answered": np.array(recovery.answered)}
     for name in NAMED:
         table = getattr(mesh, name)
         arrays[f"mesh_{name}"] = np.array(list(table), dtype=str)
@@ -225,4 +225,4 @@ def _recovery(arrays: Mapping[str, np.ndarray]) -> Recovery:
         name: {str(key): arrays[f"mesh_{name}_{k}"] for k, key in enumerate(arrays[f"mesh_{name}"])} for name in NAMED
     }
     mesh = SolidMesh(str(arrays["mesh_kind"]), arrays["mesh_nodes"], arrays["mesh_cells"], **named)
-    return Recovery(mesh, arrays["mesh_shapes"])
+    return Recovery(mesh, arrays["mesh_shapes"], bool(arrays["mesh_answered"]))

@@ -89,7 +89,7 @@ def _take_floating(group: h5py.Group, component: Component) -> FloatingBody:
     parts, kept = take(group, "parts", 2), component.recovery
     shapes = take(group, "shapes", 3)
     if kept is not None:
-        kept = Recovery(kept.carrier, kept.shapes @ np.linalg.inv(parts)[:, -shapes.shape[2] :])
+        kept = replace(kept, shapes=kept.shapes @ np.linalg.inv(parts)[:, -shapes.shape[2] :])
     return FloatingBody(
         frames=component.frames,
         centres=component.centres,
@@ -117,6 +117,7 @@ def _put_recovery(group: h5py.Group, recovery: Recovery) -> None:
     put(group, "nodes", mesh.nodes, "m", "coordinates in the body's frame")
     put(group, "cells", mesh.cells, "1", f"nodes of the cells, {mesh.kind}")
     group.attrs["kind"] = mesh.kind
+    group.attrs["answered"] = recovery.answered
     put(group, "shapes", recovery.shapes, "m, 1", f"(displacement of a node, unknown): {UNKNOWNS}")
     for name, about in (("groups", "nodes of the faces"), ("regions", "numbers of the cells")):
         table = group.create_group(name, track_order=True)
@@ -144,7 +145,7 @@ def _take_recovery(group: h5py.Group, fields: np.ndarray) -> Recovery:
             f"file '{group.file.filename}': {group.name} has shapes {shapes.shape}, not {wanted}, or cells beyond its "
             f"nodes; {BUILD_AGAIN}"
         )
-    return Recovery(mesh, shapes)
+    return Recovery(mesh, shapes, bool(group.attrs["answered"]))
 
 
 def _take_terms(group: h5py.Group, name: str, n_axes: int = 3) -> dict[Monomial, np.ndarray]:

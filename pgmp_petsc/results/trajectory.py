@@ -21,8 +21,8 @@ dataset                       shape                content
 ``/mesh/cells``               (n_cells, 2)         node numbers of the line cells
 ``/mesh/body``                (n_nodes)            body number; attributes ``names`` (JSON, in that order) and
                                                    ``rigid`` (JSON, the names of those that do not deform)
-``/stress/<body>``            see `stress_fields`  stresses over the bodies that stress outputs name, at the instants of
-                                                   the frames
+``/fields/<body>``            see `body_fields`    displacements and stresses over whole bodies at the instants of the
+                                                   frames
 ``/energy``, ``/work``        see `balance`        energies, work of each effect, and what is left of their balance
 ``/errors``                   see `errors`         estimated errors; of a reduced model where they can be
                                                    estimated, else a remark says why not
@@ -45,9 +45,9 @@ import numpy as np
 import h5py
 
 from pgmp_petsc.results.balance import Balance
+from pgmp_petsc.results.body_fields import BodyField, read_fields, write_fields
 from pgmp_petsc.results.errors import VALIDITY, EstimatedErrors
 from pgmp_petsc.results.layout import check_model, check_shape, frame_name, put_named, take_named, units_of
-from pgmp_petsc.results.stress_fields import StressField, read_fields, write_fields
 from pgmp_petsc.runtime.files import RunRecord, open_file, put, shapes_of, take, write_file
 
 
@@ -124,8 +124,8 @@ class Trajectory:
         By what the scene's step was divided.
     balance : Balance, optional
         Balance of energy.
-    stresses : dict of str to StressField
-        By body, at the instants of the frames.
+    fields : dict of str to BodyField
+        By body, at the instants of the frames; of the bodies whose meshes the model knows.
     """
 
     model: str
@@ -139,7 +139,7 @@ class Trajectory:
     frames: Frames | None = None
     errors: EstimatedErrors | None = None
     balance: Balance | None = None
-    stresses: dict[str, StressField] = field(default_factory=dict)
+    fields: dict[str, BodyField] = field(default_factory=dict)
     validity: dict[str, float] = field(default_factory=dict)
     status: int = 0
     steps_divided: int = 1
@@ -178,7 +178,7 @@ class Trajectory:
                 put(file, f"validity/{name}", float(value), *VALIDITY[name])
             if self.balance is not None:
                 self.balance.write(file)
-            write_fields(file, self.stresses)
+            write_fields(file, self.fields)
 
     def _attributes(self) -> dict[str, str | int]:
         return {"model": self.model, "status": self.status, "steps_divided": self.steps_divided}
@@ -201,7 +201,7 @@ class Trajectory:
                 frames=_read_frames(file) if "frames" in file else None,
                 errors=EstimatedErrors.read(file),
                 balance=Balance.read(file),
-                stresses=read_fields(file),
+                fields=read_fields(file),
                 validity={name: float(take(file["validity"], name, 0)) for name in file.get("validity", {})},
                 status=int(file.attrs.get("status", 0)),
                 steps_divided=int(file.attrs.get("steps_divided", 1)),

@@ -39,6 +39,7 @@ KINDS = {
 _OTHERS = {
     "xdmf": ("XDMF description", (".xdmf", ".xmf"), b"pgmp_petsc"),
     "picture": ("picture", (".png",), b"pgmp_petsc"),
+    "film": ("film", (".mp4", ".gif"), b"pgmp_petsc"),
     "report": ("report", (".html", ".htm"), b'name="generator" content="pgmp_petsc'),
     "fmu": ("functional mock-up unit", (".fmu",), b"written by pgmp_petsc"),
     "code": ("model in C", (".c", ".h"), b"written by pgmp_petsc"),
@@ -105,7 +106,7 @@ def check_output(
     output
         The file to be written.
     kind
-        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``report``, ``fmu``,
+        One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``, ``fmu``,
         ``code``, ``scaling``, ``beams``).
     inputs
         Files that are read for it.

@@ -12,7 +12,7 @@ from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.second_order_system import State
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.models import FullModel
-from pgmp_petsc.models.stress_fields import Fields
+from pgmp_petsc.models.body_fields import Fields, FullFields, joined as joined_fields
 
 
 class FullRecord:
@@ -22,8 +22,10 @@ class FullRecord:
     ----------
     model, system
         The model, and the system that is integrated. Collective on its communicator.
+    fields
+        What makes the fields of bodies.
     wanted
-        Steps at which the frames of all nodes are kept.
+        Steps at which the frames of all nodes and the fields are kept.
 
     Attributes
     ----------
@@ -31,15 +33,18 @@ class FullRecord:
         Instants so far, s.
     """
 
-    def __init__(self, model: FullModel, system: FullBatch | FullDistributed, wanted: Collection[int]) -> None:
-        self._model, self._system, self._wanted = model, system, wanted
+    def __init__(
+        self, model: FullModel, system: FullBatch | FullDistributed, fields: FullFields, wanted: Collection[int]
+    ) -> None:
+        self._model, self._system, self._of_fields, self._wanted = model, system, fields, wanted
         self.times: list[float] = []
         self._pending: list[State] = []
         self._outputs: list[np.ndarray] = []
         self._coordinates: list[np.ndarray] = []
         self._energies: list[Energies] = []
         self._frames: list[np.ndarray] = []
-        self._stresses: list[Fields] = []
+        self._unknowns: list[np.ndarray] = []  # at frames whose fields are to come
+        self._fields: list[Fields] = []
 
     def observe(self, step: int, time: float, state: State) -> None:
         """Take in an instant."""
@@ -53,16 +58,20 @@ class FullRecord:
         self._evaluate()
         return np.concatenate(self._outputs, axis=-1)
 
-    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray] | list[Fields]]:
-        """Return coordinates (n_t, n_theta), energies, and where they are wanted frames, (n_nodes, n_frame) each, and
-        stresses."""
+    def recorded(self) -> dict[str, np.ndarray | Energies | list[np.ndarray]]:
+        """Return coordinates (n_t, n_theta), energies, and where they are wanted frames, (n_nodes, n_frame) each."""
         self._evaluate()
         return {
             "coordinates": np.concatenate(self._coordinates, axis=-1).T,
             "energies": joined(self._energies),
             "frames": self._frames,
-            "stresses": self._stresses,
         }
+
+    def fields(self) -> Fields:
+        """Return the fields of bodies where they are wanted."""
+        self._evaluate()
+        self._evaluate_fields()
+        return joined_fields(self._fields)
 
     def _evaluate(self) -> None:
         """Evaluate the states that wait."""
@@ -77,8 +86,19 @@ class FullRecord:
         self._coordinates.append(self._measured(every))
         wanted = [k for k in range(len(states)) if first + k in self._wanted]
         self._frames += [every[..., k] for k in wanted]
-        with np.errstate(all="ignore"):
-            self._stresses += [self._model.stress_fields(self._system, states[k]) for k in wanted]
+        if self._of_fields.seen.points:
+            for k in wanted:
+                self._unknowns.append(self._system.unpack(states[k].q))
+                if len(self._unknowns) == self._of_fields.at_once:
+                    self._evaluate_fields()
+
+    def _evaluate_fields(self) -> None:
+        """Evaluate the fields that wait."""
+        waiting, self._unknowns = self._unknowns, []
+        if waiting:
+            values = {name: float(np.ravel(value)[0]) for name, value in self._system.values.items()}
+            with np.errstate(all="ignore"):
+                self._fields.append(self._of_fields.of(np.concatenate(waiting, axis=1), values))
 
     def _measured(self, every: np.ndarray) -> np.ndarray:
         """Return the measured coordinates, shape (n_theta, n), from the frames of all nodes (n_nodes, n_frame, n)."""

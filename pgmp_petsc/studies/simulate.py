@@ -36,10 +36,10 @@ from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.scene.numerics import Simulation
 from pgmp_petsc.studies.balance import balance_of, with_weights
+from pgmp_petsc.studies.field_frames import field_frames, fields_over, left_out_of_fields
 from pgmp_petsc.studies.full_record import FullRecord
 from pgmp_petsc.studies.reduced_record import ReducedRecord
 from pgmp_petsc.studies.shape_frames import shape_frames
-from pgmp_petsc.studies.stress_frames import stress_frames
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -176,7 +176,7 @@ def _furthest(once: Callable[[Attempt], _Part], simulation: Simulation) -> tuple
 
 
 def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajectory | None:
-    timings = Timings()
+    timings, fields = Timings(), model.fields()
     started: list[Remark] = []
 
     def once(attempt: Attempt) -> _Part:
@@ -186,15 +186,16 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             require_settled(system)
         with system, timings.phase("integration"), _progress(model.title, attempt, comm) as bar:
             started[:] = start_remarks(system)
-            record = FullRecord(model, system, frame_steps(simulation))
+            record = FullRecord(model, system, fields, frame_steps(simulation))
 
             def observe(step: int, time: float, state: State) -> None:
                 record.observe(step, time, state)
                 bar.update(step > 0)
 
             done = integrate(system, simulation, observer=observe)
-            outputs, recorded = record.outputs(), record.recorded()
-        return _Part.of(model, done, attempt, record.times, outputs, **recorded)
+            outputs, recorded, seen = record.outputs(), record.recorded(), record.fields()
+        part = _Part.of(model, done, attempt, record.times, outputs, **recorded)
+        return replace(part, recorded={**part.recorded, "fields": seen})
 
     part, steps = _furthest(once, model.scene.simulation)
     timings = timings.maximum(comm)
@@ -205,7 +206,7 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
     frames = frames.reshape(len(frames), model.kinematics.mechanism.n_nodes, -1 if len(frames) else space.n_pose)
     return Trajectory(
         coordinates=recorded["coordinates"],
-        stresses=stress_frames(model.stress_points, recorded["stresses"][: len(part.shown)]),
+        fields=field_frames(fields.seen, model.kinematics, frames, recorded["fields"]),
         balance=balance_of(part.time, recorded["energies"]),
         **_described(
             model,
@@ -213,7 +214,13 @@ def _full_on_all_ranks(model: FullModel, comm: MPI.Comm, n_ranks: int) -> Trajec
             frames,
             n_ranks,
             timings,
-            (*_why_stopped(model, part, ""), *steps, *why_not_of_full_order(model), *started),
+            (
+                *_why_stopped(model, part, ""),
+                *steps,
+                *why_not_of_full_order(model),
+                *started,
+                *left_out_of_fields(fields.seen),
+            ),
         ),
     )
 
@@ -246,7 +253,8 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     watched, validity, status = part.recorded["watched"], part.recorded["validity"], part.run.status
     with timings.phase("projection"):
         frames = np.moveaxis(model.frames_of(eta[part.shown]), 2, 0)
-        stresses = stress_frames(model.stress_points, model.stress_fields_of(eta[part.shown], model.scene.values))
+        fields = model.fields()
+        seen = fields_over(fields, eta[part.shown], model.scene.values)
     remarks, estimate = [], None
     if status[0] != Status.FINE:
         reason = lost_definiteness(model, values, part.time, eta) if np.isfinite(eta).all() else ""
@@ -261,12 +269,13 @@ def _reduced_on_one_rank(model: ReducedModel, comm: MPI.Comm) -> Trajectory:
     found = {name: float(value[0]) for name, value in validity.extremes.items()}
     described = _described(
         model, part, frames, comm.size, timings,
-        (*remarks, *truncated_stresses(model.scene), *part.recorded["started"], *remarks_of(model.scene, found)),
+        (*remarks, *truncated_stresses(model.scene), *left_out_of_fields(fields.seen), *part.recorded["started"],
+         *remarks_of(model.scene, found)),
     )  # fmt: skip
     return Trajectory(
         coordinates=eta[:, :n_theta],
         modal=eta[:, n_theta:],
-        stresses=stresses,
+        fields=field_frames(fields.seen, model.kinematics, frames, seen),
         balance=with_weights(balance_of(part.time, part.recorded["energies"]), model, eta[0]),
         errors=None if estimate is None else _errors(estimate, described["outputs"]),
         validity=found,

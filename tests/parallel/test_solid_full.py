@@ -33,8 +33,8 @@ def test_ranks_share_a_run(mpirun: Callable, tmp_path: Path) -> None:
         np.testing.assert_allclose(several.outputs[name], values, rtol=0, atol=1e-9 * np.abs(values).max())
     np.testing.assert_allclose(several.balance.kinetic, one.balance.kinetic, rtol=1e-8, atol=1e-15)
     np.testing.assert_allclose(several.frames.positions["rod"], one.frames.positions["rod"], atol=1e-12)
-    for name, values in one.stresses["crank"].quantities.items():
-        found = several.stresses["crank"].quantities[name]
+    for name, values in one.fields["crank"].at_nodes.items():
+        found = several.fields["crank"].at_nodes[name]
         np.testing.assert_allclose(found, values, rtol=0, atol=1e-9 * np.abs(values).max())
 
 

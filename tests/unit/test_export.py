@@ -15,7 +15,7 @@ from sealed import resealed
 from solids import box_mesh, rectangle_mesh
 
 from pgmp_petsc.export.xdmf import write_xdmf
-from pgmp_petsc.results.stress_fields import StressField
+from pgmp_petsc.results.body_fields import BodyField
 from pgmp_petsc.runtime.errors import InputError, RunError
 
 
@@ -145,25 +145,34 @@ def test_both_files_can_be_moved_together(exported, tmp_path):
     assert (moved / "paraview" / item.text.split(":")[0]).exists()
 
 
-def test_stresses_are_a_series_beside_that_of_the_mechanism(tmp_path):
-    """A reader that does not know this program finds cells, places and stresses of every kind of cell."""
-    run = synthetic.trajectory(n_frames=3)
-    fields, meshes = {}, {"bar": ("quad8", rectangle_mesh("quad8", (2, 1), (1.0, 0.5)))}
-    meshes["block"] = ("hexahedron20", box_mesh("hexahedron20", (1, 1, 1), (1.0, 1.0, 1.0)))
-    for body, (kind, mesh) in meshes.items():
-        places = np.array([mesh.nodes + shift for shift in range(3)])
-        values = {"von_mises": places[..., 0] ** 2}
-        fields[body] = StressField(kind, mesh.nodes, mesh.cells, places, values, {"von_mises": "Pa"})
-    replace(run, stresses=fields).write(tmp_path / "t.h5")
+def with_fields(n_frames: int = 3):
+    """Return a run with two bodies of cells, and their fields."""
+    run, fields = synthetic.trajectory(n_frames=n_frames), {}
+    meshes = {"bar": rectangle_mesh("quad8", (2, 1), (1.0, 0.5))}
+    meshes["block"] = box_mesh("hexahedron20", (1, 1, 1), (1.0, 1.0, 1.0))
+    for body, mesh in meshes.items():
+        places = np.array([mesh.nodes + shift for shift in range(n_frames)])
+        inner = places[:, mesh.cells].mean(axis=2)[..., 0]
+        nodal = {"von_mises": places[..., 0] ** 2}
+        fields[body] = BodyField(
+            mesh.kind, mesh.nodes, mesh.cells, places, 0.1 * places, nodal, {"von_mises": inner}, {"von_mises": "Pa"}
+        )
+    return replace(run, fields=fields), fields
+
+
+def test_bodies_are_series_beside_that_of_the_mechanism(tmp_path):
+    """A reader that does not know this program finds cells, places and values of every kind of cell."""
+    run, fields = with_fields()
+    run.write(tmp_path / "t.h5")
     assert write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf") == 3
     tree = ElementTree.parse(tmp_path / "t.xdmf")
     domain = tree.getroot().find("Domain")
     series = {grid.get("Name"): grid for grid in domain.findall("Grid")}
-    assert list(series) == ["mechanism", "stress bar", "stress block"]
+    assert list(series) == ["mechanism", "bar", "block"]
     for body, field in fields.items():
         for grid in list(domain):
             domain.remove(grid)
-        last = series[f"stress {body}"].findall("Grid")[-1]
+        last = series[body].findall("Grid")[-1]
         last.remove(last.find("Time"))
         domain.append(last)
         tree.write(tmp_path / "last.xdmf")
@@ -172,4 +181,24 @@ def test_stresses_are_a_series_beside_that_of_the_mechanism(tmp_path):
         assert mesh.cells[0].type == field.kind
         np.testing.assert_array_equal(mesh.cells[0].data, field.cells)
         np.testing.assert_array_equal(mesh.points[:, :d], field.positions[-1])
-        np.testing.assert_array_equal(mesh.point_data["von_mises"], field.quantities["von_mises"][-1])
+        np.testing.assert_array_equal(mesh.point_data["displacement"][:, :d], field.displacement[-1])
+        np.testing.assert_array_equal(mesh.point_data["deformation"][:, :d], field.deformation[-1])
+        np.testing.assert_array_equal(mesh.point_data["von_mises"], field.at_nodes["von_mises"][-1])
+        np.testing.assert_array_equal(mesh.cell_data["von_mises"][0], field.at_cells["von_mises"][-1])
+
+
+def test_vtk_reads_the_series_at_their_times(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    run, fields = with_fields()
+    run.write(tmp_path / "t.h5")
+    write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")
+    reader = pyvista.get_reader(tmp_path / "t.xdmf")
+    assert reader.time_values == list(run.frames.time)
+    reader.set_active_time_value(run.frames.time[-1])
+    read = reader.read()
+    assert read.keys() == ["mechanism", "bar", "block"]
+    for body, field in fields.items():
+        d = field.nodes.shape[1]
+        np.testing.assert_array_equal(read[body].points[:, :d], field.positions[-1])
+        np.testing.assert_array_equal(read[body].point_data["von_mises"], field.at_nodes["von_mises"][-1])
+        np.testing.assert_array_equal(read[body].cell_data["von_mises"], field.at_cells["von_mises"][-1])

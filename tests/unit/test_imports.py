@@ -52,7 +52,7 @@ NEEDS = {
     "mechanism": {"scene", "mesh", "bodies"},
     "effects": {"scene", "bodies", "mechanism"},
     "outputs": {"scene", "mesh", "bodies", "mechanism"},
-    "figures": {"results"},
+    "figures": {"mesh", "results"},
     "export": {"results"},
     "report": {"results", "figures"},
 }

@@ -1,0 +1,109 @@
+"""Films of bodies in motion: MP4, or GIF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from pgmp_petsc.figures.motion import Motion
+from pgmp_petsc.figures.solids import images
+from pgmp_petsc.figures.style import PROGRAM
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.files import replacing
+
+GIF, MP4 = ".gif", ".mp4"
+RESOLUTION = {GIF: 80, MP4: 120}  # pixels an inch
+N_COLOURS = 128  # of a GIF
+FASTEST = 50.0  # pictures a second that a GIF may have: its times are whole hundredths
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Which instants a film shows, and how fast.
+
+    Attributes
+    ----------
+    numbers
+        Of the instants, in their order.
+    rate
+        Pictures a second.
+    """
+
+    numbers: np.ndarray
+    rate: float
+
+    @property
+    def seconds(self) -> float:
+        """How long the film takes."""
+        return len(self.numbers) / self.rate
+
+    @classmethod
+    def of(cls, n: int, rate: float, seconds: float | None) -> Pace:
+        """Choose from n instants: all of them, or as many as fit into the time; no picture twice.
+
+        A film that is to take longer than all instants do at this rate shows them more slowly.
+        """
+        if seconds is None:
+            return cls(np.arange(n), rate)
+        wanted = max(1, round(seconds * rate))
+        if wanted >= n:
+            return cls(np.arange(n), n / seconds)
+        return cls(np.unique(np.linspace(0, n - 1, wanted).round().astype(int)), rate)
+
+
+def write_film(motion: Motion, path: Path, pace: Pace) -> int:
+    """Write a film, whole or not at all, and return how many pictures it has; by one process.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to draw or to write it with.
+    RunError
+        If the system, or what makes the film, fails.
+    """
+    ending = path.suffix.lower()
+    pictures = images(motion, pace.numbers, RESOLUTION[ending])
+    with replacing(path, "film") as partial:
+        (_write_gif if ending == GIF else _write_mp4)(pictures, partial, pace.rate)
+    return len(pace.numbers)
+
+
+def _write_gif(pictures: Iterable[np.ndarray], path: Path, rate: float) -> None:
+    first, *rest = [Image.fromarray(picture) for picture in pictures]
+    palette = first.quantize(N_COLOURS)
+    # one palette for all: colours mean the same in every picture
+    same = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in (first, *rest)]
+    duration = max(1, round(100.0 / min(rate, FASTEST))) * 10
+    with open(path, "wb") as stream:
+        same[0].save(
+            stream, format="GIF", save_all=True, append_images=same[1:], duration=duration, loop=0,
+            comment=PROGRAM.encode(),
+        )  # fmt: skip
+
+
+def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate: float) -> None:
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise InputError(
+            f"MP4 is written by imageio-ffmpeg, which cannot be imported ({error}); pip install imageio-ffmpeg, or "
+            "name the film .gif"
+        ) from error
+    first = next(pictures)
+    height, width = (length - length % 2 for length in first.shape[:2])
+    writer = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=rate, codec="libx264", quality=8, macro_block_size=2,
+        output_params=["-metadata", f"comment={PROGRAM}", "-f", "mp4", "-movflags", "+faststart"],
+    )  # fmt: skip
+    try:
+        writer.send(None)
+        for picture in (first, *pictures):
+            writer.send(np.ascontiguousarray(picture[:height, :width]))
+    except (OSError, RuntimeError) as error:
+        raise RunError(f"the film could not be written: {error}") from error
+    finally:
+        writer.close()

@@ -1,0 +1,285 @@
+"""What is drawn of bodies at some instants: where their surfaces are, in which colours, and what has to be said of it.
+
+A deformation is enlarged by ``x + (scale - 1) u`` with the deformation u that a result keeps (`results.body_fields`):
+bodies stay joined, rigid ones included, which go where those that deform take them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from pgmp_petsc.figures import cautions
+from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
+from pgmp_petsc.figures.surfaces import outer_faces, outlines, triangles
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.mode_shape import ModeShape
+from pgmp_petsc.runtime.errors import InputError
+
+# An enlarged deformation reaches this share of the mechanism's size at most, where nobody says how far.
+LARGEST_SHOWN = 0.05
+STEPS = (1.0, 2.0, 5.0)
+N_PHASES = 24  # of a period of a mode
+WORDS = {"mises": "von Mises stress", "deformation": "deformation", "displacement": "displacement", "none": ""}
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """What is drawn of a body.
+
+    Attributes
+    ----------
+    name
+        Of the body.
+    points
+        Where its nodes are drawn, shape (n_f, n_nodes, 3), m.
+    triangles, edges
+        Of its surface, and what shows its shape, shapes (n, 3) and (n, 2); of beams no triangles, and edges are their
+        lines. A point mass has neither.
+    radius
+        Of beams, m; 0 where it is not known.
+    values
+        What colours it, shape (n_f, n_nodes); None where that is not known.
+    rigid
+        Whether it does not deform.
+    """
+
+    name: str
+    points: np.ndarray
+    triangles: np.ndarray
+    edges: np.ndarray
+    radius: float
+    values: np.ndarray | None
+    rigid: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Bodies at some instants.
+
+    Attributes
+    ----------
+    skins
+        Of the bodies.
+    captions
+        What is written beside each instant.
+    title, notes
+        Above all of them.
+    quantity
+        What colours bodies, with its unit; empty where nothing does.
+    largest
+        The largest value of the colours, in the unit.
+    scale
+        Of the deformation.
+    peak
+        Number of the instant at which the largest value is reached, the last one where there are no colours.
+    """
+
+    skins: tuple[Skin, ...]
+    captions: list[str]
+    title: str
+    notes: list[str] = field(default_factory=list)
+    quantity: str = ""
+    largest: float = 0.0
+    scale: float = 1.0
+    peak: int = -1
+
+    @property
+    def points(self) -> np.ndarray:
+        """All places that anything is at, shape (n, 3), m."""
+        return np.concatenate([skin.points.reshape(-1, 3) for skin in self.skins])
+
+    def only(self, number: int) -> Motion:
+        """Return one instant alone."""
+        one = slice(number, number + 1) if number >= 0 else slice(len(self.captions) + number, len(self.captions))
+        skins = (
+            replace(skin, points=skin.points[one], values=None if skin.values is None else skin.values[one])
+            for skin in self.skins
+        )
+        return replace(self, skins=tuple(skins), captions=self.captions[one], peak=0)
+
+    def together(self, numbers: np.ndarray) -> Motion:
+        """Return several instants as one."""
+        parts = [self.only(int(number)) for number in numbers]
+        return replace(parts[-1], skins=tuple(skin for part in parts for skin in part.skins))
+
+    @property
+    def flat(self) -> bool:
+        """Whether all of it stays in the plane."""
+        return not np.ptp(self.points[:, 2]) > 0.0
+
+
+def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None, label: str = "") -> Motion:
+    """Return what is drawn of a run.
+
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Factor on the deformation; None for one that shows it.
+    label
+        What tells the run from others.
+
+    Raises
+    ------
+    InputError
+        If the run has no frames, or nothing of it is known in the colour.
+    """
+    frames = run.frames
+    if frames is None or not len(frames.time):
+        raise InputError("the trajectory has no frames to draw; use --override simulation.frames=100")
+    skins, notes = [], cautions.of_runs([run])
+    factor = scale_of(run.fields) if scale is None else scale
+    for name, positions in frames.positions.items():
+        if name in run.fields:
+            skins.append(skin_of(name, run.fields[name], factor, VALUES[colour]))
+            continue
+        edges = frames.cells[name]
+        nothing = np.zeros((0, 3), dtype=int)
+        skins.append(Skin(name, _in_space(positions), nothing, edges, 0.0, None, name in frames.rigid))
+    bare = [skin.name for skin in skins if len(skin.edges) and not skin.rigid and skin.name not in run.fields]
+    if bare:
+        notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
+    notes += _uncoloured(skins, run.fields, colour)
+    skins, quantity, largest, peak = in_unit(skins, colour, "Pa" if colour == "mises" else "m")
+    if colour != "none" and not quantity:
+        raise InputError(
+            f"nothing of this run is known in {WORDS[colour]}: no body has it stored; take --field none, or simulate "
+            "it again with frames"
+        )
+    unknown = [name for name, own in run.fields.items() if not np.isfinite(own.deformation).all()]
+    if unknown and factor != 1.0:
+        notes.append(f"{', '.join(unknown)}: drawn as it is where the rigid mechanism does not exist")
+    enlarged = "" if factor == 1.0 else f", deformation enlarged {factor:g} times"
+    seen = WORDS[colour][:1].upper() + WORDS[colour][1:] or "Motion"
+    title = heading(f"{seen}, {MODELS[run.model]}{enlarged}", run.record, label)
+    captions = [f"t = {instant:.4g} s" for instant in frames.time]
+    return Motion(tuple(skins), captions, title, notes, quantity, largest, factor, peak)
+
+
+def vibration_of(shape: ModeShape, colour: str = "displacement", scale: float | None = None) -> Motion:
+    """Return what is drawn of one period of a mode, whose size means nothing; its colours are shares of the largest.
+
+    Parameters
+    ----------
+    colour
+        One of `WORDS`.
+    scale
+        Its largest displacement over that of a picture nobody asks another one of.
+
+    Raises
+    ------
+    InputError
+        If nothing of it is known in the colour.
+    """
+    places = np.concatenate([own.positions.reshape(-1, own.positions.shape[2]) for own in shape.fields.values()])
+    reach = LARGEST_SHOWN * float(np.ptp(places, axis=0).max()) * (1.0 if scale is None else scale)
+    swing = np.sin(2.0 * np.pi * np.arange(N_PHASES) / N_PHASES)
+    skins = []
+    for name, own in shape.fields.items():
+        # the deformation of a mode is all of its displacement
+        still = _size(own.deformation) if colour in ("deformation", "displacement") else VALUES[colour](own)
+        values = None if own.rigid or still is None else np.repeat(still, N_PHASES, axis=0)
+        moved = own.positions + reach * swing[:, None, None] * own.deformation
+        skins.append(
+            replace(
+                skin_of(
+                    name,
+                    replace(own, positions=moved, deformation=0.0 * moved, units={}, at_nodes={}, at_cells={}),
+                    1.0,
+                    VALUES["none"],
+                ),
+                values=values,
+            )
+        )
+    largest = max((float(np.nanmax(skin.values)) for skin in skins if skin.values is not None), default=0.0)
+    if colour != "none" and not largest > 0.0:
+        raise InputError(f"nothing of this mode is known in {WORDS[colour]}; take --field displacement or none")
+    skins = [skin if skin.values is None else replace(skin, values=skin.values / largest) for skin in skins]
+    notes = [*shape.notes, *_uncoloured(skins, shape.fields, colour)]
+    what = f"Mode {shape.number}, {shape.frequency_hz:.4g} Hz at {shape.configuration}"
+    quantity = "" if colour == "none" else f"{WORDS[colour]} over the largest"
+    captions = ["size arbitrary"] * N_PHASES
+    return Motion(tuple(skins), captions, heading(what, shape.record), notes, quantity, 1.0, 1.0, N_PHASES // 4)
+
+
+def skin_of(name: str, own: BodyField, scale: float, values: Callable[[BodyField], np.ndarray | None]) -> Skin:
+    """Return what is drawn of a body whose field is known."""
+    shown = own.positions + (scale - 1.0) * np.nan_to_num(own.deformation)
+    colours = None if own.rigid else values(own)
+    if own.kind == "line":
+        return Skin(
+            name, _in_space(shown), np.zeros((0, 3), dtype=int), own.cells, own.radius or 0.0, colours, own.rigid
+        )
+    faces = outer_faces(own.kind, own.cells)
+    edges = outlines(faces, own.nodes)
+    return Skin(name, _in_space(shown), triangles(faces), edges, 0.0, colours, own.rigid)
+
+
+def in_unit(skins: list[Skin], colour: str, unit: str) -> tuple[list[Skin], str, float, int]:
+    """Return skins with values in the unit of a picture, the words of these, the largest one, and the instant that has
+    it."""
+    known = [skin.values for skin in skins if skin.values is not None]
+    if not known:
+        return skins, "", 0.0, -1
+    factor, shown = axis_unit(unit, *known)
+    found = [skin if skin.values is None else replace(skin, values=factor * skin.values) for skin in skins]
+    over_time = np.max([np.nanmax(values, axis=1, initial=0.0) for values in known], axis=0)
+    return found, axis_label(WORDS[colour], shown), factor * float(over_time.max()), int(np.argmax(over_time))
+
+
+def scale_of(fields: Mapping[str, BodyField]) -> float:
+    """Return a round factor that makes deformations visible, 1 where they are as they are."""
+    places = [own.positions.reshape(-1, own.positions.shape[2]) for own in fields.values()]
+    if not places:
+        return 1.0
+    extent = float(np.ptp(np.concatenate(places), axis=0).max())
+    largest = max(float(np.nanmax(_size(own.deformation), initial=0.0)) for own in fields.values())
+    wanted = LARGEST_SHOWN * extent / largest if largest > 1e-9 * extent else 1.0
+    if wanted <= 1.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step * power for step in STEPS if step * power <= wanted * (1.0 + 1e-9)))
+
+
+def _size(vectors: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(vectors, axis=-1)
+
+
+def _mises(own: BodyField) -> np.ndarray | None:
+    """Return von Mises' stress at the nodes: of beams in their outermost fibres, without shear and torsion."""
+    if "von_mises" in own.at_nodes:
+        return own.at_nodes["von_mises"]
+    if "stress_max" not in own.at_nodes:
+        return None
+    return np.maximum(np.abs(own.at_nodes["stress_max"]), np.abs(own.at_nodes["stress_min"]))
+
+
+#: What colours bodies.
+VALUES: dict[str, Callable[[BodyField], np.ndarray | None]] = {
+    "mises": _mises,
+    "deformation": lambda own: _size(own.deformation),
+    "displacement": lambda own: _size(own.displacement),
+    "none": lambda own: None,
+}
+
+
+def _uncoloured(skins: list[Skin], fields: Mapping[str, BodyField], colour: str) -> list[str]:
+    """Say what the colours leave out."""
+    if colour != "mises":
+        return []
+    unknown = [skin.name for skin in skins if skin.name in fields and not skin.rigid and skin.values is None]
+    beams = any(own.kind == "line" and "stress_max" in own.at_nodes for own in fields.values())
+    said = [f"{', '.join(unknown)}: sections given by coefficients have no stresses"] if unknown else []
+    return [*said, "stress of beams: in the outermost fibres, without shear and torsion"] if beams else said
+
+
+def _in_space(points: np.ndarray) -> np.ndarray:
+    """Return points (..., 2 or 3) in space."""
+    found = np.zeros((*points.shape[:-1], 3))
+    found[..., : points.shape[-1]] = points
+    return found

@@ -1,0 +1,183 @@
+"""Where the nodes of bodies are, and their stresses at nodes and in cells, at some instants of one sample.
+
+The models know both in their own ways (`models.stresses`): a full-order model has the positions of its meshes. A body
+that is condensed has ``x = p + R (X + T y)`` with its pose and its coordinates y, a reduced model ``y = Psi(theta)
+delta``, and of second order ``1/2 chi delta delta`` besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import on_mesh
+from pgmp_petsc.mechanism.space import Space
+from pgmp_petsc.mechanism.unknowns import Unknowns
+from pgmp_petsc.models.field_points import FieldPoints, FieldSet, Values
+from pgmp_petsc.models.stresses import Amplitudes, strains_of_beams
+from pgmp_petsc.reduction.reconstruction import Reconstruction
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+AT_ONCE = 2**22  # numbers that are evaluated together: 32 MB
+
+
+@dataclass(frozen=True, eq=False)
+class BodyValues:
+    """One body at some instants.
+
+    Attributes
+    ----------
+    positions
+        Of the nodes, ground frame, shape (n_nodes, d, n), m.
+    at_nodes, at_cells
+        Quantities, of shape (n_nodes, n) and (n_cells, n).
+    """
+
+    positions: np.ndarray
+    at_nodes: Values
+    at_cells: Values
+
+
+Fields = dict[str, BodyValues]
+
+
+class FullFields:
+    """Fields from the unknowns of a full-order or a component model.
+
+    Parameters
+    ----------
+    seen
+        The bodies wanted.
+    unknowns
+        The numbering.
+    """
+
+    def __init__(self, seen: FieldSet, unknowns: Unknowns) -> None:
+        self.seen, self._unknowns = seen, unknowns
+
+    @property
+    def at_once(self) -> int:
+        """Instants that are best evaluated together."""
+        return instants_at_once(self.seen)
+
+    def of(self, q: np.ndarray, values: Mapping[str, float]) -> Fields:
+        """Return the fields for unknowns (n_dofs, n)."""
+        frames = self._unknowns.frames(q)
+        return {name: self._of(field, q, frames, values) for name, field in self.seen.points.items()}
+
+    def _of(self, field: FieldPoints, q: np.ndarray, frames: np.ndarray, values: Mapping[str, float]) -> BodyValues:
+        body, space = self._unknowns.bodies[field.number], self._unknowns.mechanism.space
+        if not body.flexible:
+            return carried(space, field, body, frames[body.nodes.start])
+        if body.floating is not None:
+            moved = np.tensordot(body.floating.recovery.by_node, q[body.internal], 1)
+            places = placed(space, frames[body.nodes.stop - 1], undeformed(field) + moved[:, : space.dimension])
+            return with_stresses(field, places, lambda points: points.of_displacements(moved), values)
+        nodal = on_mesh(body, q) if body.meshed is not None else frames[body.nodes]
+        return with_stresses(field, nodal[:, : space.dimension], lambda points: points.of_places(nodal), values)
+
+
+class ReducedFields:
+    """Fields from reduced coordinates.
+
+    Parameters
+    ----------
+    seen
+        The bodies wanted.
+    kinematics
+        Of the mechanism.
+    rom, scheme
+        The reduced model with its projection, and its interpolation.
+    """
+
+    def __init__(self, seen: FieldSet, kinematics: RigidKinematics, rom: ReducedOrderModel, scheme: str) -> None:
+        self.seen, self._kinematics = seen, kinematics
+        self._amplitudes, self._nodes = {}, {}
+        for name, field in seen.points.items():
+            body = kinematics.mechanism.bodies[field.number]
+            if body.flexible:
+                self._amplitudes[name] = Amplitudes(rom, body, scheme)
+            else:
+                self._nodes[name] = Reconstruction(kinematics, rom, scheme, [body.nodes.start])
+
+    @property
+    def at_once(self) -> int:
+        """Instants that are best evaluated together."""
+        return instants_at_once(self.seen)
+
+    def of(self, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
+        """Return the fields for reduced coordinates (n, n_eta)."""
+        poses = self._kinematics.poses(eta[:, : self._kinematics.n_coordinates])
+        return {name: self._of(name, eta, poses[field.number], values) for name, field in self.seen.points.items()}
+
+    def _of(self, name: str, eta: np.ndarray, pose: np.ndarray, values: Mapping[str, float]) -> BodyValues:
+        field, space = self.seen.points[name], self._kinematics.mechanism.space
+        body = self._kinematics.mechanism.bodies[field.number]
+        if not body.flexible:
+            return carried(space, field, body, self._nodes[name].frames(eta)[0])
+        amplitudes = self._amplitudes[name]
+        y = amplitudes.of(eta)
+        moved = mesh_displacements(body, y)
+        places = placed(space, pose, undeformed(field) + moved[:, : space.dimension])
+        if amplitudes.curved and body.is_planar_beam:
+            return with_stresses(field, places, lambda points: strains_of_beams(body, points, y), values)
+        return with_stresses(field, places, lambda points: points.of_displacements(moved), values)
+
+
+def carried(space: Space, field: FieldPoints, body: Body, frame: np.ndarray) -> BodyValues:
+    """Return a rigid body whose node, its centre of mass, has frames (n_frame, n)."""
+    arms = field.mesh.nodes - body.mesh.nodes[0]
+    return BodyValues(placed(space, frame, arms[:, :, None]), {}, {})
+
+
+def with_stresses(
+    field: FieldPoints, places: np.ndarray, strains: Callable[..., np.ndarray], values: Mapping[str, float]
+) -> BodyValues:
+    """Return a flexible body at places (n_nodes, d, n), with the stresses of the strains of points."""
+    own = field.stresses
+    return BodyValues(places, own.at_nodes(strains(own.nodal), values), own.at_cells(strains(own.inner), values))
+
+
+def undeformed(field: FieldPoints) -> np.ndarray:
+    """Return a body's nodes in its frame, shape (n_nodes, d, 1)."""
+    return field.mesh.nodes[:, :, None]
+
+
+def placed(space: Space, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return where points (n_nodes, d, n or 1) in a frame at poses (n_pose, n) are, shape (n_nodes, d, n):
+    ``x = p + sum_k d_k X_k``."""
+    natural, d = space.natural(pose), points.shape[1]
+    return natural[:d] + np.einsum("akn,kcn->acn", points, natural[d:].reshape(d, d, -1))
+
+
+def mesh_displacements(body: Body, y: np.ndarray) -> np.ndarray:
+    """Return the displacements of a body's nodes in its frame (of beams with rotations), shape (n_nodes, n_of_a_node,
+    n), for its unknowns (n_dofs, n)."""
+    if body.is_beam:
+        return y.reshape(body.n_nodes, body.node_dofs, -1)
+    return np.tensordot(body.component.recovery.by_node, y, 1)
+
+
+def instants_at_once(seen: FieldSet) -> int:
+    """Return how many instants are best evaluated together."""
+    return max(1, AT_ONCE // max([1, *(field.width for field in seen.points.values())]))
+
+
+def joined(parts: list[Fields]) -> Fields:
+    """Return fields of instants one after the other."""
+
+    def along(tables: list[Values]) -> Values:
+        return {name: np.concatenate([table[name] for table in tables], axis=1) for name in tables[0]}
+
+    return {
+        name: BodyValues(
+            np.concatenate([part[name].positions for part in parts], axis=2),
+            along([part[name].at_nodes for part in parts]),
+            along([part[name].at_cells for part in parts]),
+        )
+        for name in (parts[0] if parts else ())
+    }

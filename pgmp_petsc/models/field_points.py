@@ -1,0 +1,206 @@
+"""What of a mechanism can be seen: the bodies whose meshes a model knows, and where they have stresses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pgmp_petsc.bodies.beam_strains import BeamStrains
+from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.component import Component
+from pgmp_petsc.bodies.section import BeamSection, SpatialSection
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.bodies.solid_strains import SolidStrains
+from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.mesh.solid_mesh import SolidMesh
+from pgmp_petsc.outputs.stress import BeamLaw, SolidLaw, all_points, carrier_of, cell_points, law_of, quantities_of
+from pgmp_petsc.outputs.stress_quantities import EXTREMES, FURTHEST
+from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.stress_checks import stressed_bodies
+
+LARGEST = 2**28  # bytes of the fields of bodies that no stress output names, over all frames
+Values = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Stresses:
+    """Where and how a flexible body has stresses.
+
+    Attributes
+    ----------
+    nodal, inner
+        Points at the nodes, one for each material or element that meets there, and in the middles of the cells.
+    law
+        What makes quantities of strains.
+    units
+        Of the quantities.
+    """
+
+    nodal: SolidStrains | BeamStrains
+    inner: SolidStrains | BeamStrains
+    law: SolidLaw | BeamLaw
+    units: dict[str, str]
+
+    def at_nodes(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
+        """Return all quantities at the nodes, each of shape (n_nodes, n), for strains (n_points, n_strains, n)."""
+        found = {}
+        for quantity in self.units:
+            own = self.law.values(quantity, self.nodal, strains, values)
+            found[quantity] = EXTREMES.get(quantity, FURTHEST)(own[self._by_node])
+        return found
+
+    def at_cells(self, strains: np.ndarray, values: Mapping[str, float]) -> Values:
+        """Return all quantities in the middles of the cells, each of shape (n_cells, n), as `at_nodes`."""
+        return {quantity: self.law.values(quantity, self.inner, strains, values) for quantity in self.units}
+
+    @cached_property
+    def _by_node(self) -> np.ndarray:
+        """The points of every node, the first of them again where there are fewer, shape (k, n_nodes)."""
+        points = self.nodal
+        if isinstance(points, BeamStrains):
+            nodes = points.body.mesh.cells[points.elements, points.along.astype(int)]
+        else:
+            nodes = points.nodes
+        order, counts = np.argsort(nodes, kind="stable"), np.bincount(nodes)
+        starts = np.cumsum(counts) - counts
+        each = np.minimum(np.arange(counts.max())[:, None], counts - 1)
+        return order[starts + each]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldPoints:
+    """A body that can be seen.
+
+    Attributes
+    ----------
+    number
+        Of the body.
+    mesh
+        Its cells, or the lines of beams.
+    stresses
+        None of a rigid body.
+    radius
+        Of beams: that of the circle with the section's radius of gyration, m; None of cells.
+    """
+
+    number: int
+    mesh: SolidMesh | LineMesh
+    stresses: Stresses | None
+    radius: float | None
+
+    @property
+    def kind(self) -> str:
+        """meshio's name of the cells."""
+        return self.mesh.kind if isinstance(self.mesh, SolidMesh) else "line"
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Quantities with their units; none of a rigid body."""
+        return {} if self.stresses is None else self.stresses.units
+
+    @property
+    def frame_bytes(self) -> int:
+        """Memory that a frame takes, as results keep it."""
+        n_nodes, n_cells = len(self.mesh.nodes), len(self.mesh.cells)
+        return 8 * (n_nodes * (9 + len(self.units)) + n_cells * len(self.units))
+
+    @property
+    def width(self) -> int:
+        """Numbers that an instant takes while it is evaluated."""
+        if self.stresses is None or not isinstance(self.stresses.nodal, SolidStrains):
+            return self.mesh.nodes.size
+        points = self.stresses.nodal
+        return points.cells.size * points.gradients.shape[1] * 9
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSet:
+    """The bodies whose fields are kept.
+
+    Attributes
+    ----------
+    points
+        By body.
+    left_out
+        Why other bodies are not among them, by body, with the cure.
+    """
+
+    points: dict[str, FieldPoints]
+    left_out: dict[str, str]
+
+    @classmethod
+    def of(cls, scene: Scene, bodies: tuple[Body, ...], shapes: Mapping[str, BodyShape], n_frames: int) -> FieldSet:
+        """Choose them.
+
+        Parameters
+        ----------
+        bodies, shapes
+            The model's, and what they are made from.
+        n_frames
+            Frames that are stored.
+        """
+        if not n_frames:
+            return cls({}, {})
+        points, left_out = {}, {}
+        for number, body in enumerate(bodies):
+            if body.name not in scene.bodies:
+                continue  # a point mass
+            if scene.bodies[body.name].section_scale is not None:
+                left_out[body.name] = "its cross-section scales, and its mesh is that of scale 1"
+                continue
+            mesh = _mesh_of(body, shapes[body.name])
+            if mesh is None:
+                left_out[body.name] = (
+                    "the reduced model is without its large mesh; name a stress output of it, and build again"
+                )
+            elif len(mesh.cells):
+                points[body.name] = _points(scene, number, body, mesh)
+        asked, taken = stressed_bodies(scene), 0
+        for name, field in sorted(points.items(), key=lambda item: (item[0] not in asked, item[1].frame_bytes)):
+            size = n_frames * field.frame_bytes
+            if name in asked or taken + size <= LARGEST:
+                taken += 0 if name in asked else size
+                continue
+            del points[name]
+            left_out[name] = (
+                f"{n_frames} frames of it take {size / 1e6:.0f} MB; store fewer (--override simulation.frames=N), or "
+                "name a stress output of it"
+            )
+        return cls(points, left_out)
+
+
+def _mesh_of(body: Body, shape: BodyShape) -> SolidMesh | LineMesh | None:
+    """Return what a body's nodes are those of; None where it is not known."""
+    if body.flexible:
+        carrier = carrier_of(body)
+        return carrier.mesh if isinstance(carrier, Body) else carrier
+    if isinstance(shape, Component):
+        return None if shape.recovery is None else shape.recovery.carrier
+    return shape if isinstance(shape, SolidMesh) else body.shape
+
+
+def _points(scene: Scene, number: int, body: Body, mesh: SolidMesh | LineMesh) -> FieldPoints:
+    stresses = None
+    if body.flexible:
+        name, carrier = body.name, carrier_of(body)
+        places = all_points(scene, name, carrier), cell_points(scene, name, carrier)
+        stresses = Stresses(*places, law_of(scene, name, carrier), quantities_of(scene, name))
+    radius = None if isinstance(mesh, SolidMesh) else _radius(scene, body.name)
+    return FieldPoints(number, mesh, stresses, radius)
+
+
+def _radius(scene: Scene, name: str) -> float:
+    """Return the radius of a circle with the radius of gyration of a section of beams: ``r^2 = 4 I / A``, m."""
+    entry = scene.bodies[name]
+    material = None if entry.material is None else scene.materials[entry.material]
+    if entry.dimension == 2:
+        section = BeamSection.of(entry.section, material)
+        bending = (section.bending,)
+    else:
+        section = SpatialSection.of(entry.section, material, scene.nominal)
+        bending = section.bending
+    resists = np.mean([float(part.at(scene.values)) for part in bending])
+    return float(2.0 * np.sqrt(resists / float(section.axial.at(scene.values))))

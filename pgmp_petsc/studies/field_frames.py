@@ -1,0 +1,113 @@
+"""The fields of bodies over a run's frames, as results keep them: with what deforms them apart from their rigid motion.
+
+Deformation is position less that in the rigid mechanism at the same measured coordinates, as outputs of that type
+report it (`outputs`). In the rigid mechanism bodies meet at their joints as the deformed ones do, so that a deformation
+that is enlarged takes no joint apart but for what is of second order in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.models.body_fields import Fields, ReducedFields, joined, placed, undeformed
+from pgmp_petsc.models.field_points import FieldPoints, FieldSet
+from pgmp_petsc.outputs.outputs import joint_angle
+from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.trajectory import Trajectory
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.runtime.remarks import Remark, note
+
+
+def field_frames(
+    seen: FieldSet, kinematics: RigidKinematics, nodal: np.ndarray, values: Fields
+) -> dict[str, BodyField]:
+    """Return the fields of all bodies that are seen; nothing where there are no frames.
+
+    Parameters
+    ----------
+    nodal
+        Frames of all nodes of the mechanism, shape (n_f, n_nodes, n_frame); see `shape_frames`.
+    values
+        The fields of the models at these instants, or more.
+    """
+    if not values:
+        return {}
+    poses = rigid_poses(kinematics, np.moveaxis(nodal, 0, -1))
+    return {name: _field(field, kinematics, poses, values) for name, field in seen.points.items()}
+
+
+def fields_over(fields: ReducedFields, eta: np.ndarray, values: Mapping[str, float]) -> Fields:
+    """Return the fields for reduced coordinates (n, n_eta), as many instants at once as are best evaluated together."""
+    n = fields.at_once if fields.seen.points else max(1, len(eta))
+    with np.errstate(all="ignore"):
+        return joined([fields.of(eta[first : first + n], values) for first in range(0, len(eta), n)])
+
+
+def fields_at(model: ReducedModel, run: Trajectory, times: Sequence[float]) -> dict[str, BodyField]:
+    """Return the fields at any instants (n,), s, of a run of a reduced model; between steps its coordinates are linear.
+
+    Raises
+    ------
+    InputError
+        If the run is not of this model, an instant is outside it, or no mesh is known.
+    """
+    instants, tables = np.atleast_1d(np.asarray(times, dtype=float)), model.rom.tables
+    n_eta = tables.n_coordinates + tables.n_modes
+    columns = run.coordinates if run.modal is None else np.hstack([run.coordinates, run.modal])
+    if run.model != "reduced" or columns.shape[1] != n_eta:
+        raise InputError(
+            f"the run is of a {run.model} model with {columns.shape[1]} coordinates, the reduced model has {n_eta}; "
+            "give the reduced model that it was made with"
+        )
+    outside = instants[~((instants >= run.time[0]) & (instants <= run.time[-1]))]
+    if outside.size:
+        raise InputError(f"times: {outside[0]:g} s is outside the run, from {run.time[0]:g} to {run.time[-1]:g} s")
+    eta = np.stack([np.interp(instants, run.time, column) for column in columns.T], axis=1)
+    fields = model.fields(instants.size)
+    if not fields.seen.points:
+        raise InputError(f"no body can be seen: {'; '.join(map(' '.join, fields.seen.left_out.items())) or 'no mesh'}")
+    nodal = np.moveaxis(model.frames_of(eta), 2, 0)
+    return field_frames(fields.seen, model.kinematics, nodal, fields_over(fields, eta, model.scene.values))
+
+
+def rigid_poses(kinematics: RigidKinematics, nodal: np.ndarray) -> np.ndarray:
+    """Return the poses (n_bodies, n_pose, n) of the rigid mechanism at the coordinates that frames of its nodes
+    (n_nodes, n_frame, n) have; not a number where it may not exist."""
+    angles = [joint_angle(coordinate.connection, kinematics)[0] for coordinate in kinematics.coordinates]
+    measured = np.stack([angle(nodal) for angle in angles], axis=1)
+    inside = kinematics.within_reach(measured).reshape(len(measured))
+    poses = np.full((len(kinematics.mechanism.bodies), kinematics.mechanism.space.n_pose, len(measured)), np.nan)
+    if inside.any():
+        poses[..., inside] = kinematics.poses(measured[inside])
+    return poses
+
+
+def _field(field: FieldPoints, kinematics: RigidKinematics, poses: np.ndarray, values: Fields) -> BodyField:
+    name = kinematics.mechanism.bodies[field.number].name
+    own, n = values[name], poses.shape[2]
+    rigid = placed(kinematics.mechanism.space, poses[field.number], undeformed(field))
+    places = own.positions[..., :n]
+    return BodyField(
+        kind=field.kind,
+        nodes=field.mesh.nodes,
+        cells=field.mesh.cells,
+        positions=np.moveaxis(places, 2, 0),
+        deformation=np.moveaxis(places - rigid, 2, 0),
+        at_nodes={quantity: table[:, :n].T for quantity, table in own.at_nodes.items()},
+        at_cells={quantity: table[:, :n].T for quantity, table in own.at_cells.items()},
+        units=field.units,
+        rigid=field.stresses is None,
+        radius=field.radius,
+    )
+
+
+def left_out_of_fields(seen: FieldSet) -> tuple[Remark, ...]:
+    """Say which bodies are not stored as they can be seen, and why."""
+    if not seen.left_out:
+        return ()
+    said = "; ".join(f"{name} ({why})" for name, why in seen.left_out.items())
+    return (note(f"displacements and stresses over the whole body are not stored of {said}"),)

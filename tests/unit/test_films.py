@@ -1,0 +1,297 @@
+"""Pictures of surfaces and films: bodies are where they are said to be, in the colours of their values."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+import synthetic
+from click.testing import CliRunner, Result
+from mpi4py import MPI
+from PIL import Image
+from runs import rom_of
+from scenes import slider_crank
+from solids import box_mesh, rectangle_mesh
+
+from pgmp_petsc.cli.animate import animate
+from pgmp_petsc.cli.session import Session
+from pgmp_petsc.figures.collection import draw
+from pgmp_petsc.figures.films import Pace
+from pgmp_petsc.figures.motion import motion_of, scale_of
+from pgmp_petsc.figures.solids import solids
+from pgmp_petsc.figures.stage import Stage, drawing, view_of
+from pgmp_petsc.results import Trajectory
+from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.runtime.errors import InputError
+
+WIDE, HIGH = 240, 160
+
+
+def field_of(mesh, moves: np.ndarray, deformation: float, stress: float) -> BodyField:
+    """Return a body that moves by `moves` (n_f, d), with a stress that grows along x and over time."""
+    places = mesh.nodes + moves[:, None, :]
+    strength = stress * np.linspace(0.0, 1.0, len(moves))[:, None]
+    along = mesh.nodes[:, 0] / mesh.nodes[:, 0].max()
+    bent = np.zeros_like(places)
+    bent[..., 1] = deformation * along**2
+    nodal = {"von_mises": strength * along}
+    inner = {"von_mises": strength * along[mesh.cells].mean(axis=1)}
+    return BodyField(mesh.kind, mesh.nodes, mesh.cells, places, bent, nodal, inner, {"von_mises": "Pa"})
+
+
+def run_of(**fields: BodyField) -> Trajectory:
+    """Return a run of four frames with these bodies; crank and rod of its frames are without fields."""
+    run = synthetic.trajectory(n_frames=4, n_times=101)
+    empty = {name: {} for name in ("positions", "rotations", "nodes", "cells")}
+    d = next(iter(fields.values())).nodes.shape[1]
+    for name, own in fields.items():
+        empty["positions"][name] = own.positions[:, :1]
+        empty["rotations"][name] = np.zeros((4, 1) if d == 2 else (4, 1, 3))
+        empty["nodes"][name] = own.nodes[:1]
+        empty["cells"][name] = np.zeros((0, 2), dtype=int)
+    frames = replace(run.frames, **empty)
+    return replace(run, frames=frames, fields=fields)
+
+
+def flat_run(deformation: float = 1e-4) -> Trajectory:
+    """Return a bar of plane cells that moves to the right by its length."""
+    mesh = rectangle_mesh("quad8", (6, 2), (1.0, 0.2))
+    return run_of(bar=field_of(mesh, np.linspace([0.0, 0.0], [1.0, 0.0], 4), deformation, 3e6))
+
+
+def block_run() -> Trajectory:
+    """Return a block of solid cells that stays, beside a rigid one."""
+    mesh = box_mesh("hexahedron20", (3, 1, 1), (1.0, 0.3, 0.3))
+    block = field_of(mesh, np.zeros((4, 3)), 1e-4, 3e6)
+    moved = block.positions + [1.5, 0.0, 0.0]
+    base = BodyField(mesh.kind, mesh.nodes, mesh.cells, moved, 0.0 * moved, rigid=True)
+    return run_of(block=block, base=base)
+
+
+def coloured(picture: np.ndarray) -> np.ndarray:
+    """Return where a picture is neither white nor grey, (height, width)."""
+    return np.ptp(picture.astype(int), axis=2) > 40
+
+
+def command(*arguments: object) -> Result:
+    """Run ``pgmp animate`` in this process."""
+    return CliRunner().invoke(animate, [str(word) for word in arguments], obj=Session(MPI.COMM_SELF))
+
+
+def refused(*arguments: object) -> str:
+    """Return the message of bad input."""
+    done = command(*arguments)
+    assert isinstance(done.exception, InputError), done
+    return str(done.exception)
+
+
+def test_what_is_drawn_of_a_run() -> None:
+    run = flat_run()
+    motion = motion_of(run, scale=100.0)
+    (skin,) = motion.skins
+    own = run.fields["bar"]
+    np.testing.assert_allclose(skin.points[..., :2], own.positions + 99.0 * own.deformation, rtol=1e-15)
+    assert motion.quantity == "von Mises stress (MPa)" and motion.largest == pytest.approx(3.0) and motion.peak == 3
+    assert "deformation enlarged 100 times" in motion.title and motion.captions[1] == "t = 0.3333 s"
+    plain = motion_of(run, "none", 1.0)
+    assert plain.skins[0].values is None and not plain.quantity and "enlarged" not in plain.title
+    assert motion_of(run, "displacement").largest == pytest.approx(1.0)
+    assert motion_of(run, "deformation").quantity == "deformation (mm)"
+
+
+@pytest.mark.parametrize(("deformation", "scale"), [(1e-4, 1000.0), (3.1e-4, 200.0), (0.5, 1.0), (0.0, 1.0)])
+def test_the_scale_is_round_and_shows_a_twentieth(deformation: float, scale: float) -> None:
+    """The bar and its way are 2 m long: 0.1 m is shown at most."""
+    assert scale_of(flat_run(deformation).fields) == scale
+
+
+def test_a_run_without_what_is_asked_for() -> None:
+    run = synthetic.trajectory(n_frames=4)
+    with pytest.raises(InputError, match="nothing of this run is known in von Mises stress"):
+        motion_of(run)
+    assert "drawn as lines" in motion_of(run, "none").notes[0]
+    with pytest.raises(InputError, match="no frames to draw"):
+        motion_of(synthetic.trajectory(n_frames=0))
+    with pytest.raises(InputError, match="--at 7: outside the run, which goes from 0 to 1 s"):
+        solids(flat_run(), 7.0)
+
+
+def test_a_flat_body_is_where_it_is_in_its_colours() -> None:
+    motion = motion_of(flat_run(), scale=1.0)
+    with Stage(motion, WIDE, HIGH) as stage:
+        first, last = stage.picture(0), stage.picture(3)
+        metre = stage.metre
+    shown = coloured(last)
+    rows, columns = np.nonzero(shown)
+    # a bar of 1 m by 0.2 m, without the lines around it
+    assert np.ptp(columns) == pytest.approx(metre, abs=4) and np.ptp(rows) == pytest.approx(0.2 * metre, abs=4)
+    # it moved to the right by its length
+    moved = columns.min() - np.nonzero(coloured(first))[1].min()
+    assert moved == pytest.approx(metre, abs=4)
+    # nothing is stressed at first; at the end stress grows from the left to the right
+    colours = 255.0 * matplotlib.colormaps["viridis"](np.array([0.0, 0.5, 0.93]))[:, :3]
+    middle = rows.mean().astype(int) - 2
+    at = [columns.min() + round(share * np.ptp(columns)) for share in (0.03, 0.5, 0.93)]
+    np.testing.assert_allclose(last[middle, at], colours, atol=16)
+    np.testing.assert_allclose(first[coloured(first)].mean(axis=0), colours[0], atol=25)
+
+
+def test_a_solid_is_lit_and_a_rigid_one_grey() -> None:
+    motion = motion_of(block_run(), scale=1.0)
+    assert [skin.values is None for skin in motion.skins] == [False, True]
+    with Stage(motion, WIDE, HIGH) as stage:
+        picture = stage.picture(3)
+    shown = coloured(picture)
+    grey = (np.ptp(picture.astype(int), axis=2) < 25) & (picture.max(axis=2) < 235)
+    assert shown.sum() > 0.03 * shown.size and grey.sum() > 0.03 * shown.size
+    assert np.nonzero(shown)[1].mean() < np.nonzero(grey)[1].mean()
+    # nothing touches the edge: the camera sees all
+    edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (edge == 255).all()
+
+
+def test_beams_are_tubes_of_their_section() -> None:
+    nodes = np.column_stack([np.linspace(0.0, 1.0, 6), np.zeros(6)])
+    cells = np.column_stack([np.arange(5), np.arange(1, 6)])
+    places = np.repeat(nodes[None], 4, axis=0)
+    extremes = {"stress_max": np.tile(np.linspace(1e6, 2e6, 6), (4, 1)), "stress_min": np.full((4, 6), -2e6)}
+    inner = {name: values[:, :5] for name, values in extremes.items()}
+    units = dict.fromkeys(extremes, "Pa")
+    rod = BodyField("line", nodes, cells, places, 0.0 * places, extremes, inner, units, radius=0.05)
+    motion = motion_of(run_of(rod=rod))
+    assert motion.largest == pytest.approx(2.0) and "outermost fibres" in motion.notes[-1]
+    with Stage(motion, WIDE, HIGH) as stage:
+        shown = coloured(stage.picture(0))
+    assert np.ptp(np.nonzero(shown)[0]) == pytest.approx(0.1 * stage.metre, abs=5)
+
+
+@pytest.mark.parametrize("thin", [0, 1, 2])
+def test_a_mechanism_in_space_is_seen_across_its_least_extent(thin: int) -> None:
+    points = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]])
+    points[:, thin] *= 0.1
+    view = view_of(points, False)
+    np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(view) == pytest.approx(1.0) and np.argmax(np.abs(view[2])) == thin
+
+
+def test_pictures_of_a_run_with_solids(tmp_path: Path) -> None:
+    block_run().write(tmp_path / "run.h5")
+    lines = draw([tmp_path / "run.h5"], tmp_path / "pictures")
+    assert str(tmp_path / "pictures" / "solids.png") in lines
+    with Image.open(tmp_path / "pictures" / "solids.png") as image:
+        assert coloured(np.asarray(image.convert("RGB"))).mean() > 0.03
+    figure = solids(block_run(), 0.3)
+    assert figure.axes[0].get_xlabel() == "t = 0.3333 s" and figure.axes[1].get_ylabel() == "von Mises stress (MPa)"
+
+
+def test_films(tmp_path: Path) -> None:
+    """A GIF and an MP4 of the same run: their pictures are those of its frames, all of one size."""
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    flat_run().write(tmp_path / "run.h5")
+    for name in ("film.gif", "film.mp4"):
+        done = command(tmp_path / "run.h5", "-o", tmp_path / name, "--fps", 10)
+        assert done.exit_code == 0 and "4 pictures, 0.4 s, deformation enlarged 1000 times" in done.output, done
+        # it is ours to replace
+        assert command(tmp_path / "run.h5", "-o", tmp_path / name, "--fps", 10, "--scale", 1).exit_code == 0
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert gif.n_frames == 4 and gif.info["duration"] == 100
+        pictures = []
+        for number in range(4):
+            gif.seek(number)
+            pictures.append(np.asarray(gif.convert("RGB")))
+    moved = [np.nonzero(coloured(picture)[:, : picture.shape[1] * 4 // 5])[1].max() for picture in pictures[:3]]
+    assert moved == sorted(moved) and moved[2] > moved[0] + 50
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "film.mp4"))
+    about = next(reader)
+    frames = [np.frombuffer(frame, np.uint8) for frame in reader]
+    assert len(frames) == 4 and about["fps"] == 10 and all(length % 2 == 0 for length in about["size"])
+    assert frames[0].std() > 10 and np.abs(frames[3].astype(int) - frames[0]).max() > 100
+
+
+def test_the_film_of_a_mode(tmp_path: Path) -> None:
+    """A mode of beams goes to both sides of where it rests."""
+    rom_of(slider_crank()).write(tmp_path / "rom.h5")
+    done = command(tmp_path / "rom.h5", "--mode", 1, "--at", "theta=0.5", "-o", tmp_path / "mode.gif")
+    assert done.exit_code == 0 and "24 pictures" in done.output, done
+    with Image.open(tmp_path / "mode.gif") as gif:
+        assert gif.n_frames == 24
+        shown = []
+        for number in (6, 18):
+            gif.seek(number)
+            shown.append(coloured(np.asarray(gif.convert("RGB"))))
+    assert shown[0].sum() > 100 and (shown[0] != shown[1]).sum() > 100
+    assert refused(tmp_path / "rom.h5", "--mode", 1, "--at", "theta", "-o", tmp_path / "m.gif").startswith(
+        "--at theta:"
+    )
+    assert "--mode 99" in refused(tmp_path / "rom.h5", "--mode", 99, "-o", tmp_path / "m.gif")
+    assert "is a reduced model; give --mode K" in refused(tmp_path / "rom.h5", "-o", tmp_path / "m.gif")
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "message"),
+    [
+        ("run.h5", ("-o", "film.avi"), "a film is named .mp4 or .gif"),
+        ("run.h5", ("-o", "notes.gif"), "exists and is not a film of this program"),
+        ("run.h5", ("-o", "film.gif", "--mode", "1"), "--mode 1: for reduced models"),
+        ("run.h5", ("-o", "film.gif", "--at", "theta=0"), "--at: for modes"),
+        ("modes.h5", ("-o", "film.gif", "--mode", "1"), "a table of modes holds frequencies alone"),
+        ("none.h5", ("-o", "film.gif"), "none.h5"),
+    ],
+)
+def test_what_cannot_become_a_film(name: str, more: Sequence[str], message: str, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    synthetic.trajectory(n_frames=2, n_times=11).write("run.h5")
+    synthetic.modes_table(n_theta=5).write("modes.h5")
+    Path("notes.gif").write_text("mine")
+    assert message in refused(name, *more)
+    assert Path("notes.gif").read_text() == "mine" and not Path("film.gif").exists()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "numbers", "rate"),
+    [
+        (None, [0, 1, 2, 3, 4], 20.0),
+        (0.15, [0, 2, 4], 20.0),
+        (0.25, [0, 1, 2, 3, 4], 20.0),
+        (2.5, [0, 1, 2, 3, 4], 2.0),
+    ],
+)
+def test_the_pace_of_a_film(seconds: float | None, numbers: list[int], rate: float) -> None:
+    pace = Pace.of(5, 20.0, seconds)
+    assert pace.numbers.tolist() == numbers and pace.rate == pytest.approx(rate)
+    assert seconds is None or pace.seconds == pytest.approx(seconds)
+
+
+def test_without_what_draws_the_cure_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    block_run().write(tmp_path / "run.h5")
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r"pip install 'pyvista<0.47'"):
+        drawing()
+    lines = draw([tmp_path / "run.h5"], tmp_path / "pictures")
+    assert (tmp_path / "pictures" / "mechanism.png").exists()  # what matplotlib draws remains
+    assert any(line.startswith("no solids.png: surfaces are drawn by pyvista") for line in lines)
+
+
+def test_without_a_library_for_drawing_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> None:
+        raise OSError(name)
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(ctypes, "CDLL", absent)
+    with pytest.raises(InputError, match="apt-get install libegl1"):
+        drawing()
+
+
+def test_without_what_writes_mp4_gif_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    flat_run().write(tmp_path / "run.h5")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert "pip install imageio-ffmpeg, or name the film .gif" in refused(
+        tmp_path / "run.h5", "-o", tmp_path / "film.mp4"
+    )
+    assert not (tmp_path / "film.mp4").exists()
