@@ -35,10 +35,8 @@ def editor_schema() -> dict[str, Any]:
     """
     found = Scene.model_json_schema()
     schema = _table(found)
-    # instead of all effects, see `Scene._defaults_of_the_reduction`
-    effects = schema["properties"]["effects"]
-    described = {"description": effects.pop("description")}
-    schema["properties"]["effects"] = described | {"anyOf": [effects, {"type": "string", "enum": ["auto"]}]}
+    # the word in place of all effects, see `Scene._defaults_of_the_reduction`
+    schema["properties"]["effects"] |= {"type": ["object", "string"], "pattern": "^auto$"}
     return {
         "$schema": DIALECT,
         "title": TITLE,
