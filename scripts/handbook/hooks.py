@@ -15,7 +15,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 NOTEBOOK = "notebooks/demo.ipynb"
 #: Pages made from files elsewhere.
 OTHER_PAGES = {"index.md": "README.md", "changelog.md": "CHANGELOG.md"}
@@ -29,6 +30,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, content=_from_top((ROOT / source).read_text(encoding="utf-8"))))
     notebook = (ROOT / "docs" / NOTEBOOK).read_text(encoding="utf-8")
     files.append(File.generated(config, "notebook.md", content=notebook_page(notebook)))
+    files.append(File.generated(config, "handbook.css", content=(HERE / "handbook.css").read_text(encoding="utf-8")))
+    schema = (ROOT / "build" / "scene.schema.json").read_text(encoding="utf-8")  # which scripts/docs has written
+    files.append(File.generated(config, "scene.schema.json", content=schema))
     for pattern in BESIDE:
         for path in sorted(ROOT.glob(pattern)):
             name = path.relative_to(ROOT).as_posix()
