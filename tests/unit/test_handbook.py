@@ -83,14 +83,15 @@ def test_commands_of_blocks_are_taken(block: Block) -> None:
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_commands_in_texts_have_the_options(path: Path) -> None:
     for code in re.findall(r"(?<!`)`(pgmp [^`]+)`(?!`)", texts_of(path)):
-        name, *rest = code.split()[1:]
-        if name in ("COMMAND", "...") or name.startswith("-"):
-            continue
-        assert name in COMMANDS, f"{path.name}: `{code}`: there is no such command"
-        known = {option for parameter in command(name).params for option in parameter.opts} | {"--help", "--"}
-        for word in rest[: rest.index("--")] if "--" in rest else rest:
-            option = word.strip("[]().,;").partition("=")[0]
-            assert not option.startswith("--") or option in known, f"{path.name}: `{code}`: no option {option}"
+        for one in re.findall(r"pgmp ([^;]+)", code):
+            name, *rest = one.split()
+            if name in ("COMMAND", "...") or name.startswith("-"):
+                continue
+            assert name in COMMANDS, f"{path.name}: `{code}`: there is no such command"
+            known = {option for parameter in command(name).params for option in parameter.opts} | {"--help", "--"}
+            for word in rest[: rest.index("--")] if "--" in rest else rest:
+                option = word.strip("[]().,").partition("=")[0]
+                assert not option.startswith("--") or option in known, f"{path.name}: `{code}`: no option {option}"
 
 
 @pytest.mark.parametrize("block", TOML, ids=str)
