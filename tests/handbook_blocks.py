@@ -34,7 +34,7 @@ MARKS = ("not run", "dear", "given", "output", "file", "into", "shown in")
 _MARK = re.compile(r"<!-- (" + "|".join(MARKS) + r")(?:: (.*?))? -->")
 #: Words that begin a line of a shell block.
 _COMMANDS = re.compile(
-    r"(\$ )?([A-Z_]+=\S+ )*(\.venv/bin/)?(pgmp|python3?|pytest|mpirun|scripts/\S+|\.|source|cd|for|export|apt-get|sbatch|qsub|"
+    r"(\$ )?([A-Z_]+=\S+ )*(\.venv/bin/)?(pgmp|python3?|pytest|mpirun|scripts/\S+|\.|source|cd|for|export|eval|apt-get|sbatch|qsub|"
     r"build=\$\(.*|time|S=\S+)( |$)"
 )
 _SHELLS = ("sh", "bash", "shell", "console")
