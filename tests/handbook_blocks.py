@@ -1,4 +1,4 @@
-"""The code blocks of README and docs: where they stand, what they are, and what comments above them say of running them.
+"""The code blocks of README and docs: where they stand, what they are, and what comments above say of running them.
 
 A comment above a block is not seen by readers:
 
@@ -34,8 +34,8 @@ MARKS = ("not run", "dear", "given", "output", "file", "into", "shown in")
 _MARK = re.compile(r"<!-- (" + "|".join(MARKS) + r")(?:: (.*?))? -->")
 #: Words that begin a line of a shell block.
 _COMMANDS = re.compile(
-    r"(\$ )?([A-Z_]+=\S+ )*(\.venv/bin/)?(pgmp|python3?|pytest|mpirun|scripts/\S+|\.|source|cd|for|export|eval|apt-get|sbatch|qsub|"
-    r"build=\$\(.*|time|S=\S+)( |$)"
+    r"(\$ )?([A-Z_]+=\S+ )*(\.venv/bin/)?(pgmp|python3?|pytest|mpirun|scripts/\S+|\.|source|cd|for|export|eval|"
+    r"apt-get|sbatch|qsub|build=\$\(.*|time|S=\S+)( |$)"
 )
 _SHELLS = ("sh", "bash", "shell", "console")
 _END = re.compile(r"[;|&<>()]+$")
@@ -148,7 +148,7 @@ def shell_of(block: Block) -> str:
 
 
 def commands_of(text: str) -> Iterator[list[str]]:
-    """Yield the words of every simple command of a shell text, without redirections, here-documents and variables set."""
+    """Yield the words of every simple command of a shell text, without redirections, here-documents and variables."""
     text = re.sub(r"<<'?(\w+)'?\n.*?\n\1\n", "\n", text, flags=re.DOTALL).replace("\\\n", " ")
     for line in text.splitlines():
         lexer = shlex.shlex(line, posix=True, punctuation_chars=";|&<>()")
@@ -168,7 +168,9 @@ def commands_of(text: str) -> Iterator[list[str]]:
 def without_launcher(words: list[str]) -> list[str]:
     """Return a command without ``mpirun -n P``."""
     if words[0] in ("mpirun", "srun"):
-        start = next((k for k, word in enumerate(words) if k and word.endswith(("pgmp", "python")) or word == "-m"), None)
+        start = next(
+            (k for k, word in enumerate(words) if k and word.endswith(("pgmp", "python")) or word == "-m"), None
+        )
         return words[start:] if start else words
     return words
 

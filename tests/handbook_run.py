@@ -1,7 +1,7 @@
-"""Run the code blocks of README and docs, page by page, each page in a folder of its own: what `scripts/check_docs` does.
+"""Run the code blocks of README and docs, page by page, each in a folder of its own: what `scripts/check_docs` does.
 
-Folders have links to scenes, meshes, benchmarks, tests and scripts of the repository, and `pgmp` and `python` are those of
-this checkout. See `handbook_blocks` for the comments that say what is not run.
+Folders have links to scenes, meshes, benchmarks, tests and scripts of the repository, and `pgmp` and `python` are those
+of this checkout. See `handbook_blocks` for the comments that say what is not run.
 """
 
 from __future__ import annotations

@@ -68,4 +68,6 @@ def save(context: click.Context, result: Writable | None, path: Path, *parts: Pa
 
     on_root(context.obj.comm, writing_the_result)
     if is_table(path):
-        say(context, f"{path}: rows and columns alone; a file *.h5 has the scene, remarks, estimates and statistics too")
+        say(
+            context, f"{path}: rows and columns alone; a file *.h5 has the scene, remarks, estimates and statistics too"
+        )

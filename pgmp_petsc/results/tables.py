@@ -4,8 +4,8 @@
 result              rows and columns
 =================== ==================================================================================================
 trajectory          instants: time, outputs
-ensemble            samples: number, status (0 = fine), parameters, outputs at the end; where the ensemble has them extremes
-                    over time and first passages
+ensemble            samples: number, status (0 = fine), parameters, outputs at the end; extremes over time and first
+                    passages where it has them
 table of modes      configurations: coordinates, frequencies of the full-order and of the reduced model
 trade-off study     settings: name, errors of the outputs, times
 sensitivities       instants: time, outputs, derivatives of each output with each parameter
@@ -51,7 +51,7 @@ def columns_of(result: Any) -> Columns:
 
 
 def csv_text(columns: Mapping[str, tuple[str, np.ndarray]], rows: int | None = None) -> str:
-    """Return the first `rows` rows (all if not given) as CSV: a line of names with units, then numbers with all digits."""
+    """Return the first `rows` rows (all if not given) as CSV: names with units, then numbers with all digits."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([f"{name} ({unit})" if unit not in ("", "1") else name for name, (unit, _) in columns.items()])

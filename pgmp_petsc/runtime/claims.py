@@ -203,7 +203,8 @@ def _check_replaceable(output: str | os.PathLike[str], target: Path, kind: str) 
     """Raise `InputError` unless an existing file is a result of the same kind."""
     if kind == TABLE and target.stat().st_size:
         raise InputError(
-            f"output file '{output}' exists, and nothing in a CSV file says whose it is; give another name, or remove it"
+            f"output file '{output}' exists, and nothing in a CSV file says whose it is; give another name, or remove "
+            "it"
         )
     found = _kind_of(target, kind)
     if found is None:

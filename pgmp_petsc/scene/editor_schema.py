@@ -1,7 +1,7 @@
 """The JSON schema of scenes, for editors that complete and check TOML; made from the models that validate scenes.
 
-Draft 4 of JSON Schema, which the language servers of TOML know. It holds names, types, choices, limits of single numbers
-and descriptions. What entries ask of each other (names that exist, exactly one of two keys, units) is left to
+Draft 4 of JSON Schema, which the language servers of TOML know. It holds names, types, choices, limits of single
+numbers and descriptions. What entries ask of each other (names that exist, exactly one of two keys, units) is left to
 `pgmp_petsc.scene.loading`: a scene that the schema refuses is refused there too, and not the other way round.
 """
 

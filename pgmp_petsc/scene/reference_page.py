@@ -13,16 +13,25 @@ from pgmp_petsc.scene.units import SI
 MADE_BY = "made by `pgmp schema`"
 HEAD = f"""# All entries of a scene
 
-Every entry that a scene may have, in the order in which its tables are best written. This page is {MADE_BY} from the models that read
-scenes, and a test holds it to them: `pgmp schema -o docs/scene_reference.md` writes it again. [scenes.md](scenes.md) says what the
-entries mean together, what is refused and what is warned of; [effects.md](effects.md) what acts how.
+Every entry that a scene may have, in the order in which its tables are best written. This page is {MADE_BY} from the
+models that read scenes, and a test holds it to them: `pgmp schema -o docs/scene_reference.md` writes it again.
+[scenes.md](scenes.md) says what the entries mean together, what is refused and what is warned of;
+[effects.md](effects.md) what acts how.
 
-Numbers are in SI units. An entry with "or a parameter" takes a number or the name of one of `[parameters]`. What has neither a default nor
-the word *needed* is absent unless a scene has it. Names that a scene chooses begin with a letter or `_` and go on with letters, digits, `_`
-and `-`.
+Numbers are in SI units. An entry with "or a parameter" takes a number or the name of one of `[parameters]`. What has
+neither a default nor the word *needed* is absent unless a scene has it. Names that a scene chooses begin with a letter
+or `_` and go on with letters, digits, `_` and `-`.
 """
 #: Units in texts that are written otherwise than in `units.SI`.
-SPELLED = {"Nm": "N m", "Nm/rad": "N m/rad", "Nm s/rad": "N m s/rad", "Hz": "Hz", "s/m": "s/m", "s/rad": "s/rad", "1/s": "1/s"}
+SPELLED = {
+    "Nm": "N m",
+    "Nm/rad": "N m/rad",
+    "Nm s/rad": "N m s/rad",
+    "Hz": "Hz",
+    "s/m": "s/m",
+    "s/rad": "s/rad",
+    "1/s": "1/s",
+}
 
 
 def reference_page() -> str:
@@ -86,7 +95,9 @@ def _table(model: Mapping[str, Any], place: str, kind: str, waiting: list[tuple[
         text = entry.get("description", "").replace("|", "\\|")
         rows.append(f"| `{name}` | {allowed(entry)} | {unit_of(entry)} | {default} | {text} |")
     if isinstance(model["additionalProperties"], Mapping):
-        rows.append(f"| any other name | {allowed(model['additionalProperties'])} | | | its arguments, by their names |")
+        rows.append(
+            f"| any other name | {allowed(model['additionalProperties'])} | | | its arguments, by their names |"
+        )
     if rows:
         lines += ["| entry | allowed | unit | default | meaning |", "|---|---|---|---|---|", *rows, ""]
     return "\n".join(lines)
@@ -114,8 +125,11 @@ def allowed(entry: Mapping[str, Any]) -> str:
         words = [allowed(one) for one in entry["anyOf"]]
         is_quantity = {one.get("type") for one in entry["anyOf"]} == {"number", "string"}
         return f"{words[0]} or a parameter" if is_quantity else " or ".join(words)
-    if "allOf" in entry or "oneOf" in entry or "patternProperties" in entry:
-        return "table" if "patternProperties" not in entry else "tables"
+    if "allOf" in entry or "oneOf" in entry:
+        return "table"
+    if "patternProperties" in entry:
+        (inner,) = entry["patternProperties"].values()
+        return f"{{ NAME = {allowed(inner)}, ... }}"
     if entry["type"] == "array":
         return _list(entry)
     if entry["type"] in ("number", "integer"):

@@ -1,7 +1,7 @@
 """What MkDocs is told besides its settings: pages from outside docs/, the notebook as a page, equations as MathML.
 
-The files in docs/ are also read where the repository is, so their links lead to files of the repository. Here README.md becomes the
-first page, and scenes that pages link to lie beside them.
+The files in docs/ are also read where the repository is, so their links lead to files of the repository. Here README.md
+becomes the first page, and scenes that pages link to lie beside them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn equations (arithmatex marks them) into MathML, which browsers draw by themselves."""
-    html = re.sub(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', lambda found: _mathml(found[1], "block"), html, flags=re.S)
+    html = re.sub(
+        r'<div class="arithmatex">\\\[(.*?)\\\]</div>', lambda found: _mathml(found[1], "block"), html, flags=re.S
+    )
     return re.sub(r'<span class="arithmatex">\\\((.*?)\\\)</span>', lambda found: _mathml(found[1], "inline"), html)
 
 

@@ -1,4 +1,4 @@
-"""README and docs: every block of code is what it says, commands have the options that texts name, links and claims lead somewhere.
+"""README and docs: blocks of code are what they say, commands have the options that texts name, links lead somewhere.
 
 The blocks are really run by `scripts/check_docs`; here it is what can be known of them without running.
 """
@@ -96,7 +96,7 @@ def test_commands_in_texts_have_the_options(path: Path) -> None:
 
 @pytest.mark.parametrize("block", TOML, ids=str)
 def test_toml_blocks_are_parts_of_scenes(block: Block) -> None:
-    """A whole scene is read; the tables of a part fit into the scene that the page has, or into one of the repository."""
+    """A whole scene is read; the tables of a part fit into the scene of the page, or into one of the repository."""
     if "file" in block.marks:
         scene_from_tables(tomllib.loads(block.text), ROOT)
         return
