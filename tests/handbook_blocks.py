@@ -35,7 +35,7 @@ _MARK = re.compile(r"<!-- (" + "|".join(MARKS) + r")(?:: (.*?))? -->")
 #: Words that begin a line of a shell block.
 _COMMANDS = re.compile(
     r"(\$ )?([A-Z_]+=\S+ )*(\.venv/bin/)?(pgmp|python3?|pytest|mpirun|scripts/\S+|\.|source|cd|for|export|eval|"
-    r"apt-get|sbatch|qsub|build=\$\(.*|time|S=\S+)( |$)"
+    r"apt-get|pip|git|cc|sbatch|qsub|build=\$\(.*|time|S=\S+)( |$)"
 )
 _SHELLS = ("sh", "bash", "shell", "console")
 _END = re.compile(r"[;|&<>()]+$")
