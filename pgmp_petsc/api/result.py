@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of, is_table
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene, scene_from_toml
@@ -94,6 +94,8 @@ class Result:
     def write(self, path: str | PathLike[str]) -> Path:
         """Write the file that the command writes, on the first rank, and return its path. Collective on `comm`.
 
+        A name that ends in .csv gives a table of its columns (`results.tables`), where results of its kind have some.
+
         Raises
         ------
         InputError
@@ -102,12 +104,15 @@ class Result:
             If the system fails to write.
         """
 
-        def writing_the_result() -> None:
-            self.data.write(target)
+        from pgmp_petsc.results.tables import write_result
 
-        with claimed(self.comm, path, self.kind) as target:
+        def writing_the_result() -> None:
+            write_result(self.data, target)
+
+        with claimed(self.comm, path, form_of(path, self.kind)) as target:
             on_root(self.comm, writing_the_result)
-        self.path = target
+        if not is_table(target):  # of which nothing can be read again
+            self.path = target
         return target
 
 

@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from pgmp_petsc.cli.session import Session
 from pgmp_petsc.runtime.errors import nearest_name
@@ -68,6 +69,8 @@ class LazyGroup(click.Group):
             raise click.UsageError(f"no command '{cmd_name}'{nearest_name(cmd_name, self._lazy)}", ctx)
         command = self._lazy[cmd_name]
         session = ctx.find_object(Session)
+        if ctx.resilient_parsing:
+            return command.load()  # a shell asks for what may follow: nothing runs
         if command.uses_petsc and session is not None:
             session.start_petsc()
         elif session is not None and session.petsc_options:
@@ -76,6 +79,15 @@ class LazyGroup(click.Group):
                 f"'{cmd_name}' does not use PETSc, but was given PETSc options after '--': {given}", ctx
             )
         return command.load()
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete the names of commands without importing them, and the options of the group."""
+        found = [
+            CompletionItem(name, help=command.help)
+            for name, command in self._lazy.items()
+            if name.startswith(incomplete)
+        ]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""

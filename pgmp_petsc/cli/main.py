@@ -58,6 +58,7 @@ COMMANDS = {
         "pgmp_petsc.cli.export:export", "A trajectory for ParaView, a reduced model as C99 or FMU.", False
     ),
     "info": LazyCommand("pgmp_petsc.cli.info:info", "Say what a result file holds.", False),
+    "schema": LazyCommand("pgmp_petsc.cli.schema:schema", "What a scene may say, for editors or as a page.", False),
 }
 
 

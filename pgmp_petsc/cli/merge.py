@@ -17,7 +17,7 @@ from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import read_shard
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import agreed
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 
 
 @click.command()
@@ -31,7 +31,7 @@ def merge(context: click.Context, files: tuple[Path, ...], output: Path) -> None
     Exit status 1 if some samples failed.
     """
     comm = context.obj.comm
-    context.with_resource(claimed(comm, output, "ensemble", files))
+    context.with_resource(claimed(comm, output, form_of(output, "ensemble"), files))
     with ExitStack() as opened:
         with agreed(comm, "merging"):
             ensemble = _merged(files, output, opened) if comm.rank == 0 else None

@@ -14,7 +14,7 @@ from pgmp_petsc.cli.report import remark_lines, save, say, say_remarks
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.modes import ModesTable
 from pgmp_petsc.results.summary import summary_of
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.inputs import read_rom, read_scene
@@ -50,7 +50,7 @@ def modes(
 ) -> None:
     """Compute eigenfrequencies of SCENE over its configurations, full-order and (with --rom) reduced."""
     comm = context.obj.comm
-    context.with_resource(claimed(comm, output, "modes", (scene, rom)))
+    context.with_resource(claimed(comm, output, form_of(output, "modes"), (scene, rom)))
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.MODES)
     say_remarks(context, loaded)
     reduced = None if rom is None else read_rom(rom, (), (), comm)[1]

@@ -33,7 +33,7 @@ from pgmp_petsc.results.rare_event import KIND as RARE_EVENT
 from pgmp_petsc.results.shard import KIND, ShardSamples
 from pgmp_petsc.results.summary import origin_of, summary_of
 from pgmp_petsc.runtime.agreement import agreed, on_root
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.scene import Scene
@@ -138,7 +138,7 @@ def montecarlo(
     group = context.with_resource(RankGroup.split(comm, ranks_per_sample, "--ranks-per-sample"))
     part = None if shard is None else _part(shard)
     kind = RARE_EVENT if rare is not None else "ensemble" if part is None else KIND
-    context.with_resource(claimed(comm, output, kind, (source, failed)))
+    context.with_resource(claimed(comm, output, form_of(output, kind), (source, failed)))
 
     def refuse(scene: Scene) -> None:
         refuse_drawn(scene, settings)

@@ -21,7 +21,11 @@ class TemplateCommand(click.Command):
 
 
 @click.command(cls=TemplateCommand)
-@click.argument("template", metavar="TEMPLATE")
+@click.argument(
+    "template",
+    metavar="TEMPLATE",
+    shell_complete=lambda context, option, begun: [name for name in template_names() if name.startswith(begun)],
+)
 @click.argument("file", metavar="FILE.toml", type=click.Path(path_type=Path))
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @click.pass_context

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import click
 
 from pgmp_petsc.runtime.agreement import on_root
+from pgmp_petsc.runtime.claims import is_table
 from pgmp_petsc.runtime.remarks import Remark
 
 if TYPE_CHECKING:
@@ -61,6 +62,12 @@ def save(context: click.Context, result: Writable | None, path: Path, *parts: Pa
     """Write a result that rank 0 holds, with further parts where its file takes them. Collective on all ranks."""
 
     def writing_the_result() -> None:
-        result.write(path, *parts)
+        from pgmp_petsc.results.tables import write_result  # loads h5py, which not every command needs
+
+        write_result(result, path, *parts)
 
     on_root(context.obj.comm, writing_the_result)
+    if is_table(path):
+        say(
+            context, f"{path}: rows and columns alone; a file *.h5 has the scene, remarks, estimates and statistics too"
+        )

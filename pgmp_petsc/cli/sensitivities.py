@@ -15,7 +15,7 @@ from pgmp_petsc.cli.report import save, say
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.runtime.agreement import on_root
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 from pgmp_petsc.studies.prepared import settled
 from pgmp_petsc.studies.sensitivities import sensitivities as differentiated
 
@@ -61,7 +61,7 @@ def sensitivities(
     """
     comm = context.obj.comm
     if output is not None:
-        context.with_resource(claimed(comm, output, "sensitivities", (source,)))
+        context.with_resource(claimed(comm, output, form_of(output, "sensitivities"), (source,)))
     model = stepped_model(context, source, overrides, settings)
     found = differentiated(model, parameters, comm)
     keep(context, found, output, plot)

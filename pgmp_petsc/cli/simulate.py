@@ -14,7 +14,7 @@ from pgmp_petsc.cli.output_form import output_form, say_figures
 from pgmp_petsc.cli.report import remark_lines, save, say
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.trajectory import Trajectory
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 from pgmp_petsc.runtime.errors import RunError
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.studies.prepared import settled
@@ -43,7 +43,7 @@ def simulate(
     """
     comm = context.obj.comm
     one_model(full, components)
-    context.with_resource(claimed(comm, output, "trajectory", (source,)))
+    context.with_resource(claimed(comm, output, form_of(output, "trajectory"), (source,)))
     model = read_model(context, source, overrides, settings, full, components)
     loaded = model.scene
     model, remark = settled(model, comm)

@@ -14,7 +14,7 @@ from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.mechanism.capabilities import Purpose
 from pgmp_petsc.results.summary import summary_of
 from pgmp_petsc.results.tradeoff import Tradeoff
-from pgmp_petsc.runtime.claims import claimed
+from pgmp_petsc.runtime.claims import claimed, form_of
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.studies.inputs import read_scene
 from pgmp_petsc.studies.tradeoff import measure_tradeoff
@@ -59,7 +59,7 @@ def tradeoff(
     ranks.
     """
     comm = context.obj.comm
-    context.with_resource(claimed(comm, output, "tradeoff", (scene,)))
+    context.with_resource(claimed(comm, output, form_of(output, "tradeoff"), (scene,)))
     loaded, meshes = read_scene(scene, overrides, settings, comm, Purpose.TRADEOFF)
     finished = Finished(output, {"command": "tradeoff", "quick": quick}, loaded, meshes, comm, resume)
     try:

@@ -35,14 +35,21 @@ KINDS = {
     "fit": "fit of parameters",
     "design": "optimized design",
 }
-# kinds that are no HDF5 files: what they are, their own endings (the first is proposed), and a text that they contain
-_OTHERS = {
+# those with rows and columns, which are a table where the file's name says so
+TABULAR = ("trajectory", "ensemble", "modes", "tradeoff", "sensitivities")
+TABLE = "table"
+# kinds that are no HDF5 files: what they are, their own endings (the first is proposed), and a text that they contain;
+# a table holds nothing but its numbers
+_OTHERS: dict[str, tuple[str, tuple[str, ...], bytes | None]] = {
+    TABLE: ("table", (".csv",), None),
     "xdmf": ("XDMF description", (".xdmf", ".xmf"), b"pgmp_petsc"),
     "picture": ("picture", (".png",), b"pgmp_petsc"),
     "film": ("film", (".mp4", ".gif"), b"pgmp_petsc"),
     "report": ("report", (".html", ".htm"), b'name="generator" content="pgmp_petsc'),
     "fmu": ("functional mock-up unit", (".fmu",), b"written by pgmp_petsc"),
     "code": ("model in C", (".c", ".h"), b"written by pgmp_petsc"),
+    "schema": ("JSON schema of scenes", (".json",), b'"title": "Scene of pgmp"'),
+    "reference": ("page of all entries of scenes", (".md", ".markdown"), b"made by `pgmp schema`"),
     "scaling": ("record of a scaling study", (".json",), b'"factorisations"'),
     "beams": ("record of fine beams", (".json",), b'"differences"'),
 }
@@ -107,7 +114,7 @@ def check_output(
         The file to be written.
     kind
         One of :data:`KINDS`, or of those that are no HDF5 files (``xdmf``, ``picture``, ``film``, ``report``, ``fmu``,
-        ``code``, ``scaling``, ``beams``).
+        ``code``, ``table``, ``schema``, ``reference``, ``scaling``, ``beams``).
     inputs
         Files that are read for it.
 
@@ -130,6 +137,16 @@ def check_output(
         return target
     except OSError as error:
         raise InputError(f"output file '{output}' cannot be written: {_reason(error)}") from error
+
+
+def is_table(output: str | os.PathLike[str]) -> bool:
+    """Return whether the name of an output asks for a table (CSV)."""
+    return Path(output).suffix.lower() == ".csv"
+
+
+def form_of(output: str | os.PathLike[str], kind: str) -> str:
+    """Return the kind that a result takes in an output of this name: its own, or `TABLE`."""
+    return TABLE if kind in TABULAR and is_table(output) else kind
 
 
 def named(kind: str) -> str:
@@ -185,6 +202,11 @@ def _check_ending(output: str | os.PathLike[str], kind: str) -> None:
 
 def _check_replaceable(output: str | os.PathLike[str], target: Path, kind: str) -> None:
     """Raise `InputError` unless an existing file is a result of the same kind."""
+    if kind == TABLE and target.stat().st_size:
+        raise InputError(
+            f"output file '{output}' exists, and nothing in a CSV file says whose it is; give another name, or remove "
+            "it"
+        )
     found = _kind_of(target, kind)
     if found is None:
         raise InputError(

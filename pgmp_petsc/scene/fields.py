@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, TypeGuard
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeGuard
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
-from pydantic_core import PydanticCustomError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    WithJsonSchema,
+)
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 GROUND = "ground"
 #: Largest magnitude of a number, and smallest other than 0: fourth powers of lengths and products of a few numbers stay
 #: far within what a float can hold (1e-308 to 1e308).
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST_RADIANS = 1e6  # beyond it an angle is rounded by more than 1e-10 rad
+NAME = "[A-Za-z_][A-Za-z0-9_-]*"
 LONGEST_NAME = 100  # characters: names become data sets, columns and titles
 
 
@@ -44,15 +55,23 @@ def is_number(value: object) -> TypeGuard[float]:
         return False
 
 
-def at_most(limit: float, reason: str) -> AfterValidator:
-    """Return a check that refuses numbers above `limit`, with the reason for it."""
+@dataclass(frozen=True)
+class at_most:  # noqa: N801, stands among the other notes on a type and reads as they do
+    """A check that refuses numbers above `limit`, with the reason for it; schemas for editors have the limit."""
 
-    def check(value: float) -> float:
-        if value > limit:
-            raise refusal(f"must be at most {limit:,}: {reason}")
+    limit: float
+    reason: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {**handler(schema), "maximum": self.limit}
+
+    def _check(self, value: float) -> float:
+        if value > self.limit:
+            raise refusal(f"must be at most {self.limit:,}: {self.reason}")
         return value
-
-    return AfterValidator(check)
 
 
 def split_point(point: str) -> tuple[str, str]:
@@ -84,7 +103,7 @@ def _no_more_turns(value: float) -> float:
 def _name(value: str) -> str:
     if len(value) > LONGEST_NAME:
         raise refusal(f"a name has at most {LONGEST_NAME} characters, this one has {len(value)}")
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", value):
+    if not re.fullmatch(NAME, value):
         raise refusal("a name starts with a letter or _ and goes on with letters, digits, _ or -")
     return value
 
@@ -158,6 +177,11 @@ def _nonzero(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
+def _either(**bounds: float) -> WithJsonSchema:
+    """Return what editors are told of a number within bounds, or a parameter's name."""
+    return WithJsonSchema({"anyOf": [{"type": "number", **bounds}, {"type": "string"}]})
+
+
 #: A finite number; text and booleans are refused.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(_of_sensible_size)]
 #: An angle (rad).
@@ -167,10 +191,18 @@ Integer = Annotated[int, Field(strict=True)]
 #: A number, or the name of a parameter.
 NumberOrParameter = Annotated[float | str, BeforeValidator(_number_or_parameter), AfterValidator(_sensible_numbers)]
 #: A positive number, or the name of a parameter.
-PositiveOrParameter = Annotated[float | str, BeforeValidator(_positive_or_parameter), AfterValidator(_sensible_numbers)]
+PositiveOrParameter = Annotated[
+    float | str,
+    BeforeValidator(_positive_or_parameter),
+    AfterValidator(_sensible_numbers),
+    _either(exclusiveMinimum=0),
+]
 #: A number that is not negative, or the name of a parameter.
 NotNegativeOrParameter = Annotated[
-    float | str, BeforeValidator(_not_negative_or_parameter), AfterValidator(_sensible_numbers)
+    float | str,
+    BeforeValidator(_not_negative_or_parameter),
+    AfterValidator(_sensible_numbers),
+    _either(minimum=0),
 ]
 #: A positive number.
 PositiveNumber = Annotated[Number, Field(gt=0.0)]
@@ -185,7 +217,12 @@ Length = Annotated[PositiveNumber, BeforeValidator(_no_parameter)]
 #: A place along a line (m) that no parameter can be.
 Along = Annotated[Number, BeforeValidator(_no_parameter)]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
-Vector = Annotated[tuple[float, ...], BeforeValidator(_two_or_three_numbers), AfterValidator(_sensible_numbers)]
+Vector = Annotated[
+    tuple[float, ...],
+    BeforeValidator(_two_or_three_numbers),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}),
+]
 #: A place (m) that no parameter can be.
 Place = Annotated[Vector, BeforeValidator(_no_parameter)]
 #: A vector other than zero; its length does not matter.
@@ -195,8 +232,8 @@ Triple = Annotated[tuple[float, float, float], BeforeValidator(_three_numbers), 
 #: A direction in space.
 Axis = Annotated[Triple, AfterValidator(_nonzero)]
 #: Name of a table that the user chooses; it becomes the name of a data set.
-Name = Annotated[str, AfterValidator(_name)]
+Name = Annotated[str, AfterValidator(_name), WithJsonSchema({"type": "string", "pattern": f"^{NAME}$"})]
 #: "body:point" or "ground:point".
-Point = Annotated[str, BeforeValidator(_point)]
+Point = Annotated[str, BeforeValidator(_point), WithJsonSchema({"type": "string", "pattern": "^[^:]+:.+$"})]
 #: The two points that a joint connects.
 Connection = Annotated[tuple[Point, Point], BeforeValidator(_two_points)]

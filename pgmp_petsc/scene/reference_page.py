@@ -1,0 +1,198 @@
+"""Every entry that a scene may have, as a page: made from the schema for editors, and so from the models themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pgmp_petsc.scene.editor_schema import editor_schema
+from pgmp_petsc.scene.schema import Scene
+from pgmp_petsc.scene.units import SI
+
+MADE_BY = "made by `pgmp schema`"
+HEAD = f"""# All entries of a scene
+
+Every entry that a scene may have, in the order in which its tables are best written. This page is {MADE_BY} from the
+models that read scenes, and a test holds it to them: `pgmp schema -o docs/scene_reference.md` writes it again.
+[scenes.md](scenes.md) says what the entries mean together, what is refused and what is warned of;
+[effects.md](effects.md) what acts how.
+
+Numbers are in SI units. An entry with "or a parameter" takes a number or the name of one of `[parameters]`. What has
+neither a default nor the word *needed* is absent unless a scene has it. Names that a scene chooses begin with a letter
+or `_` and go on with letters, digits, `_` and `-`.
+"""
+#: Units in texts that are written otherwise than in `units.SI`.
+SPELLED = {
+    "Nm": "N m",
+    "Nm/rad": "N m/rad",
+    "Nm s/rad": "N m s/rad",
+    "Hz": "Hz",
+    "s/m": "s/m",
+    "s/rad": "s/rad",
+    "1/s": "1/s",
+}
+
+
+def reference_page() -> str:
+    """Return the page as Markdown.
+
+    Raises
+    ------
+    ValueError
+        If a model is in none of its tables.
+    """
+    schema = editor_schema()
+    models = schema["definitions"]
+    parts, done = [HEAD], set()
+    waiting: list[tuple[str, str]] = []
+    for name in Scene.model_fields:
+        entry = schema["properties"][name]
+        parts.append(f"## {name}\n\n{_first_capital(entry['description'])}.{_is_needed(name, schema)}\n")
+        kinds = list(_references(entry))
+        for kind in kinds:
+            place = f"[{name}]" if entry.get("allOf") else f"[{name}.NAME]"
+            parts.append(_table(models[kind], place, kind if len(kinds) > 1 else "", waiting))
+            done.add(kind)
+        if not kinds:
+            parts.append(_free(name, entry))
+    parts.append("## Tables within these\n")
+    while waiting:
+        kind, place = waiting.pop(0)
+        if kind not in done:
+            done.add(kind)
+            parts.append(_table(models[kind], place, kind, waiting))
+    missing = models.keys() - done
+    if missing:
+        raise ValueError(f"models that the page does not reach: {', '.join(sorted(missing))}")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _free(name: str, entry: Mapping[str, Any]) -> str:
+    """Return what a table of the scene's own names in tables of such names holds."""
+    (inner,) = entry["patternProperties"].values()
+    (value,) = inner["patternProperties"].values()
+    return f"`[{name}]` holds `NAME = {{ OTHER_NAME = {allowed(value)} }}`.\n"
+
+
+def _is_needed(name: str, schema: Mapping[str, Any]) -> str:
+    return " *Needed.*" if name in schema["required"] else ""
+
+
+def _table(model: Mapping[str, Any], place: str, kind: str, waiting: list[tuple[str, str]]) -> str:
+    """Return a model as a heading, a sentence and a table of its entries; note the tables that these hold."""
+    lines = [f"### {heading(model, kind)}\n"] if kind else []
+    lines += [f"{model['description']}\n"] if model["description"] else []
+    lines += [f"`{place}`" + (f" with `{_selector(model)}`" if _selector(model) else "") + "\n"]
+    rows = []
+    for name, entry in model["properties"].items():
+        if name in ("type", "shape") and len(entry.get("enum", ())) == 1:
+            continue
+        inner = list(_references(entry))
+        waiting += [(one, f"{place[:-1]}.{name}]") for one in inner]
+        default = f"`{_toml(entry['default'])}`" if "default" in entry else ""
+        default = "*needed*" if name in model.get("required", ()) else default
+        text = entry.get("description", "").replace("|", "\\|")
+        rows.append(f"| `{name}` | {allowed(entry)} | {unit_of(entry)} | {default} | {text} |")
+    if isinstance(model["additionalProperties"], Mapping):
+        rows.append(
+            f"| any other name | {allowed(model['additionalProperties'])} | | | its arguments, by their names |"
+        )
+    if rows:
+        lines += ["| entry | allowed | unit | default | meaning |", "|---|---|---|---|---|", *rows, ""]
+    return "\n".join(lines)
+
+
+def heading(model: Mapping[str, Any], kind: str) -> str:
+    """Return the heading of a model: what a scene writes to have it, or else the model's name."""
+    selector = _selector(model)
+    return selector.partition('"')[2].rstrip('"') if selector else kind
+
+
+def _selector(model: Mapping[str, Any]) -> str:
+    for key in ("type", "shape"):
+        choices = model["properties"].get(key, {}).get("enum", ())
+        if len(choices) == 1:
+            return f'{key} = "{choices[0]}"'
+    return ""
+
+
+def allowed(entry: Mapping[str, Any]) -> str:
+    """Return what an entry may be, in words."""
+    if "enum" in entry:
+        return ", ".join(f'`"{one}"`' for one in entry["enum"])
+    if "anyOf" in entry:
+        words = [allowed(one) for one in entry["anyOf"]]
+        is_quantity = {one.get("type") for one in entry["anyOf"]} == {"number", "string"}
+        return f"{words[0]} or a parameter" if is_quantity else " or ".join(words)
+    if "allOf" in entry or "oneOf" in entry:
+        return "table"
+    if "patternProperties" in entry:
+        (inner,) = entry["patternProperties"].values()
+        return f"{{ NAME = {allowed(inner)}, ... }}"
+    if entry["type"] == "array":
+        return _list(entry)
+    if entry["type"] in ("number", "integer"):
+        return ("number" if entry["type"] == "number" else "integer") + _bounds(entry)
+    if entry["type"] == "string":
+        return '"OWNER:POINT"' if entry.get("pattern", "").startswith("^[^:]") else "text"
+    return {"boolean": "`true`, `false`", "object": "table"}[entry["type"]]
+
+
+def _list(entry: Mapping[str, Any]) -> str:
+    if isinstance(entry["items"], list):
+        return f"[{', '.join(allowed(item) for item in entry['items'])}]"
+    item = allowed(entry["items"])
+    low, high = entry.get("minItems"), entry.get("maxItems")
+    return f"[{', '.join([item] * low)}], in space one more" if (low, high) == (2, 3) else f"list of {item}"
+
+
+def _bounds(entry: Mapping[str, Any]) -> str:
+    """Return the limits of a number in words."""
+    words = []
+    if "minimum" in entry:
+        words.append(f"{'above' if entry.get('exclusiveMinimum') else 'from'} {_toml(entry['minimum'])}")
+    if "maximum" in entry:
+        words.append(f"{'below' if entry.get('exclusiveMaximum') else 'to'} {_toml(entry['maximum'])}")
+    return f" {' '.join(words)}" if words else ""
+
+
+def unit_of(entry: Mapping[str, Any]) -> str:
+    """Return the units that a description has in brackets, or names before "a number"."""
+    found = []
+    for text in re.findall(r"\(([^()]*)\)", entry.get("description", "")):
+        for word in re.split(r" or |, ", text):
+            unit = SPELLED.get(word, word)
+            if (unit in SI and unit != "1") or unit in SPELLED.values():
+                found.append(unit)
+    head = re.match(r"(.+?), a number or a parameter's name", entry.get("description", ""))
+    for word in head[1].split(" or ") if head else ():
+        found += [SPELLED.get(word, word)] if SPELLED.get(word, word) in SI and word != "1" else []
+    return ", ".join(dict.fromkeys(found))
+
+
+def _references(entry: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the names of the models that an entry refers to, in order."""
+    if "$ref" in entry:
+        yield entry["$ref"].rpartition("/")[2]
+    for key in ("allOf", "anyOf", "oneOf"):
+        for one in entry.get(key, ()):
+            yield from _references(one)
+    for one in entry.get("patternProperties", {}).values():
+        yield from _references(one)
+    for key in ("items", "additionalProperties"):
+        if isinstance(entry.get(key), Mapping):
+            yield from _references(entry[key])
+
+
+def _toml(value: object) -> str:
+    """Return a value as a scene has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else f"{value}"
+
+
+def _first_capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,263 @@
+"""README and docs: blocks of code are what they say, commands have the options that texts name, links lead somewhere.
+
+The blocks are really run by `scripts/check_docs`; here it is what can be known of them without running.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import tomllib
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+import click
+import fastjsonschema
+import pytest
+from conftest import ROOT
+from handbook_blocks import Block, blocks_of, commands_of, merged, pages, shell_of, without_launcher
+
+from pgmp_petsc.cli.main import COMMANDS
+from pgmp_petsc.runtime.errors import InputError
+from pgmp_petsc.scene import load_scene, scene_from_tables
+from pgmp_petsc.scene.editor_schema import editor_schema
+from pgmp_petsc.scene.reference_page import reference_page
+from pgmp_petsc.scene.template import template_names
+
+PAGES = pages()
+BLOCKS = [block for path in PAGES for block in blocks_of(path)]
+SHELL = [block for block in BLOCKS if block.kind == "sh"]
+TOML = [block for block in BLOCKS if block.kind == "toml"]
+SCENES = [*sorted((ROOT / "scenes").glob("*.toml")), *sorted((ROOT / "pgmp_petsc/scene/templates").glob("*.toml"))]
+#: A scene that has what blocks of TOML refer to.
+BASE = ROOT / "scenes" / "slider_crank.toml"
+
+
+@cache
+def command(name: str) -> click.Command:
+    return COMMANDS[name].load()
+
+
+def is_pgmp(words: list[str]) -> bool:
+    return words[0].rpartition("/")[2] == "pgmp" and len(words) > 1
+
+
+def texts_of(path: Path) -> str:
+    """Return a page without its blocks."""
+    return re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("kind", sorted({block.kind for block in BLOCKS}))
+def test_blocks_are_known_kinds(kind: str) -> None:
+    """An indented block that is no code is an equation, or is marked as what a program printed."""
+    assert kind in ("sh", "toml", "python", "text", "output")
+    for block in BLOCKS:
+        if block.kind == "text":
+            assert re.search(r" [=<>] |:=|\|\|", block.text), f"{block}: no equation, and no command that is known"
+
+
+@pytest.mark.parametrize("block", SHELL, ids=str)
+def test_shell_blocks_are_shell(block: Block) -> None:
+    done = subprocess.run(["bash", "-n"], input=shell_of(block), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("block", SHELL, ids=str)
+def test_commands_of_blocks_are_taken(block: Block) -> None:
+    """Options and their values as the commands read them; scripts, modules, tests and scenes that exist."""
+    for words in map(without_launcher, commands_of(shell_of(block))):
+        if is_pgmp(words) and not any("$" in word for word in words):
+            arguments = words[2 : words.index("--")] if "--" in words else words[2:]
+            with command(words[1]).make_context(words[1], arguments, obj=SimpleNamespace(json=False, quiet=False)):
+                pass
+        if "-m" in words[1:2] and words[2].startswith("benchmarks"):
+            module = ROOT / words[2].replace(".", "/")
+            assert module.with_suffix(".py").exists() or (module / "__main__.py").exists(), f"{block}: {words[2]}"
+        for word in words:
+            if re.match(r"(\.\./)?(scenes|scripts|tests|benchmarks|meshes)/[\w/.]+$", word) and "%" not in word:
+                assert (ROOT / word).exists(), f"{block}: {word} does not exist"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_commands_in_texts_have_the_options(path: Path) -> None:
+    for code in re.findall(r"(?<!`)`(pgmp [^`]+)`(?!`)", texts_of(path)):
+        for one in re.findall(r"pgmp ([^;]+)", code):
+            name, *rest = one.split()
+            if name in ("COMMAND", "...") or name.startswith("-"):
+                continue
+            assert name in COMMANDS, f"{path.name}: `{code}`: there is no such command"
+            known = {option for parameter in command(name).params for option in parameter.opts} | {"--help", "--"}
+            for word in rest[: rest.index("--")] if "--" in rest else rest:
+                option = word.strip("[]().,").partition("=")[0]
+                assert not option.startswith("--") or option in known, f"{path.name}: `{code}`: no option {option}"
+
+
+@pytest.mark.parametrize("block", TOML, ids=str)
+def test_toml_blocks_are_parts_of_scenes(block: Block) -> None:
+    """A whole scene is read; the tables of a part fit into the scene of the page, or into one of the repository."""
+    if "file" in block.marks:
+        scene_from_tables(tomllib.loads(block.text), ROOT)
+        return
+    bases = [path.read_text(encoding="utf-8") for path in SCENES]
+    if block.name:
+        bases = [one.text for one in TOML if (one.page, one.name) == (block.page, block.name) and "file" in one.marks]
+    problems = []
+    for base in bases:
+        tables = merged(base, block.text)
+        post = [0.9, 0.1, 0.0] if re.search("(beam|solid)3d", base) else [0.9, 0.1]  # that a part connects to
+        tables.setdefault("ground", {}).setdefault("points", {})["post"] = post
+        try:
+            scene_from_tables(tables, BASE.parent)
+            return
+        except InputError as error:
+            problems.append(str(error))
+    pytest.fail(f"{block} fits into no scene: {min(problems, key=len)}")
+
+
+def anchors_of(path: Path) -> set[str]:
+    """Return the anchors of a page's headings, as the handbook and code hosts make them."""
+    heads = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", texts_of(path)):
+        if target.startswith(("http://", "https://")):
+            continue
+        file, _, anchor = target.partition("#")
+        place = (path.parent / file).resolve() if file else path
+        made = place.name in ("notebook.md", "changelog.md")  # by scripts/docs
+        assert place.exists() or made, f"{path.name}: {target}"
+        if anchor:
+            assert anchor in anchors_of(place), f"{path.name}: {target}"
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    settings = (ROOT / "scripts" / "handbook" / "mkdocs.yml").read_text(encoding="utf-8")
+    named = set(re.findall(r": (\w+\.md)$", settings, flags=re.MULTILINE))
+    made = {"index.md", "changelog.md", "notebook.md"}
+    assert named == {path.name for path in PAGES if path.name != "README.md"} | made
+
+
+def test_the_page_of_all_entries_is_that_of_the_models() -> None:
+    text = (ROOT / "docs" / "scene_reference.md").read_text(encoding="utf-8")
+    assert text == reference_page(), "write it again: pgmp schema -o docs/scene_reference.md"
+
+
+def test_every_entry_of_a_scene_is_described() -> None:
+    schema = editor_schema()
+    assert len(schema["definitions"]) > 50
+    for name, model in {"Scene": schema, **schema["definitions"]}.items():
+        for key, entry in model["properties"].items():
+            assert entry.get("description") or len(entry.get("enum", ())) == 1, f"{name}.{key}"
+
+
+@pytest.fixture(scope="module")
+def validate():
+    return fastjsonschema.compile(editor_schema())
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_scenes_and_templates_are_those_of_the_schema(path: Path, validate) -> None:
+    validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    load_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("part", "entry"),
+    [
+        ("[bodies.crank]\nmash = 'x.msh'", "crank"),
+        ("[materials.steel]\nE = -1.0\nnu = 0.3\nrho = 7800.0", "steel"),
+        ("[materials.steel]\nE = 2e11\nnu = 0.5\nrho = 7800.0", "steel.nu"),
+        ("[effects.motor]\ntype = 'torc'\njoint = 'crank_hinge'", "effects.motor"),
+        ("[reduction]\nangles = 1e7", "reduction"),
+        ("[reduction]\nmodes = 0", "reduction.modes"),
+        ("[simulation]\nspectral_radius = 1.5", "simulation.spectral_radius"),
+        ("[joints.slider]\ntype = 'point_on_line'\nconnect = ['ground', 'rod:tip']\ndirection = [1.0, 0.0]", "slider"),
+        ("[ground.points]\npost = [1.0]", "post"),
+        ("effects = 'all'", "effects"),
+    ],
+)
+def test_what_the_schema_refuses_is_refused(part: str, entry: str, validate) -> None:
+    """Editors underline nothing that a scene may say."""
+    tables = merged(BASE.read_text(encoding="utf-8"), part)
+    with pytest.raises(fastjsonschema.JsonSchemaException, match=entry):
+        validate(tables)
+    with pytest.raises(InputError):
+        scene_from_tables(tables, BASE.parent)
+
+
+def test_all_effects_may_be_chosen_at_once(validate) -> None:
+    validate(merged(BASE.read_text(encoding="utf-8"), "effects = 'auto'"))
+
+
+def test_templates_are_in_the_documentation() -> None:
+    text = (ROOT / "docs" / "first_steps.md").read_text(encoding="utf-8")
+    assert set(template_names()) <= set(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE))
+
+
+def claims() -> list[tuple[str, str, str]]:
+    """Return the rows of the list of claims: where, the claim, and what checks it."""
+    text = (ROOT / "docs" / "claims.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (.+?) \|$", text, flags=re.MULTILINE)
+    return [row for row in rows if row[0] not in ("where", "---")]
+
+
+def test_claims_have_checks() -> None:
+    """Of every claim the test or command that checks it exists; tests by their names."""
+    found = claims()
+    assert len(found) > 30
+    for _, claim, how in found:
+        checks = re.findall(r"`([^`]+)`", how)
+        assert checks, f"{claim}: nothing checks it"
+        for check in checks:
+            assert exists(check), f"{claim}: {check} does not exist"
+
+
+def exists(check: str) -> bool:
+    """Return whether there is such a test, benchmark, command or script."""
+    file, _, name = check.partition("::")
+    if file.startswith("tests/") and file.endswith(".py"):
+        return (ROOT / file).exists() and f"def {name}" in (ROOT / file).read_text(encoding="utf-8")
+    if check.startswith("python -m benchmarks"):
+        module = ROOT / check.split()[2].replace(".", "/")
+        return module.with_suffix(".py").exists() or (module / "__main__.py").exists()
+    if check.startswith("pgmp "):
+        return check.split()[1] in COMMANDS
+    return (ROOT / check.split()[0]).exists()
+
+
+def code_of(notebook: dict) -> list[str]:
+    return ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
+
+
+def test_the_notebook_is_short_and_without_outputs() -> None:
+    notebook = json.loads((ROOT / "docs/notebooks/demo.ipynb").read_text(encoding="utf-8"))
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    assert len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
+    assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in notebook["cells"])
+    assert sum(len(text.splitlines()) for text in code_of(notebook)) <= 60
+
+
+def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its cells one after the other in one program, with the settings of a small model in place of its own."""
+    import matplotlib.pyplot as plt
+
+    plt.switch_backend("agg")
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((ROOT / "docs/notebooks/demo.ipynb").read_text(encoding="utf-8"))
+    (settings,) = (cell for cell in notebook["cells"] if "parameters" in cell["metadata"].get("tags", ()))
+    small = {"reduction.modes": 4, "reduction.angles": 24, "simulation.duration": 0.05, "ensemble.bands": 10}
+    scene = ROOT / "scenes" / "slider_crank_paper.toml"
+    settings["source"] = [f"scene_file, overrides, samples = {str(scene)!r}, {small!r}, 32"]
+    names: dict[str, object] = {}
+    for text in code_of(notebook):
+        exec(compile(text, "demo.ipynb", "exec"), names)
+    plt.close("all")
+    said = capsys.readouterr().out
+    assert said.count("% of the largest value") == 6 and "0 samples failed" in said
+    assert names["page"].name == "demo.html" and (tmp_path / "demo.html").stat().st_size > 100_000
+    assert len(names["many"].status) == 32
