@@ -9,6 +9,7 @@ from pgmp_petsc.mechanism.statements import ANGLE
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
 
 OUTPUTS = ("angle", "rotation", "position", "displacement", "deformation", "distance", "sliding")
 HAS = "has torques, forces of constant direction, gravity, viscous damping in turning joints and structural damping"
@@ -48,6 +49,8 @@ def _of_scene(scene: Scene) -> Iterator[tuple[str, str]]:
         yield "scene.dimension = 3", "a model in C is one of the plane"
     if len(scene.coordinates) != 1:
         yield "coordinates", f"a model in C has one rigid coordinate, not {len(scene.coordinates)}"
+    for name in length_names(scene):
+        yield f"parameters.{name}", "a length or a place; a model in C has one mechanism: build with its number"
     if scene.fields:
         yield f"fields.{next(iter(scene.fields))}", "a model in C has no random fields"
     for name, effect in scene.effects.items():

@@ -68,7 +68,7 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, LineMe
 def _mesh_of(scene: Scene, name: str) -> LineMesh | SolidMesh:
     body = scene.bodies[name]
     if body.line is not None:
-        return straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
+        return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
     path, entry = scene.path_of(body.mesh), f"bodies.{name}.mesh"
     if not body.continuum:
         return read_line_mesh(path, entry, body.dimension)

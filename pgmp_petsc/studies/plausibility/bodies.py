@@ -49,7 +49,7 @@ def sizes_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> dict[s
     for name, body in scene.bodies.items():
         mesh = meshes.get(name)
         if mesh is None and body.line is not None:
-            mesh = straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
+            mesh = straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
         if mesh is not None:
             sizes[name] = _beam(scene, body, mesh) if isinstance(mesh, LineMesh) else _solid(scene, body, mesh)
     return sizes
