@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -73,7 +74,7 @@ def build_over_lengths(
 
     nominal_lengths = {name: scene.nominal[name] for name in grid.names}
     nominal = at(nominal_lengths)
-    members = [at(values) for values in grid.points]
+    members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
     between = nominal_lengths
     if grid.height(between) < HIGH:
         first, second = grid.nodes[:2]
@@ -86,7 +87,7 @@ def build_over_lengths(
             with timings.phase("lengths"):
                 gauge = _Gauge.of(_held(scene, nominal_lengths), nominal)
                 turned = [gauge.turned(_held(scene, values), member) for values, member in zip(grid.points, members)]
-            everyone = (nominal, *members, *(() if checked is nominal else (checked,)))
+            everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
             found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
     return found
 
@@ -99,6 +100,11 @@ def _held(scene: Scene, values: Mapping[str, float]) -> Scene:
         for name, value in values.items()
     }
     return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
+
+
+def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether lengths are equal to round-off."""
+    return all(math.isclose(value, other[name], rel_tol=1e-12, abs_tol=1e-12) for name, value in one.items())
 
 
 def _words(values: Mapping[str, float]) -> str:
@@ -213,8 +219,8 @@ def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str
     ranges = ", ".join(f"{name} from {low:g} to {high:g} m" for name, (low, high) in zip(grid.names, grid.ranges))
     said = (
         f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
-        f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the rigid "
-        f"inertia of ensembles within {check.inertia:.2g} of a model built there"
+        f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
     )
     poor = max(check.frequencies, check.inertia) > LARGE
     found = [warning(f"{said}; {MORE}") if poor else note(said)]
