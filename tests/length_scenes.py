@@ -75,13 +75,19 @@ axis = "x"
 """
 )
 # few modes and angles, a short run: enough for everything but accuracy
-SMALL = ("reduction.modes=2", "reduction.angles=16", "reduction.length_points=3", "simulation.duration=0.02")
+SMALL = (
+    "reduction.second_order=false",
+    "reduction.modes=2",
+    "reduction.angles=12",
+    "reduction.length_points=3",
+    "simulation.duration=0.02",
+)
 #: The place of the guide in place of the length of the rod.
 GUIDE = (
     "bodies.rod.line.length=0.7",
     'ground.points.guide=[0.0, "height"]',
     'parameters.height={nominal=0.02, bounds=[0.0, 0.04], distribution={name="uniform", loc=0.0, scale=0.04}}',
-    'parameters.rod_length={nominal=0.7}',
+    "parameters.rod_length={nominal=0.7}",
 )
 
 

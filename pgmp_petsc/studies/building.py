@@ -148,9 +148,9 @@ def _price(scene: Scene, resume: bool) -> str:
     angles = np.broadcast_to(reduction.angles, len(scene.coordinates))
     anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
     return (
-        f"lengths and places ({', '.join(names)}): {n_points} points of {reduction.length_points} along each, and the "
-        f"nominal ones, times {np.prod(angles)} configurations are {(n_points + 1) * np.prod(angles)} eigenproblems"
-        f"{anew}"
+        f"lengths and places ({', '.join(names)}): models at {n_points} points, {reduction.length_points} along each, "
+        f"and one more to compare with, times {np.prod(angles)} configurations are {(n_points + 1) * np.prod(angles)} "
+        f"eigenproblems{anew}"
     )
 
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from length_scenes import CRANK, GUIDE, HIGH, LOW, SMALL, long_crank
-from runs import built_rom, full_model, paper_scene, rom_of, samples
+from mpi4py import MPI
+from runs import built_rom, full_model, rom_of, samples
 
 from pgmp_petsc.bodies.affine import Monomial, Place, evaluate_weights
 from pgmp_petsc.code.refusal import check_scene
-from pgmp_petsc.ensemble.batch import Plan, SampleFile
-from pgmp_petsc.ensemble.runner import run_ensemble
 from pgmp_petsc.experiments.reference import component_model
 from pgmp_petsc.gradients.differentiated import differentiate
 from pgmp_petsc.mechanism.capabilities import Purpose, check_capabilities
-from pgmp_petsc.models import FullModel, LengthLanes, ReducedModel, SeparateLengths, of_samples
+from pgmp_petsc.models import LengthLanes, ReducedModel, SeparateLengths, of_samples
 from pgmp_petsc.modes.problem import ModeSet
 from pgmp_petsc.reduction import length_build
 from pgmp_petsc.reduction.length_grid import LengthGrid
@@ -98,7 +96,7 @@ FIELD = 'fields.stiff={body="rod", quantity="E", variation=0.1, length=0.3, term
         ((FIELD,), "its length is the parameter rod_length"),
         (('bodies.rod.line.length="rod"',), "there is no such parameter"),
         (('bodies.rod.line.start="rod_length"',), "numbers are needed, no parameter: it moves the axes"),
-        (('ground.points.guide=[0.0, true]',), "two finite numbers in brackets (three in space) are needed"),
+        (("ground.points.guide=[0.0, true]",), "two finite numbers in brackets (three in space) are needed"),
         (('parameters.rod_length.unit="kg"',), "bodies.rod.line.length uses it"),
         (("reduction.length_points=1",), "reduction.length_points = 1: "),
         (("reduction.length_points=9",), "reduction.length_points = 9: must be at most 8"),
@@ -113,7 +111,9 @@ def test_a_length_that_cannot_be_a_parameter_is_refused(overrides: tuple[str, ..
 def test_more_builds_than_are_made_are_refused() -> None:
     points = 'ground.points={guide=["x", "y"], a=["z", 0.0]}'
     spans = [f"parameters.{name}={{nominal=0.0, bounds=[-0.1, 0.1]}}" for name in "xyz"]
-    with pytest.raises(InputError, match="reduction.length_points = 4: of 4 lengths and places .* make 256 builds; at most"):
+    with pytest.raises(
+        InputError, match="reduction.length_points = 5: of 4 lengths and places .* make 625 builds; at most"
+    ):
         long_crank(points, *spans)
 
 
@@ -145,7 +145,7 @@ def test_export_derivatives_and_component_ensembles_refuse_lengths(rom: ReducedO
             differentiate(model, values, names)
     assert differentiate(model, scene.values, ["r1"]).derivatives["crank_angle"]["r1"].any()
     with pytest.raises(InputError, match="parameters.rod_length: .* component modes are of one mesh"):
-        of_samples(component_model(*with_meshes(scene, Purpose.COMPONENTS)), ["rod_length"])
+        of_samples(component_model(*with_meshes(scene, Purpose.COMPONENTS), MPI.COMM_SELF), ["rod_length"])
 
 
 def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel) -> None:
@@ -198,7 +198,7 @@ def test_the_gauge_of_the_builds_has_no_part_in_the_tables(rom: ReducedOrderMode
 
 def test_models_of_other_lengths_that_do_not_fit_are_refused_with_the_length(monkeypatch) -> None:
     scene = long_crank(*SMALL, "parameters.rod_length={nominal=0.7, bounds=[0.2, 1.2]}")
-    with pytest.raises(InputError, match=r"^at rod_length = 0.26699: "):
+    with pytest.raises(InputError, match=r"^at rod_length = 0.266987: joints.slider: the mechanism cannot close"):
         built_rom(scene)
     assert issubclass(RunError, Exception) and length_build.HIGH < 1.0
 
@@ -211,13 +211,19 @@ def test_a_model_of_other_lengths_than_its_own_is_not_run() -> None:
         assert isinstance(of_samples(model, ["rod_length"]), SeparateLengths) and of_samples(model, ["r1"]) is model
 
 
-def test_lanes_are_left_to_single_models_where_a_mechanism_is_needed() -> None:
-    for override in (
-        'effects.brake={type="joint_damping", joint="elbow", coefficient=0.01}',
+@pytest.mark.parametrize(
+    "override",
+    [
+        'effects.brake={type="joint_friction", joint="elbow", limit=0.01, speed=0.1}',
         "initial.equilibrium=true",
-        'outputs.stress={type="stress", body="rod", quantity="von_mises"}',
-    ):
-        scene = long_crank(*SMALL, override)
-        assert isinstance(of_samples(ReducedModel(scene, rom_of(scene)), ["rod_length"]), SeparateLengths)
-    scene = long_crank(*SMALL)
-    assert isinstance(of_samples(ReducedModel(scene, rom_of(scene)), ["rod_length"]), LengthLanes)
+        'outputs.pull={type="stress", body="rod", quantity="axial_force"}',
+    ],
+)
+def test_what_needs_a_mechanism_of_its_own_has_one(rom: ReducedOrderModel, override: str) -> None:
+    model = of_samples(ReducedModel(long_crank(*SMALL, override), rom), ["rod_length"])
+    assert isinstance(model, SeparateLengths) and model.largest_batch == 1
+
+
+def test_other_samples_lie_in_lanes(rom: ReducedOrderModel) -> None:
+    model = ReducedModel(long_crank(*SMALL), rom)
+    assert isinstance(of_samples(model, ["rod_length"]), LengthLanes) and of_samples(model, ["r1"]) is model
