@@ -111,7 +111,7 @@ def paper_scene(*overrides: str, settings: tuple[str, ...] = ()) -> Scene:
 def read_meshes(scene: Scene) -> dict:
     """Return the meshes of a scene whose entries are paths or straight lines."""
     return {
-        name: straight_beam(body.line.length, body.line.elements, body.line.start)
+        name: straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
         if body.mesh is None
         else read_line_mesh(scene.path_of(body.mesh), name)
         for name, body in scene.bodies.items()

@@ -9,52 +9,99 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 
+Powers = tuple[tuple[Any, int], ...]
+
+
 @dataclass(frozen=True, order=True)
-class Monomial:
-    """A product of integer powers of parameters, e.g. ``(("E", 1), ("r1", 4))``; the empty product is 1."""
+class Place:
+    """Where a parameter is in a range: ``(value - middle) / half``, -1 to 1, written ``length(0.7,0.035)``.
 
-    powers: tuple[tuple[str, int], ...] = ()
+    Monomials of places have no round-off where those of a parameter that hardly varies cancel.
+    """
 
-    def __mul__(self, other: Monomial) -> Monomial:
-        exponents = dict(self.powers)
-        for name, exponent in other.powers:
-            exponents[name] = exponents.get(name, 0) + exponent
-        return Monomial(tuple(sorted((name, e) for name, e in exponents.items() if e != 0)))
-
-    def __pow__(self, exponent: int) -> Monomial:
-        return Monomial(tuple((name, e * exponent) for name, e in self.powers if exponent != 0))
+    name: str
+    middle: float
+    half: float
 
     def __str__(self) -> str:
-        if not self.powers:
-            return "1"
-        return " ".join(name if e == 1 else f"{name}^{e}" for name, e in self.powers)
+        return f"{self.name}({self.middle!r},{self.half!r})"
+
+    @classmethod
+    def parse(cls, text: str) -> Place:
+        """Read back what ``str`` wrote."""
+        name, _, numbers = text.rstrip(")").partition("(")
+        middle, half = numbers.split(",")
+        return cls(name, float(middle), float(half))
+
+    def at(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
+        """Return the place at the given parameter values."""
+        return (values[self.name] - self.middle) / self.half
+
+
+@dataclass(frozen=True, order=True)
+class Monomial:
+    """A product of integer powers of parameters, e.g. ``(("E", 1), ("r1", 4))``; the empty product is 1.
+
+    `places` are powers of places in ranges (`Place`), which tables of lengths have as factors besides.
+    """
+
+    powers: tuple[tuple[str, int], ...] = ()
+    places: tuple[tuple[Place, int], ...] = ()
+
+    def __mul__(self, other: Monomial) -> Monomial:
+        return Monomial(_product(self.powers, other.powers), _product(self.places, other.places))
+
+    def __pow__(self, exponent: int) -> Monomial:
+        if exponent == 0:
+            return Monomial()
+        powers, places = (tuple((base, e * exponent) for base, e in part) for part in (self.powers, self.places))
+        return Monomial(powers, places)
+
+    def __str__(self) -> str:
+        factors = (*self.powers, *self.places)
+        return " ".join(f"{base}" if e == 1 else f"{base}^{e}" for base, e in factors) or "1"
 
     @classmethod
     def parse(cls, text: str) -> Monomial:
         """Read back what ``str`` wrote."""
         factors = [] if text == "1" else [factor.partition("^") for factor in text.split(" ")]
-        return cls(tuple((name, int(exponent or 1)) for name, _, exponent in factors))
+        powers = [(base, int(exponent or 1)) for base, _, exponent in factors]
+        return cls(
+            tuple((base, e) for base, e in powers if "(" not in base),
+            tuple((Place.parse(base), e) for base, e in powers if "(" in base),
+        )
 
     def evaluate(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
         """Return the monomial at the given parameter values (scalars or arrays of one shape)."""
         result: np.ndarray | float = 1.0
         for name, exponent in self.powers:
             result = result * values[name] ** exponent
+        for place, exponent in self.places:
+            result = result * place.at(values) ** exponent
         return result
 
     def derivative(self, name: str, values: Mapping[str, np.ndarray | float]) -> np.ndarray | float:
         """Return the derivative with one of the parameters at the given values."""
-        exponents = dict(self.powers)
-        exponent = exponents.pop(name, 0)
-        if exponent == 0:
-            return 0.0
-        if exponent != 1:
-            exponents[name] = exponent - 1
-        return exponent * Monomial(tuple(sorted(exponents.items()))).evaluate(values)
+        total: np.ndarray | float = 0.0
+        for part, others in (("powers", "places"), ("places", "powers")):
+            for base, exponent in getattr(self, part):
+                if name == (base.name if isinstance(base, Place) else base):
+                    less = tuple((b, e - (b == base)) for b, e in getattr(self, part) if e != 1 or b != base)
+                    factor = exponent / base.half if isinstance(base, Place) else exponent
+                    total = total + factor * Monomial(**{part: less, others: getattr(self, others)}).evaluate(values)
+        return total
+
+
+def _product(one: Powers, other: Powers) -> Powers:
+    exponents = dict(one)
+    for base, exponent in other:
+        exponents[base] = exponents.get(base, 0) + exponent
+    return tuple(sorted((base, e) for base, e in exponents.items() if e != 0))
 
 
 @dataclass(frozen=True)

@@ -158,6 +158,10 @@ def _datasets(file) -> str:
     def visit(name: str, item: object) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("timings/"):
             return
+        series, number, rest = _of_lengths(name)
+        if number:
+            return
+        name = f"{series}/<models of all lengths>/{rest}" if series else name
         group, _, last = name.rpartition("/")
         description = str(item.attrs.get("description", ""))
         if last.isdigit():
@@ -171,6 +175,14 @@ def _datasets(file) -> str:
     widths = [max((len(row[column]) for row in rows), default=0) for column in range(3)]
     padded = [[f"{text:<{width}}" for text, width in zip(row, [*widths, 0])] for row in rows]
     return "\n".join("  ".join(row).rstrip() for row in padded)
+
+
+def _of_lengths(name: str) -> tuple[str, int, str]:
+    """Return the group of models of several lengths that a data set is in, the number of its model, and its name there;
+    nothing where it is in none."""
+    group, _, inside = name.partition("/")
+    number, _, rest = inside.partition("/")
+    return (group, int(number), rest) if group == "lengths" and number.isdigit() else ("", 0, "")
 
 
 def _indented(text: str) -> str:

@@ -225,7 +225,8 @@ def _estimate_remarks(
     scene = origin.scene
     if origin.model != "reduced":
         return origin.not_estimated
-    remarks = [*origin.not_estimated, *remarks_of(scene, estimates["validity"])]
+    validity = estimates["validity"]  # nothing where samples have lengths of their own
+    remarks = [*origin.not_estimated, *(remarks_of(scene, validity) if validity else ())]
     if estimates["errors"]:
         chosen = np.zeros(status.size, dtype=bool)
         for first, last in checked(origin.checked_share, status.size):

@@ -12,11 +12,12 @@ from pgmp_petsc.ensemble.checked_samples import share_of
 from pgmp_petsc.ensemble.columns import Columns
 from pgmp_petsc.indicator.coverage import (
     absence_of_estimates,
+    absence_of_estimates_of_lengths,
     left_out_of_estimates,
     truncated_stresses,
     why_not_of_full_order,
 )
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import LengthLanes, Model, ReducedModel, SeparateLengths
 from pgmp_petsc.runtime.remarks import Remark
 from pgmp_petsc.scene import Scene
 
@@ -52,6 +53,8 @@ class Origin:
         if isinstance(model, ReducedModel):
             absent = (*absence_of_estimates(scene, ensemble=True), *truncated_stresses(scene))
             absent += left_out_of_estimates(model) if share > 0.0 else ()
+        elif isinstance(model, (LengthLanes, SeparateLengths)):
+            absent = absence_of_estimates_of_lengths(model)
         else:
             absent = why_not_of_full_order(model)
         return cls(model.name, scene, dict(model.outputs.units), tuple(absent), share)

@@ -19,7 +19,7 @@ from pgmp_petsc.ensemble.over_time import OverTimeWatcher
 from pgmp_petsc.ensemble.rare_events import RareSamples
 from pgmp_petsc.ensemble.runner import run_batch
 from pgmp_petsc.ensemble.sampling import draw_remarks, drawn_names, mixing_of, values_of
-from pgmp_petsc.models import FullModel, Model, ReducedModel
+from pgmp_petsc.models import FullModel, Model, ReducedModel, of_samples
 from pgmp_petsc.reduction.served_range import outside_of
 from pgmp_petsc.results.rare_event import RareEvent
 from pgmp_petsc.runtime.agreement import agreed
@@ -62,9 +62,10 @@ def run_rare_event(model: Model, event: Event, n_samples: int, seed: int, comm: 
     with agreed(comm, "checking what the run is asked for"):
         names = drawn_names(model.scene)
         check_ts_options()
+        of_runs = of_samples(model, names)
     with timings.phase("integration"), ExitStack() as stack:
         bar = stack.enter_context(progress(n_samples, f"{model.title} samples", comm))
-        runs = _Runs(model, event, names, comm, bar)
+        runs = _Runs(of_runs, event, names, comm, bar)
         found = rare_events.find(runs.limit_state, len(names), n_samples, seed)
     timings = timings.maximum(comm)
     return _result(model, event, found, runs, seed, comm.size, timings) if comm.rank == 0 else None

@@ -35,7 +35,7 @@ from pgmp_petsc.ensemble.shards import shard_of
 from pgmp_petsc.ensemble.stopping import Seen, Stop, see, stages, stopped
 from pgmp_petsc.ensemble.watchers import BalanceWatcher, Begun, ErrorWatcher, Found, ValidityWatcher, Watcher
 from pgmp_petsc.indicator.error_indicator import ErrorIndicator
-from pgmp_petsc.models import Model, ReducedModel
+from pgmp_petsc.models import Model, ReducedModel, of_samples
 from pgmp_petsc.results.ensemble import Ensemble
 from pgmp_petsc.results.shard import ShardSamples
 from pgmp_petsc.runtime.agreement import agreed, on_root
@@ -73,12 +73,13 @@ class Integration:
     def __init__(
         self, model: Model, plan: Plan, group: RankGroup, timings: Timings, phase: str, sampler: Sampler | None = None
     ) -> None:
-        self.model, self.plan, self.comm = model, plan, group.world
+        self.plan, self.comm = plan, group.world
         self._group, self._timings, self._phase = group, timings, phase
         # a scene with nothing to draw, and options that would change it, are refused before anything is touched
         with agreed(self.comm, "checking what the run is asked for"):
             self.sampler = sampler or Sampler(model.scene, plan)
             check_ts_options()
+            self.model = model = of_samples(model, self.sampler.names)
         self._divisors = DIVISORS
         toml = scene_to_toml(model.scene)
         self.checkpoint = Checkpoint(plan, toml, model.name, model.identity, self.sampler.extends)
@@ -185,6 +186,7 @@ def run_ensemble(
     ]
     if earlier is not None:
         own.take_over(earlier)
+    model = own.model
     history, given, n = [], [one.count for one in better], plan.samples[1]
     if None in given:
         given, n = allot(own, others, given, n if plan.is_limited else None, stop)

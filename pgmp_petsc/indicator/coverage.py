@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.capabilities import comparing, why_no_full_model
-from pgmp_petsc.models import ComponentModel, FullModel, ReducedModel
+from pgmp_petsc.models import ComponentModel, FullModel, LengthLanes, ReducedModel, SeparateLengths
 from pgmp_petsc.runtime.remarks import Remark, note
 from pgmp_petsc.scene import Scene
 
@@ -23,6 +23,20 @@ def absence_of_estimates(scene: Scene, ensemble: bool = False) -> tuple[Remark, 
     if ensemble and scene.ensemble.checked_share == 0.0:
         return (_absent(scene, "ensemble.checked_share = 0 switches the estimate off"),)
     return ()
+
+
+def absence_of_estimates_of_lengths(model: LengthLanes | SeparateLengths) -> tuple[Remark, ...]:
+    """Return that nothing is estimated of samples with lengths of their own, and what is known of single ones."""
+    if model.name != "reduced":
+        return (note("errors of mesh and time step were not estimated: each sample has a mesh of its own lengths"),)
+    name = model.lengths[0]
+    return (
+        note(
+            "errors of the outputs and the validity of small deformations were not estimated: every sample has lengths "
+            f"of its own; pgmp simulate ROM.h5 --set {name}=... estimates them for one, and --correct full=K measures "
+            "the bias of the mean"
+        ),
+    )
 
 
 def left_out_of_estimates(model: ReducedModel) -> tuple[Remark, ...]:

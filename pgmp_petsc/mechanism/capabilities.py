@@ -17,6 +17,7 @@ from pgmp_petsc.mechanism.kinematics import MOST_COORDINATES
 from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.uses import length_uses
 
 BYTES = 8
 # of an eigenproblem with 15 modes on one core, measured from 36 to 3006 unknowns
@@ -101,6 +102,17 @@ def _automatic(scene: Scene) -> Iterator[str]:
         yield 'reduction.effects = "auto"'
 
 
+def _lengths(scene: Scene) -> Iterator[str]:
+    for use in length_uses(scene):
+        if use.parameter is not None:
+            yield f'{use.entry} = "{use.parameter}"'
+
+
+def _tolerances(scene: Scene) -> bool:
+    reduction = scene.reduction
+    return any(t is not None for t in (reduction.tolerance, reduction.sampling_tolerance, scene.simulation.tolerance))
+
+
 def _effects_of(*types: str) -> Callable[[Scene], Iterator[str]]:
     return lambda scene: (f"effects.{name}" for name, effect in scene.effects.items() if effect.type in types)
 
@@ -110,6 +122,27 @@ def _command(purpose: Purpose) -> Callable[[Scene], Iterator[str]]:
 
 
 FEATURES = (
+    Feature(
+        "lengths and places as parameters",
+        _lengths,
+        frozenset({Purpose.TRADEOFF}),
+        why_not="settings are compared for one mechanism",
+        cure="give it a number (--override)",
+    ),
+    Feature(
+        "lengths and places with tolerances",
+        lambda scene: (entry for entry in _lengths(scene) if _tolerances(scene)),
+        EVERYWHERE,
+        why_not="what a tolerance chooses is tried with one mechanism",
+        cure="give it a number (--override), or reduction and step without tolerances",
+    ),
+    Feature(
+        "lengths and places with an automatic choice of effects",
+        lambda scene: (entry for entry in _lengths(scene) if scene.reduction.effects == "auto"),
+        OF_THE_REDUCTION,
+        why_not="effects are chosen for one mechanism",
+        cure='give it a number (--override), or leave reduction.effects = "auto" out',
+    ),
     Feature("terms of second order", _reduction("second_order"), OF_THE_REDUCTION, third_derivative=True),
     Feature("adaptive sampling", _reduction("sampling_tolerance"), OF_THE_REDUCTION, one_coordinate=True),
     Feature("choice of the reduction by a tolerance", _reduction("tolerance"), OF_THE_REDUCTION),

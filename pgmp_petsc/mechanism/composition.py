@@ -124,7 +124,7 @@ def attachment_at(scene: Scene, bodies: Sequence[Body], address: str, entry: str
     """
     name, _, point = address.partition(":")
     if name == GROUND:
-        return Attachment.on_ground_at(np.asarray(scene.ground.position(point, scene.dimension), dtype=float))
+        return Attachment.on_ground_at(np.asarray(scene.ground_position(point), dtype=float))
     index = next(i for i, body in enumerate(bodies) if body.name == name)
     body = bodies[index]
     number = body.shape.point(point, entry)

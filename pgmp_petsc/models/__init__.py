@@ -3,7 +3,16 @@ no other."""
 
 from pgmp_petsc.models.components import ComponentModel
 from pgmp_petsc.models.full import FullModel
+from pgmp_petsc.models.lengths import LengthLanes, SeparateLengths, of_samples
 from pgmp_petsc.models.model import Model
 from pgmp_petsc.models.reduced import ReducedModel
 
-__all__ = ["ComponentModel", "FullModel", "Model", "ReducedModel"]
+__all__ = [
+    "ComponentModel",
+    "FullModel",
+    "LengthLanes",
+    "Model",
+    "ReducedModel",
+    "SeparateLengths",
+    "of_samples",
+]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from pgmp_petsc.bodies.line_bodies import at_lengths
 from pgmp_petsc.dynamics.full_batch import FullBatch
 from pgmp_petsc.dynamics.full_distributed import FullDistributed
 from pgmp_petsc.dynamics.full_problem import FullEquations
@@ -22,9 +23,9 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mechanism.space import SPATIAL
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.mesh.line_mesh import LineMesh
-from pgmp_petsc.models.model import search_of, start_of
 from pgmp_petsc.models.body_fields import FullFields
 from pgmp_petsc.models.field_points import FieldSet
+from pgmp_petsc.models.model import require_lengths, search_of, start_of
 from pgmp_petsc.models.stresses import FullStresses
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.identity import identity
@@ -62,6 +63,10 @@ class FullModel:
         self._start = start_of(scene, mechanism)
         self.outputs = OutputSet.of(scene, self.kinematics, self._start[0])
         self._stresses = FullStresses(scene, self.outputs, Unknowns(mechanism)) if self.outputs.stresses else None
+
+    def at_lengths(self, scene: Scene) -> Self:
+        """Return the model of a scene that differs in the lengths of its run alone."""
+        return type(self)(scene, at_lengths(scene, self.meshes))
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in torques and forces over time, and in the
@@ -156,13 +161,12 @@ class FullModel:
         return {body.section_scale for body in self.scene.bodies.values()}
 
     def _sized(self, values: Mapping[str, float]) -> Self:
-        """Return the model whose meshes have the cross-sections that parameter values give."""
+        """Return the model whose meshes have the cross-sections that parameter values give, and its own lengths."""
+        require_lengths(self.scene, values)
         scaling = self._scaling & set(values)
         if all(values[name] == self.scene.values[name] for name in scaling):
             return self
-        parameters = self.scene.parameters
-        changed = {name: parameters[name].model_copy(update={"value": float(values[name])}) for name in scaling}
-        return type(self)(self.scene.model_copy(update={"parameters": parameters | changed}), self.meshes)
+        return type(self)(self.scene.with_values({name: values[name] for name in scaling}), self.meshes)
 
     def observed(self, system: FullBatch | FullDistributed, state: State) -> np.ndarray:
         """Return what the outputs are made of, shape (n_observed, n_samples). Collective on the system's

@@ -15,6 +15,7 @@ from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
 
 AT_REST = 1e-12  # rad over a run: less is round-off of sines
 
@@ -47,6 +48,13 @@ class Model(Protocol):
 
     def observed(self, system: SecondOrderSystem, state: State) -> np.ndarray:
         """Return what ``outputs.evaluate`` takes, shape (n_observed, n_samples)."""
+
+
+def require_lengths(scene: Scene, values: Mapping[str, np.ndarray | float]) -> None:
+    """Raise `ValueError` where lengths are not those of the scene's run, which a model's mechanism is made with."""
+    for name in length_names(scene):
+        if name in values and np.any(values[name] != scene.values[name]):
+            raise ValueError(f"{name} = {values[name]}: the model is that of {scene.values[name]}; see models.lengths")
 
 
 def start_of(scene: Scene, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from pgmp_petsc.dynamics.static_equilibrium import settle
 from pgmp_petsc.effects import Motion, actions_of, effects_of, motions_of
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.mechanism.mechanism import Mechanism
-from pgmp_petsc.models.model import search_of, start_of
+from pgmp_petsc.models.model import require_lengths, search_of, start_of
 from pgmp_petsc.models.reduced_statics import JointAngles, ReducedStatics
 from pgmp_petsc.models.body_fields import ReducedFields
 from pgmp_petsc.models.field_points import FieldSet
@@ -63,6 +63,7 @@ class ReducedModel:
     title = "reduced"
 
     def __init__(self, scene: Scene, rom: ReducedOrderModel, kinematics: RigidKinematics | None = None) -> None:
+        rom = rom.at_lengths(scene)
         self.scene, self.rom = scene, rom
         self.identity = rom.identity
         self.meshes = rom.meshes
@@ -100,6 +101,10 @@ class ReducedModel:
     def served(self) -> dict[str, Served]:
         """The ranges of parameters that the reduced model was built for."""
         return served_ranges(scene_from_toml(self.rom.record.scene_toml, self.scene.directory), self.rom)
+
+    def at_lengths(self, scene: Scene) -> Self:
+        """Return the model of a scene that differs in the lengths of its run alone."""
+        return type(self)(scene, self.rom)
 
     def with_loads(self, scene: Scene) -> Self:
         """Return the model under the loads of a scene that differs in torques and forces over time, and in the
@@ -140,7 +145,8 @@ class ReducedModel:
         return self.scene.ensemble.batch
 
     def batch(self, values: Mapping[str, np.ndarray], n_samples: int) -> ReducedSystem:
-        """Return a batch of samples on this rank."""
+        """Return a batch of samples on this rank, all with the lengths of the scene's run."""
+        require_lengths(self.scene, values)
         system = ReducedSystem(self.terms, self.effects, values, self.start, n_samples, self._motions, self._actions)
         if self.scene.initial.equilibrium:
             free = self.scene.initial.coordinates == "free"

@@ -31,6 +31,7 @@ from pgmp_petsc.reduction.definiteness import indefinite_between
 from pgmp_petsc.reduction.greedy_points import choose_points
 from pgmp_petsc.reduction.influence_probe import InfluenceProbe
 from pgmp_petsc.reduction.interpolation import samples_for
+from pgmp_petsc.reduction.length_build import build_over_lengths
 from pgmp_petsc.reduction.joining import JoinedSamples
 from pgmp_petsc.reduction.manifold import Manifold
 from pgmp_petsc.reduction.mode_changes import mode_changes
@@ -52,6 +53,7 @@ from pgmp_petsc.runtime.progress import progress
 from pgmp_petsc.runtime.remarks import Remark, note, warning
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 POOR_COSINE = 0.5  # between neighbouring spaces of modes; tables between them are then of neither
@@ -77,7 +79,7 @@ def build_rom(
     scramble
         Applied to every mode set as it leaves the eigensolver; lets tests spoil signs and order.
     checkpoint
-        What is finished already, and where finished parts are kept.
+        What is finished already, and where finished parts are kept; without a part where lengths are parameters.
 
     Returns
     -------
@@ -89,6 +91,23 @@ def build_rom(
     InputError, RunError
         On all ranks, whichever rank met it.
     """
+    if not length_names(scene):
+        return _condensed_and_built(scene, meshes, group, scramble, checkpoint)
+    check_capabilities(scene, Purpose.BUILD, meshes)
+    # checkpoints are of one mechanism
+    return build_over_lengths(
+        scene, meshes, lambda own, shapes: _condensed_and_built(own, shapes, group, scramble, None), group.world
+    )
+
+
+def _condensed_and_built(
+    scene: Scene,
+    meshes: Mapping[str, BodyShape],
+    group: RankGroup,
+    scramble: Callable[[ModeSet], ModeSet],
+    checkpoint: BuildCheckpoint | None,
+) -> ReducedOrderModel | None:
+    """As `build_rom`, with the lengths of the scene's run."""
     timings = Timings()
     with timings.phase("components"):
         check_capabilities(scene, Purpose.BUILD, meshes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +14,8 @@ from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.mesh.line_mesh import LineMesh
+from pgmp_petsc.reduction.length_family import LengthFamily
+from pgmp_petsc.reduction.length_files import put_family, take_family
 from pgmp_petsc.reduction.mode_changes import ModeChanges
 from pgmp_petsc.reduction.parameter_points import ParameterPoints
 from pgmp_petsc.reduction.branch_files import put_branch, take_branch
@@ -27,6 +29,7 @@ from pgmp_petsc.reduction.tables import ReducedTables
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.runtime.files import BUILD_AGAIN, RunRecord, open_file, put, shapes_of, take, write_file
 from pgmp_petsc.runtime.identity import identity
+from pgmp_petsc.scene import Scene
 
 if TYPE_CHECKING:
     import h5py
@@ -69,6 +72,8 @@ class ReducedOrderModel:
         Where interpolated mass or stiffness is indefinite between samples; empty where it is nowhere.
     stiffness_changes
         How loads change the stiffness of the modes; None with continuum bodies.
+    family
+        Models at other lengths, where parameters are lengths or places; the model itself is that at the nominal ones.
     """
 
     tables: ReducedTables
@@ -84,16 +89,29 @@ class ReducedOrderModel:
     points: ParameterPoints = field(default_factory=ParameterPoints.none)
     indefinite: str = ""
     stiffness_changes: StiffnessChanges | None = None
+    family: LengthFamily | None = field(default=None, repr=False)
 
     @cached_property
     def identity(self) -> str:
         """Checksum of all that runs of the model depend on besides its scene."""
+        if self.family is not None:
+            return identity(*(member.identity for member in self.family.members))
         return identity(self.tables, self.projection, self.meshes, self.curvature)
 
     @property
     def n_parameter(self) -> int:
         """Number of vectors from other parameter values."""
         return self.points.n_vectors
+
+    def at_lengths(self, scene: Scene) -> ReducedOrderModel:
+        """Return the model with the lengths of a scene's run; itself where none is a parameter.
+
+        Raises
+        ------
+        InputError
+            If the mechanism cannot be closed with these lengths.
+        """
+        return self if self.family is None else self.family.at(scene, self)
 
     def write(self, path: str | Path, *parts: Callable[[h5py.File], None]) -> None:
         """Write the file ROM.h5 (one process); `parts` add to it what others want to keep there.
@@ -103,45 +121,52 @@ class ReducedOrderModel:
         fastest; the attributes then have an entry for each coordinate, and there is one more, `shape`, the number of
         samples along each. All tables have the n configurations along their first axis.
         """
-        tables = self.tables
-        with write_file(path, "rom", {"n_redundant": self.n_redundant, "indefinite": self.indefinite}) as file:
+        with write_file(path, "rom") as file:
             self.record.write(file)
-            _put_samples(file, tables.samples)
-            group = file.create_group("tables")
-            _put_terms(group, "mass", tables.mass, tables.mass_weights, "Psi^T M_i Psi, eq. (13)")
-            _put_terms(group, "inertia", tables.inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i Psi")
-            _put_terms(group, "stiffness", tables.stiffness, tables.stiffness_weights, "Psi^T K_i Psi, eq. (14)")
-            _put_terms(group, "load", tables.load, tables.load_weights, "Psi^T f_j")
-            group["load"].attrs["effects"] = list(tables.load_effects)
-            if tables.second_order is not None:
-                _put_second_order(group.create_group("second_order"), tables)
-            about = "(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l"
-            _put_terms(group, "rigid", self.rigid_inertia, tables.mass_weights, about, "theta on a fine grid")
-            put_branch(file.create_group("kinematics"), self.branch)
-            about = "flexible modes in body frames, (theta, unknown, mode)"
-            put(file, "projection", self.projection, NODE_UNITS, about)
-            if self.curvature is not None:
-                about = "their second derivatives chi, (theta, unknown, pair of modes i >= j, each once)"
-                put(file, "curvature", self.curvature, CURVATURE_UNITS, about)
-            put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
-            if self.stiffness_changes is not None:
-                changes, group = self.stiffness_changes, file.create_group("stiffness_changes")
-                about = "change of the modes' stiffness by unit loads and motions, (theta, mode, load)"
-                put(group, "influence", changes.influence, "SI", about)
-                put(group, "stiffness", changes.stiffness, "SI, weight taken out", "(theta, term, mode)")
-            if self.points.values:
-                points = file.create_group("parameter_points")
-                about = "share of the energy missed at the worst parameters tried: at first, with each point more"
-                points.attrs["n_vectors"] = self.points.n_vectors
-                put(points, "missed", self.points.missed, "1", about)
-                for name, column in self.points.values.items():
-                    put(points.require_group("values"), name, column, "SI", "value at every point")
-            put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
-            meshes = file.create_group("mesh", track_order=True)
-            for name, shape in self.meshes.items():
-                put_shape(meshes.create_group(name), shape)
+            self.write_into(file)
+            if self.family is not None:
+                put_family(file.create_group("lengths"), self.family)
             for part in parts:
                 part(file)
+
+    def write_into(self, file: h5py.Group) -> None:
+        """Write all but the record and the family into a group."""
+        tables = self.tables
+        file.attrs.update(n_redundant=self.n_redundant, indefinite=self.indefinite)
+        _put_samples(file, tables.samples)
+        group = file.create_group("tables")
+        _put_terms(group, "mass", tables.mass, tables.mass_weights, "Psi^T M_i Psi, eq. (13)")
+        _put_terms(group, "inertia", tables.inertia, tables.mass_weights, "(d2 rho/d theta2)^T M_i Psi")
+        _put_terms(group, "stiffness", tables.stiffness, tables.stiffness_weights, "Psi^T K_i Psi, eq. (14)")
+        _put_terms(group, "load", tables.load, tables.load_weights, "Psi^T f_j")
+        group["load"].attrs["effects"] = list(tables.load_effects)
+        if tables.second_order is not None:
+            _put_second_order(group.create_group("second_order"), tables)
+        about = "(d rho/d theta_k)^T M_i (d rho/d theta_l), k >= l"
+        _put_terms(group, "rigid", self.rigid_inertia, tables.mass_weights, about, "theta on a fine grid")
+        put_branch(file.create_group("kinematics"), self.branch)
+        about = "flexible modes in body frames, (theta, unknown, mode)"
+        put(file, "projection", self.projection, NODE_UNITS, about)
+        if self.curvature is not None:
+            about = "their second derivatives chi, (theta, unknown, pair of modes i >= j, each once)"
+            put(file, "curvature", self.curvature, CURVATURE_UNITS, about)
+        put(file, "frequencies_hz", self.frequencies_hz, "Hz", "full-order, nominal parameters, (theta, mode)")
+        if self.stiffness_changes is not None:
+            changes, group = self.stiffness_changes, file.create_group("stiffness_changes")
+            about = "change of the modes' stiffness by unit loads and motions, (theta, mode, load)"
+            put(group, "influence", changes.influence, "SI", about)
+            put(group, "stiffness", changes.stiffness, "SI, weight taken out", "(theta, term, mode)")
+        if self.points.values:
+            points = file.create_group("parameter_points")
+            about = "share of the energy missed at the worst parameters tried: at first, with each point more"
+            points.attrs["n_vectors"] = self.points.n_vectors
+            put(points, "missed", self.points.missed, "1", about)
+            for name, column in self.points.values.items():
+                put(points.require_group("values"), name, column, "SI", "value at every point")
+        put(file, "cosines", self.cosines, "1", "cosine between neighbouring spaces of modes, 1 = the same space")
+        meshes = file.create_group("mesh", track_order=True)
+        for name, shape in self.meshes.items():
+            put_shape(meshes.create_group(name), shape)
 
     @classmethod
     def read(cls, path: str | Path, with_projection: bool = True) -> ReducedOrderModel:
@@ -153,10 +178,16 @@ class ReducedOrderModel:
             If the file is missing, cut off, of another kind or version, or its tables do not fit together.
         """
         with open_file(path, "rom") as file, shapes_of(file, BUILD_AGAIN):
-            return cls._read(file, with_projection)
+            found = cls.read_from(file, RunRecord.read(file), with_projection)
+            if "lengths" not in file:
+                return found
+            family = take_family(file["lengths"], lambda group: cls.read_from(group, found.record, with_projection))
+            return replace(found, family=family)
 
     @classmethod
-    def _read(cls, file, with_projection: bool) -> ReducedOrderModel:
+    def read_from(cls, file: h5py.Group, record: RunRecord, with_projection: bool) -> ReducedOrderModel:
+        """Read what `write_into` wrote. Raises as `read`."""
+        filename = file.file.filename
         samples = _samples(file)
         group = file["tables"]
         tables = ReducedTables(
@@ -173,9 +204,9 @@ class ReducedOrderModel:
             changes=_changes(group["second_order"]) if "second_order" in group else None,
         )
         rigid, branch = take(group, "rigid", 3), take_branch(file["kinematics"])
-        _check_tables(tables, rigid, file.filename)
+        _check_tables(tables, rigid, filename)
         kinematics = {"poses": branch.poses, "rates": branch.rates, "curvatures": branch.curvatures}
-        _check_finite({f"kinematics/{name}": values for name, values in kinematics.items()}, file.filename)
+        _check_finite({f"kinematics/{name}": values for name, values in kinematics.items()}, filename)
         meshes = {name: take_shape(body) for name, body in file["mesh"].items()}
         n_modes, curvature = tables.n_modes, None
         projection = take(file, "projection", 3) if with_projection else np.empty((samples.n, 0, n_modes))
@@ -183,9 +214,9 @@ class ReducedOrderModel:
             n_pairs = n_modes * (n_modes + 1) // 2
             curvature = take(file, "curvature", 3) if with_projection else np.empty((samples.n, 0, n_pairs))
             if curvature.shape != (*projection.shape[:2], n_pairs):
-                raise InputError(f"file '{file.filename}': curvature has shape {curvature.shape}; build it again")
-            _check_finite({"curvature": curvature}, file.filename)
-        _check_finite({"projection": projection}, file.filename)
+                raise InputError(f"file '{filename}': curvature has shape {curvature.shape}; build it again")
+            _check_finite({"curvature": curvature}, filename)
+        _check_finite({"projection": projection}, filename)
         return cls(
             tables=tables,
             branch=branch,
@@ -195,7 +226,7 @@ class ReducedOrderModel:
             cosines=take(file, "cosines", 1),
             meshes=meshes,
             n_redundant=int(file.attrs["n_redundant"]),
-            record=RunRecord.read(file),
+            record=record,
             curvature=curvature,
             points=_points(file),
             indefinite=str(file.attrs.get("indefinite", "")),
@@ -244,7 +275,7 @@ def _stiffness_changes(file, n: int) -> StiffnessChanges | None:
     group = file["stiffness_changes"]
     changes = StiffnessChanges(take(group, "influence", 3), take(group, "stiffness", 3))
     if len(changes.influence) != n or len(changes.stiffness) != n:
-        raise InputError(f"file '{file.filename}': stiffness_changes are not those of {n} samples; build it again")
+        raise InputError(f"file '{file.file.filename}': stiffness_changes are not those of {n} samples; build it again")
     return changes
 
 

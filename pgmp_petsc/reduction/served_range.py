@@ -5,8 +5,9 @@ deviations, or bounds): at these its matrices were looked at, and bases by toler
 served without a word; six standard deviations cost 1.6 % of the deformation where three cost 0.3 %
 (`tests/hard_cases/test_far_from_nominal.py`). What lies outside is counted and warned of. Three times as far away as
 the span it is refused: values of single runs, samples of a file, and distributions of which the greater part lies
-there. Of parameters that no distribution and no bounds of the build's scene say anything of, 30 % around the nominal
-value are taken for the span. What tables do not depend on, loads and local effects, may be anything.
+there. Lengths and places are not served beyond the points of their polynomials at all. Of parameters that no
+distribution and no bounds of the build's scene say anything of, 30 % around the nominal value are taken for the span.
+What tables do not depend on, loads and local effects, may be anything.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from pgmp_petsc.scene.spanning_values import spanning_values
 WIDER, FARTHEST = 1.5, 3.0  # times the span that a build tries
 UNSAID = 0.3  # of the nominal value
 NOTICED = 1e-4  # share of a distribution beyond what is served
+ROUND_OFF = 1e-12  # of shares of distributions
 CURE = "build with distributions, or bounds, that hold them (pgmp build SCENE)"
 
 
@@ -45,6 +47,11 @@ class Served:
     high: float
     least: float
     most: float
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether nothing is served outside the range at all: that of a length."""
+        return (self.low, self.high) == (self.least, self.most)
 
     def outside(self, values: np.ndarray) -> np.ndarray:
         """Return which values are not served without a warning."""
@@ -76,6 +83,9 @@ def served_ranges(built: Scene, rom: ReducedOrderModel) -> dict[str, Served]:
             low, high = float(tried.min()), float(tried.max())
         ends = [nominal + factor * (end - nominal) for factor in (WIDER, FARTHEST) for end in (low, high)]
         found[name] = Served(*ends)
+    if rom.family is not None:
+        grid = rom.family.grid
+        found |= {name: Served(low, high, low, high) for name, (low, high) in zip(grid.names, grid.ranges)}
     return found
 
 
@@ -157,6 +167,8 @@ def _of_parameter(name: str, served: Served, scene: Scene) -> Iterator[str]:
     what = (
         f"parameters.{name}.distribution: {100 * share:.2g} % of it lie outside [{served.low:.6g}, {served.high:.6g}]"
     )
+    if served.is_sharp and beyond > ROUND_OFF:
+        raise InputError(f"{what}, beyond which the reduced model serves no length and no place; {CURE}")
     if beyond > 0.5:
         raise InputError(
             f"{what}, the range that the reduced model was built for, and the greater part beyond what it serves, "

@@ -12,7 +12,6 @@ from pgmp_petsc.scene.fields import (
     Angle,
     Axis,
     Integer,
-    Length,
     Name,
     NotNegativeOrParameter,
     Number,
@@ -90,7 +89,7 @@ Section = Annotated[Circle | Rectangle | Coefficients | Coefficients3d, Field(di
 class StraightBeam(Table):
     """A straight line of equal elements along the x axis of the body's frame, with points hinge and tip at its ends."""
 
-    length: Length = Field(description="length (m)")
+    length: PositiveOrParameter = Field(description="length (m), a number or a parameter's name; see docs/method.md")
     elements: Annotated[Integer, at_most(MOST_ELEMENTS, "no straight beam needs more, and they fill memory")] = Field(
         ge=1, description="number of elements"
     )

@@ -117,8 +117,8 @@ def _number_or_parameter(value: object) -> object:
 def _no_parameter(value: object) -> object:
     if isinstance(value, str) or isinstance(value, (list, tuple)) and any(isinstance(part, str) for part in value):
         raise refusal(
-            "numbers are needed, no parameter: a length or a place changes the kinematics and every basis, and is not "
-            "affine; give each value to --override, with a build of its own"
+            "numbers are needed, no parameter: it moves the axes of a body's frame alone, and no mechanism; the length "
+            "of a line and places of ground.points may be parameters"
         )
     return value
 
@@ -150,6 +150,16 @@ def _two_or_three_numbers(value: object) -> object:
 def _three_numbers(value: object) -> object:
     if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
         raise refusal("three finite numbers in brackets are needed, such as [0.0, 0.0, 1.0]")
+    return value
+
+
+def _two_or_three_or_parameters(value: object) -> object:
+    fine = isinstance(value, (list, tuple)) and len(value) in (2, 3)
+    if not (fine and all(isinstance(part, str) or is_number(part) for part in value)):
+        raise refusal(
+            "two finite numbers in brackets (three in space) are needed, such as [0.0, 1.0], each a number or a "
+            "parameter's name"
+        )
     return value
 
 
@@ -212,8 +222,6 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Pair = Annotated[tuple[float, float], BeforeValidator(_two_numbers), AfterValidator(_sensible_numbers)]
 #: Two finite numbers (low, high), low < high.
 Interval = Annotated[Pair, AfterValidator(_increasing)]
-#: A length (m) that no parameter can be.
-Length = Annotated[PositiveNumber, BeforeValidator(_no_parameter)]
 #: A place along a line (m) that no parameter can be.
 Along = Annotated[Number, BeforeValidator(_no_parameter)]
 #: A point or vector: two finite numbers (x, y) in the plane, three (x, y, z) in space.
@@ -223,8 +231,13 @@ Vector = Annotated[
     AfterValidator(_sensible_numbers),
     WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}),
 ]
-#: A place (m) that no parameter can be.
-Place = Annotated[Vector, BeforeValidator(_no_parameter)]
+#: A place (m): two entries (x, y) in the plane, three in space, each a number or the name of a parameter.
+Place = Annotated[
+    tuple[float | str, ...],
+    BeforeValidator(_two_or_three_or_parameters),
+    AfterValidator(_sensible_numbers),
+    WithJsonSchema({"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 3}),
+]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
 #: Three finite numbers (x, y, z).

@@ -24,21 +24,18 @@ class Ground(Table):
     """Points fixed in space; ``ground:origin`` at (0, 0) is always there."""
 
     points: dict[Name, Place] = Field(
-        {ORIGIN: (0.0, 0.0)}, description="position (x, y) of each point (m), (x, y, z) in space"
+        {ORIGIN: (0.0, 0.0)},
+        description="position (x, y) of each point (m), (x, y, z) in space; each a number or a parameter's name",
     )
 
     @property
-    def positions(self) -> dict[str, tuple[float, ...]]:
-        """Position of every ground point (m), the origin included."""
+    def positions(self) -> dict[str, tuple[float | str, ...]]:
+        """Position of every ground point (m, or names of parameters), the origin included."""
         return {ORIGIN: (0.0, 0.0), **self.points}
-
-    def position(self, point: str, dimension: int) -> tuple[float, ...]:
-        """Return the position of a point (m): as many numbers as the mechanism's space has dimensions."""
-        return (*self.positions[point], 0.0)[:dimension]
 
     @field_validator("points")
     @classmethod
-    def _origin_stays(cls, points: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    def _origin_stays(cls, points: dict[str, tuple[float | str, ...]]) -> dict[str, tuple[float | str, ...]]:
         if any(points.get(ORIGIN, ())):
             raise refusal("the ground's origin is always at [0, 0]; give the point another name", ORIGIN)
         return points

@@ -29,6 +29,12 @@ class Reduction(Table):
     angles: Angles = Field(
         629, ge=4, description="number of sampled configurations along each coordinate; 24 with several"
     )
+    length_points: Annotated[Integer, at_most(8, "polynomials of degree 7 are as good as the eigensolvers")] = Field(
+        5,
+        ge=2,
+        description="Chebyshev points of every parameter that is a length or a place, over its bounds; the modes of "
+        "all angles are built at each, and once more at the nominal lengths",
+    )
     sampling_tolerance: Number | None = Field(
         None,
         gt=0.0,

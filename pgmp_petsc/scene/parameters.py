@@ -111,6 +111,16 @@ class Distribution(Table):
         return self._simple or self.frozen()
 
     @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value; infinite where there is none."""
+        simple = self._simple
+        if simple is not None:
+            bounded = isinstance(simple, Uniform)
+            return (simple.loc, simple.loc + simple.scale) if bounded else (-np.inf, np.inf)
+        low, high = self.frozen().support()
+        return float(low), float(high)
+
+    @property
     def _simple(self) -> Normal | Uniform | None:
         """The law where scipy.stats need not be asked whether its arguments are fine."""
         arguments = {"loc": 0.0, "scale": 1.0} | self.arguments

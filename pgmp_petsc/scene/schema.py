@@ -15,6 +15,7 @@ from pgmp_petsc.scene.effects import Effect
 from pgmp_petsc.scene.ensemble import Ensemble, ensemble_problems
 from pgmp_petsc.scene.fields import Name, Number, Table
 from pgmp_petsc.scene.joints import Coordinate, Ground, Joint
+from pgmp_petsc.scene.lengths import length_problems
 from pgmp_petsc.scene.messages import input_error
 from pgmp_petsc.scene.numerics import Initial, InitialState, Reduction, Reference, Simulation
 from pgmp_petsc.scene.outputs import Output
@@ -148,6 +149,16 @@ class Scene(Table):
             return (self.values if values is None else values)[entry]
         return entry
 
+    def ground_position(self, point: str) -> tuple[float, ...]:
+        """Return the position of a ground point (m): as many numbers as the mechanism's space has dimensions."""
+        place = (*self.ground.positions[point], 0.0)[: self.dimension]
+        return tuple(float(self.number(entry)) for entry in place)
+
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Return the scene with values of a single run for some of its parameters."""
+        changed = {name: self.parameters[name].model_copy(update={"value": float(values[name])}) for name in values}
+        return self.model_copy(update={"parameters": {**self.parameters, **changed}})
+
     def initial_state(self, coordinate: str) -> InitialState:
         """Return where a coordinate starts: as given, or 0 and at rest."""
         return self.simulation.initial.get(coordinate, InitialState())
@@ -180,6 +191,7 @@ class Scene(Table):
             *reference_problems(self),
             *correlation_problems(self),
             *field_problems(self),
+            *length_problems(self),
             *ensemble_problems(self),
             *unit_problems(self, given),
         ]

@@ -83,8 +83,19 @@ class Use:
         return self.value if isinstance(self.value, str) else None
 
 
+def length_uses(scene: Scene) -> Iterator[Use]:
+    """Yield the entries of lengths and places: of straight lines, and of points of the ground (`scene.lengths`)."""
+    for name, body in scene.bodies.items():
+        if body.line is not None:
+            yield Use(f"bodies.{name}.line.length", body.line.length, "positive", ("m",))
+    for name, place in scene.ground.points.items():
+        for axis, value in zip("xyz", place):
+            yield Use(f"ground.points.{name}.{axis}", value, "any", ("m",))
+
+
 def uses_of(scene: Scene) -> Iterator[Use]:
     """Yield every entry that may name a parameter."""
+    yield from length_uses(scene)
     for name, material in scene.materials.items():
         for key, unit in MATERIAL.items():
             yield Use(f"materials.{name}.{key}", getattr(material, key), "positive", (unit,))

@@ -51,7 +51,7 @@ def assembly_of(scene: Scene, meshes: Mapping[str, LineMesh | SolidMesh]) -> Ass
     }
     used = {side for joint in scene.joints.values() for side in joint.connect}
     for name in [*(("origin",) if f"{GROUND}:origin" in used else ()), *scene.ground.points]:
-        points[f"{GROUND}:{name}"] = np.asarray(scene.ground.position(name, d), dtype=float)[:d]
+        points[f"{GROUND}:{name}"] = np.asarray(scene.ground_position(name))
     # of what slides the second point is the one that moves
     joints = {
         connection.name: connection.b.frame_of_pose(poses).ravel()[:d]

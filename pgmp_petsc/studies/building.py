@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+
 from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.components.condensing import condensed
 from pgmp_petsc.experiments.finished import Finished
@@ -21,6 +23,7 @@ from pgmp_petsc.runtime.files import open_file, shapes_of
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.timings import Timings
 from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.selection.choice import choose, leaves_open
 from pgmp_petsc.studies.effect_choice import choose_effects
 from pgmp_petsc.studies.effect_sizes import remarks_on_sizes
@@ -115,6 +118,8 @@ def build(
         scene, sizes = on_root(comm, choose_effects, scene, meshes, shapes)
         say("\n".join(sizes.lines()))
     is_open = leaves_open(scene)
+    if length_names(scene):
+        say(_price(scene, resume))
     if output is not None and is_open:
         checkpoint = Finished(output, {"command": "build"}, scene, meshes, comm, resume)
     elif output is not None:
@@ -134,6 +139,19 @@ def build(
             # with a tolerance for the step it is the chosen scene that runs
             rom = _with_remarks(rom, scene if choice is None else choice.scene, meshes)
     return Built(rom, None if choice is None else choice.selection, sizes, checkpoint)
+
+
+def _price(scene: Scene, resume: bool) -> str:
+    """Say what lengths as parameters make of the build."""
+    names, reduction = length_names(scene), scene.reduction
+    n_points = reduction.length_points ** len(names)
+    angles = np.broadcast_to(reduction.angles, len(scene.coordinates))
+    anew = "; a build over lengths keeps nothing on the way, so --resume begins anew" if resume else ""
+    return (
+        f"lengths and places ({', '.join(names)}): models at {n_points} points, {reduction.length_points} along each, "
+        f"and one more to compare with, times {np.prod(angles)} configurations are {(n_points + 1) * np.prod(angles)} "
+        f"eigenproblems{anew}"
+    )
 
 
 def _with_remarks(rom: ReducedOrderModel, scene: Scene, meshes: Mapping[str, BodyShape]) -> ReducedOrderModel:

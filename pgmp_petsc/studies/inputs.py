@@ -71,7 +71,7 @@ def with_meshes(scene: Scene, purpose: Purpose) -> tuple[Scene, dict[str, BodySh
 def _mesh_of(scene: Scene, name: str) -> BodyShape:
     body = scene.bodies[name]
     if body.line is not None:
-        return straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
+        return straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
     if body.matrices is not None:
         # takes a noticeable time, and only such bodies need it
         from pgmp_petsc.bodies.assembled_reading import read_assembled

@@ -105,6 +105,7 @@ def _tabulated(
     with timings.phase("reduced"):
         reduced = None
         if rom is not None:
+            rom = rom.at_lengths(scene)
             scheme = scene_from_toml(rom.record.scene_toml, scene.directory).reduction.interpolation
             free = [k for k, coordinate in enumerate(coordinates) if not coordinate.prescribed]
             if springs is None:

@@ -236,15 +236,3 @@ def test_rigid_bodies_of_a_shipped_scene_have_no_field_and_a_width_has_one() -> 
     scene = load_scene(PAPER_SCENE, (rectangle, FIELD.replace('"E"', '"width"')))
     profiles = profiles_of(scene, "rod", meshes_of(slider_crank())["rod"])
     assert profiles.stiffness.terms.keys() == profiles.mass.terms.keys() and not profiles.modulus
-
-
-@pytest.mark.parametrize(
-    ("entry", "value"),
-    [("bodies.rod.line", '{length="span", elements=4}'), ("ground.points.pivot", '["span", 0.0]')],
-)
-def test_a_parameter_for_a_length_or_a_place_is_refused_with_the_cure(entry: str, value: str) -> None:
-    with pytest.raises(InputError) as error:
-        slider_crank('parameters.span={nominal=0.7, unit="m"}', f"{entry}={value}")
-    line = str(error.value).splitlines()[0]
-    assert line.startswith(entry) and "numbers are needed, no parameter: a length or a place changes" in line
-    assert "give each value to --override" in line

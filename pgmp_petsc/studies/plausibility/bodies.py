@@ -51,7 +51,7 @@ def sizes_of(scene: Scene, meshes: Mapping[str, BodyShape]) -> dict[str, Size]:
     for name, body in scene.bodies.items():
         mesh = meshes.get(name)
         if mesh is None and body.line is not None:
-            mesh = straight_beam(body.line.length, body.line.elements, body.line.start, body.dimension)
+            mesh = straight_beam(scene.number(body.line.length), body.line.elements, body.line.start, body.dimension)
         if mesh is not None:
             of = {LineMesh: _beam, SolidMesh: _solid, Assembled: _assembled}[type(mesh)]
             sizes[name] = of(scene, body, mesh)

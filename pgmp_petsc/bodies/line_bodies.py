@@ -1,0 +1,24 @@
+"""Meshes of bodies that are straight lines, whose length may be a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+from pgmp_petsc.mesh.straight_beam import straight_beam
+from pgmp_petsc.scene import Scene
+
+AnyShape = TypeVar("AnyShape")
+
+
+def at_lengths(scene: Scene, meshes: Mapping[str, AnyShape]) -> dict[str, AnyShape]:
+    """Return the meshes of a scene's bodies with the lengths of its run (``scene.values``); as many cells, all equal.
+
+    Bodies whose length is a number keep their mesh, whatever it is.
+    """
+    found = dict(meshes)
+    for name, body in scene.bodies.items():
+        if body.line is not None and isinstance(body.line.length, str):
+            length, n_cells = scene.number(body.line.length), len(meshes[name].cells)
+            found[name] = straight_beam(length, n_cells, body.line.start, body.dimension)
+    return found

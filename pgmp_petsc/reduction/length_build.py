@@ -1,0 +1,236 @@
+"""The build of a family of reduced models over lengths: a model at each point of the grid, all in one gauge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse as sp
+from mpi4py import MPI
+
+from pgmp_petsc.bodies.affine import evaluate_weights
+from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.matrices import assemble_mass, weighted_sum
+from pgmp_petsc.bodies.shape import BodyShape
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.reduction.definiteness import indefinite_between
+from pgmp_petsc.reduction.length_family import LengthCheck, LengthFamily
+from pgmp_petsc.reduction.length_grid import LengthGrid
+from pgmp_petsc.reduction.mode_changes import mode_changes
+from pgmp_petsc.reduction.second_order import pair_rotations
+from pgmp_petsc.runtime.agreement import agreed
+from pgmp_petsc.runtime.errors import InputError, RunError
+from pgmp_petsc.runtime.remarks import Remark, note, warning
+from pgmp_petsc.runtime.timings import Timings
+from pgmp_petsc.scene import Scene, scene_to_toml
+from pgmp_petsc.scene.lengths import length_names
+from pgmp_petsc.scene.spanning_values import spanning_values
+
+if TYPE_CHECKING:
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+Build = Callable[[Scene, Mapping[str, BodyShape]], "ReducedOrderModel | None"]
+
+HIGH = 0.5  # |T_n| where the family is checked; at points of the grid, where it vanishes, nothing could be seen
+LARGE = 1e-4  # share by which frequencies between the points may be off without a warning
+POOR_COSINE = 0.5  # between spaces of modes of two lengths; as between neighbouring angles
+MORE = "take more reduction.length_points, or a narrower range"
+
+
+def build_over_lengths(
+    scene: Scene, meshes: Mapping[str, BodyShape], build: Build, comm: MPI.Comm
+) -> ReducedOrderModel | None:
+    """Build the model at the nominal lengths with its family. Collective on `comm`.
+
+    Parameters
+    ----------
+    scene, meshes
+        The scene, with parameters that are lengths or places, and the mesh of every body at any lengths.
+    build
+        Builds the model of a scene whose lengths are those of its run; collective, None on all ranks but the first.
+
+    Returns
+    -------
+    ReducedOrderModel or None
+        The model on the first rank, None elsewhere.
+
+    Raises
+    ------
+    InputError, RunError
+        On all ranks, with the lengths at which a build failed, or if models of different lengths do not fit together.
+    """
+    grid = LengthGrid.of(scene)
+
+    def at(values: Mapping[str, float]) -> ReducedOrderModel | None:
+        own = _held(scene, values)
+        try:
+            return build(own, at_lengths(own, meshes))
+        except (InputError, RunError) as error:
+            raise type(error)(f"at {_words(values)}: {error}") from error
+
+    nominal_lengths = {name: scene.nominal[name] for name in grid.names}
+    nominal = at(nominal_lengths)
+    members = [nominal if _same(values, nominal_lengths) else at(values) for values in grid.points]
+    between = nominal_lengths
+    if grid.height(between) < HIGH:
+        first, second = grid.nodes[:2]
+        between = grid.values_at([0.5 * (first + second)] * len(grid.names))
+    checked = nominal if between is nominal_lengths else at(between)
+    found = None
+    timings = Timings()
+    with agreed(comm, "joining the models of all lengths"):
+        if nominal is not None:
+            with timings.phase("lengths"):
+                gauge = _Gauge.of(_held(scene, nominal_lengths), nominal)
+                turned = [gauge.turned(_held(scene, values), member) for values, member in zip(grid.points, members)]
+            everyone = (nominal, *(member for member in (*members, checked) if member is not nominal))
+            found = _joined(scene, grid, everyone, turned, (between, checked), timings.as_dict())
+    return found
+
+
+def _held(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene whose lengths are numbers, but for their names: nothing is drawn, and there is no other value."""
+    fixed = {"distribution": None, "bounds": None}
+    changed = {
+        name: scene.parameters[name].model_copy(update={"nominal": value, "value": value, **fixed})
+        for name, value in values.items()
+    }
+    return scene.model_copy(update={"parameters": {**scene.parameters, **changed}})
+
+
+def _same(one: Mapping[str, float], other: Mapping[str, float]) -> bool:
+    """Return whether lengths are equal to round-off."""
+    return all(math.isclose(value, other[name], rel_tol=1e-12, abs_tol=1e-12) for name, value in one.items())
+
+
+def _words(values: Mapping[str, float]) -> str:
+    """Name lengths with their values."""
+    return ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+
+
+@dataclass(frozen=True, eq=False)
+class _Gauge:
+    """The basis that all others are expressed in.
+
+    Attributes
+    ----------
+    model
+        That it is of.
+    mass
+        M at the nominal lengths and parameters, shape (n_dofs, n_dofs).
+    """
+
+    model: ReducedOrderModel
+    mass: sp.csr_matrix
+
+    @classmethod
+    def of(cls, scene: Scene, model: ReducedOrderModel) -> _Gauge:
+        mechanism = Mechanism.from_scene(scene, model.meshes)
+        masses = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+        return cls(model, weighted_sum(masses, scene.nominal))
+
+    def turned(self, scene: Scene, member: ReducedOrderModel) -> tuple[ReducedOrderModel, float]:
+        """Return a model of other lengths, whose scene is given, in this basis, and the least cosine to it.
+
+        Raises
+        ------
+        RunError
+            If its basis has another number of vectors, or covers another number of turns.
+        """
+        own, wanted = member.projection, self.model.projection
+        if own.shape != wanted.shape:
+            lengths = _words({name: scene.values[name] for name in length_names(scene)})
+            raise RunError(
+                f"at {lengths}: {own.shape[2]} vectors over {len(own)} configurations, "
+                f"{wanted.shape[2]} over {len(wanted)} at the nominal lengths: modes cross between them; take another "
+                "number of reduction.modes, or a narrower range"
+            )
+        weighted = np.array([self.mass @ shape for shape in own])
+        gram, crossed = np.swapaxes(own, 1, 2) @ weighted, np.swapaxes(weighted, 1, 2) @ wanted
+        square = np.array([shape.T @ (self.mass @ shape) for shape in wanted])
+        rotations = np.linalg.solve(gram, crossed)
+        projection = own @ rotations
+        tables, curvature = member.tables.turned(rotations), member.curvature
+        if curvature is not None:
+            curvature = curvature @ pair_rotations(rotations)
+            kinematics = RigidKinematics(Mechanism.from_scene(scene, member.meshes), member.branch)
+            masses = assemble_mass(kinematics.mechanism.bodies, range(kinematics.mechanism.n_dofs)).mass
+            scheme = scene.reduction.interpolation
+            changes = mode_changes(kinematics, masses, tables.samples, projection, scheme)
+            tables = replace(tables, changes=changes)
+        turned = replace(member, tables=tables, projection=projection, curvature=curvature, meshes={})
+        return turned, _least_cosine(gram, crossed, square)
+
+
+def _least_cosine(one: np.ndarray, crossed: np.ndarray, other: np.ndarray) -> float:
+    """Return the least cosine between two spaces, from Gram matrices of their vectors, (n, m, m) each."""
+    left, right = np.linalg.cholesky(one), np.linalg.cholesky(other)
+    between = np.linalg.solve(left, crossed) @ np.swapaxes(np.linalg.inv(right), 1, 2)
+    return float(np.linalg.svd(between, compute_uv=False).min())
+
+
+def _joined(
+    scene: Scene,
+    grid: LengthGrid,
+    built: Sequence[ReducedOrderModel],
+    turned: Sequence[tuple[ReducedOrderModel, float]],
+    between: tuple[dict[str, float], ReducedOrderModel],
+    seconds: Mapping[str, float],
+) -> ReducedOrderModel:
+    """Return the nominal model, the first that was built, with its family and what is to be said of it."""
+    nominal, cosine = built[0], min(cosine for _, cosine in turned)
+    family = LengthFamily(grid, tuple(member for member, _ in turned), LengthCheck(between[0], 0.0, 0.0))
+    family = replace(family, check=_check(scene, family, nominal, *between))
+    indefinite = indefinite_between(
+        family.merged(nominal).tables, scene.reduction.interpolation, *spanning_values(scene)
+    )
+    timings = dict(seconds)
+    for model in built:
+        for phase, time in model.record.timings.items():
+            timings[phase] = timings.get(phase, 0.0) + time
+    remarks = (*nominal.record.remarks, *_remarks(family, len(built), cosine, indefinite))
+    record = replace(
+        nominal.record, scene_toml=scene_to_toml(scene), parameters=scene.nominal, timings=timings, remarks=remarks
+    )
+    return replace(nominal, record=record, family=family, indefinite=nominal.indefinite or indefinite)
+
+
+def _check(
+    scene: Scene, family: LengthFamily, nominal: ReducedOrderModel, values: dict[str, float], built: ReducedOrderModel
+) -> LengthCheck:
+    """Compare the family with a model that was built between its points."""
+    own = family.at(scene.with_values(values), nominal)
+    weights = [
+        evaluate_weights(names, scene.nominal) for names in (own.tables.mass_weights, own.tables.stiffness_weights)
+    ]
+    n_modes = nominal.frequencies_hz.shape[1]
+    found, exact = (model.tables.frequencies_hz(*weights)[:, :n_modes] for model in (own, built))
+    blended = sum(share * member.rigid_inertia for share, member in zip(family.grid.shares(values), family.members))
+    inertia = np.max(np.abs(blended - built.rigid_inertia), axis=0) / np.max(np.abs(built.rigid_inertia), axis=0)
+    return LengthCheck(dict(values), float(np.max(np.abs(found / exact - 1.0))), float(np.max(inertia)))
+
+
+def _remarks(family: LengthFamily, n_builds: int, cosine: float, indefinite: str) -> list[Remark]:
+    grid, check = family.grid, family.check
+    ranges = ", ".join(f"{name} from {low:g} to {high:g} m" for name, (low, high) in zip(grid.names, grid.ranges))
+    said = (
+        f"lengths: {ranges} are served by polynomials through models at {len(grid.points)} points ({n_builds} "
+        f"builds); at {_words(check.values)}, between them, frequencies are within {check.frequencies:.2g} and the "
+        f"rigid inertia of ensembles within {check.inertia:.2g} of a model built there"
+    )
+    poor = max(check.frequencies, check.inertia) > LARGE
+    found = [warning(f"{said}; {MORE}") if poor else note(said)]
+    if cosine < POOR_COSINE:
+        found.append(
+            warning(
+                f"the space of modes turns away between lengths (least cosine {cosine:.2g} to that of the nominal "
+                "ones); take another number of reduction.modes, or a narrower range"
+            )
+        )
+    if indefinite:
+        found.append(warning(f"between lengths: {indefinite}"))
+    return found

@@ -1,0 +1,165 @@
+"""Reduced models of one scene at the points of a grid of lengths, in bases that are continuous over the lengths too.
+
+The rigid motion depends on a length l as on nothing else: ``q = rho(theta; l) + Psi(theta; l) delta``. The members of
+the family are models built at the points l_p; their bases are expressed in that of the model at the nominal lengths,
+
+    Psi_p R_p,    R_p(theta) = (Psi_p^T M Psi_p)^-1 Psi_p^T M Psi_nominal,
+
+so that entries of their tables are smooth in l, whatever signs, order and rotations the builds have found (Amsallem and
+Farhat 2011 join the members of a family so). In between, tables are polynomials of l (`length_grid`). The kinematics of
+one run are exact: the mechanism is made anew with its lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from pgmp_petsc.bodies.line_bodies import at_lengths
+from pgmp_petsc.bodies.matrices import assemble_mass
+from pgmp_petsc.mechanism.kinematics import RigidKinematics
+from pgmp_petsc.mechanism.mechanism import Mechanism
+from pgmp_petsc.reduction.length_grid import LengthGrid
+from pgmp_petsc.reduction.mode_changes import ModeChanges
+from pgmp_petsc.reduction.rigid_inertia import rigid_inertia
+from pgmp_petsc.reduction.second_order import SecondOrderTables
+from pgmp_petsc.reduction.stiffness_changes import StiffnessChanges
+from pgmp_petsc.reduction.tables import ReducedTables
+from pgmp_petsc.scene import Scene
+
+if TYPE_CHECKING:
+    from pgmp_petsc.reduction.rom import ReducedOrderModel
+
+#: Tables by the weights that their terms have.
+OF_TABLES = {
+    "mass": "mass_weights",
+    "inertia": "mass_weights",
+    "stiffness": "stiffness_weights",
+    "load": "load_weights",
+}
+OF_SECOND_ORDER = ("cubic", "curved_load", "curved_inertia")
+OF_CHANGES = ("gyroscopic", "spread")
+Arrays = TypeVar("Arrays", ReducedTables, SecondOrderTables, ModeChanges, StiffnessChanges)
+
+
+@dataclass(frozen=True, eq=False)
+class LengthCheck:
+    """How far the family is from a model that was built between its points.
+
+    Attributes
+    ----------
+    values
+        Lengths of that model, m.
+    frequencies, inertia
+        Largest difference of the reduced frequencies of the modes at any angle, and of the rigid inertia, as shares.
+    """
+
+    values: dict[str, float]
+    frequencies: float
+    inertia: float
+
+
+@dataclass(frozen=True, eq=False)
+class LengthFamily:
+    """Models at the points of a grid of lengths.
+
+    Attributes
+    ----------
+    grid
+        The grid.
+    members
+        A model of each point, without meshes (`bodies.line_bodies` makes them), all in continuous bases.
+    check
+        Of the family against a model of none of these points.
+    """
+
+    grid: LengthGrid
+    members: tuple[ReducedOrderModel, ...]
+    check: LengthCheck
+
+    def at(self, scene: Scene, nominal: ReducedOrderModel) -> ReducedOrderModel:
+        """Return the model with the lengths of a scene's run (``scene.values``).
+
+        Kinematics and rigid inertia are exact, tables and shapes polynomials of the lengths.
+
+        Parameters
+        ----------
+        nominal
+            The model at the nominal lengths, which the family belongs to.
+
+        Raises
+        ------
+        InputError
+            If the mechanism cannot be closed with these lengths.
+        """
+        kinematics = self.kinematics(scene, nominal, None)
+        mechanism = kinematics.mechanism
+        masses = assemble_mass(mechanism.bodies, range(mechanism.n_dofs)).mass
+        tables = self._blended_tables(scene)
+        return replace(
+            nominal,
+            tables=tables,
+            branch=kinematics.branch,
+            rigid_inertia=rigid_inertia(tables.samples, masses, kinematics),
+            projection=self._blended(scene, [member.projection for member in self.members]),
+            curvature=None
+            if nominal.curvature is None
+            else self._blended(scene, [member.curvature for member in self.members]),
+            frequencies_hz=self._blended(scene, [member.frequencies_hz for member in self.members]),
+            stiffness_changes=self._of_parts(
+                scene, [member.stiffness_changes for member in self.members], ("influence", "stiffness")
+            ),
+            meshes=at_lengths(scene, nominal.meshes),
+        )
+
+    def kinematics(self, scene: Scene, nominal: ReducedOrderModel, number: int | None) -> RigidKinematics:
+        """Return the rigid kinematics of a scene's run, or those of a member, given by its number."""
+        branch = None
+        if number is not None:
+            scene, branch = scene.with_values(self.grid.points[number]), self.members[number].branch
+        return RigidKinematics(Mechanism.from_scene(scene, at_lengths(scene, nominal.meshes)), branch)
+
+    def merged(self, nominal: ReducedOrderModel) -> ReducedOrderModel:
+        """Return the model whose terms are affine in monomials of the lengths besides all other parameters.
+
+        Its tables and its rigid inertia are those of any lengths; kinematics and shapes are the nominal ones.
+        """
+        tables, grid, parts = nominal.tables, self.grid, [member.tables for member in self.members]
+        weights = {name: grid.weights(getattr(tables, name)) for name in dict.fromkeys(OF_TABLES.values())}
+        n_each = len(grid.points)
+        merged = replace(
+            tables,
+            **{name: grid.coefficients([getattr(part, name) for part in parts]) for name in OF_TABLES},
+            **weights,
+            load_effects=tuple(name for name in tables.load_effects for _ in range(n_each)),
+        )
+        for field, names in (("second_order", OF_SECOND_ORDER), ("changes", OF_CHANGES)):
+            own = [getattr(part, field) for part in parts]
+            if own[0] is not None:
+                arrays = {name: grid.coefficients([getattr(one, name) for one in own]) for name in names}
+                merged = replace(merged, **{field: replace(own[0], **arrays)})
+        rigid = grid.coefficients([member.rigid_inertia for member in self.members])
+        return replace(nominal, tables=merged, rigid_inertia=rigid)
+
+    def _blended_tables(self, scene: Scene) -> ReducedTables:
+        parts = [member.tables for member in self.members]
+        return replace(
+            self._of_parts(scene, parts, tuple(OF_TABLES)),
+            second_order=self._of_parts(scene, [part.second_order for part in parts], OF_SECOND_ORDER),
+            changes=self._of_parts(scene, [part.changes for part in parts], OF_CHANGES),
+        )
+
+    def _of_parts(self, scene: Scene, parts: Sequence[Arrays | None], names: Sequence[str]) -> Arrays | None:
+        """Return the polynomials of some fields of dataclasses; None where there is nothing."""
+        if parts[0] is None:
+            return None
+        return replace(
+            parts[0], **{name: self._blended(scene, [getattr(one, name) for one in parts]) for name in names}
+        )
+
+    def _blended(self, scene: Scene, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        shares = self.grid.shares(scene.values)
+        return sum(share * array for share, array in zip(shares, arrays))

@@ -1,0 +1,57 @@
+"""Lengths as parameters: built and drawn by two ranks as by one, and refused without a hang."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from length_scenes import SLIDER_CRANK, SMALL, long_crank
+from mpi4py import MPI
+from runs import IN_TURN, full_model, overridden, rom_of
+
+from pgmp_petsc.ensemble.batch import Plan
+from pgmp_petsc.ensemble.runner import run_ensemble
+from pgmp_petsc.models import ReducedModel
+from pgmp_petsc.reduction.rom import ReducedOrderModel
+from pgmp_petsc.results import Ensemble
+from pgmp_petsc.runtime.groups import RankGroup
+
+N, SEED, BATCH = 9, 3, "ensemble.batch=4"
+
+
+def test_two_ranks_build_and_draw_lengths_as_one_does(mpirun: Callable, tmp_path: Path) -> None:
+    path, rom = tmp_path / "scene.toml", tmp_path / "rom.h5"
+    path.write_text(SLIDER_CRANK, encoding="utf-8")
+    few = ["--seed", str(SEED), *overridden(BATCH)]
+    wanted = [
+        ["build", str(path), *overridden(*SMALL), "-o", str(rom)],
+        ["montecarlo", str(rom), "-n", str(N), *few, "-o", str(tmp_path / "reduced.h5")],
+        ["montecarlo", str(path), "--full", *overridden(*SMALL), "-n", "3", *few, "-o", str(tmp_path / "full.h5")],
+        ["simulate", str(rom), "--set", "rod_length=0.6", "-o", str(tmp_path / "run.h5")],
+        ["info", str(rom)],
+    ]
+    done = mpirun(2, "-c", IN_TURN, json.dumps(wanted))
+    statuses = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    said = f"{done.stdout}\n{done.stderr}"
+    assert statuses == [[0, 0]] * 3 + [[2, 2]] + [[0, 0]], said
+    # 3 points, of which one is nominal, and a model between them
+    assert "models at 3 points, 3 along each, and one more to compare with, times 12 configurations are 48 eig" in said
+    assert "parameters.rod_length.value = 0.6: must lie inside the parameter's bounds" in said
+    assert "/lengths/<models of all lengths>/projection" in said
+
+    found, own = ReducedOrderModel.read(rom), rom_of(long_crank(*SMALL))
+    for one, other in zip(found.family.members, own.family.members, strict=True):
+        # eigensolvers of one and of two ranks agree to their tolerance
+        scale = np.abs(other.tables.stiffness).max()
+        np.testing.assert_allclose(one.tables.stiffness, other.tables.stiffness, atol=1e-6 * scale)
+    scene = long_crank(*SMALL, BATCH)
+    for name, model, n in (("reduced", ReducedModel(scene, found), N), ("full", full_model(scene), 3)):
+        with RankGroup.split(MPI.COMM_SELF, 1) as group:
+            expected = run_ensemble(model, Plan(n, SEED, tmp_path / f"one_{name}.h5"), group)
+        several = Ensemble.read(tmp_path / f"{name}.h5")
+        np.testing.assert_array_equal(several.parameters["rod_length"], expected.parameters["rod_length"])
+        for output, values in expected.outputs.items():
+            np.testing.assert_array_equal(several.outputs[output], values)
+        assert any("of its own" in remark.text for remark in several.record.remarks) and not several.validity
