@@ -133,7 +133,7 @@ def choose(
             allowed, trial = reduction.allowed, reduction.run()
             step.finish(allowed)
             trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
-        if trial.rom is None:
+        if not trial.built:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
@@ -156,11 +156,12 @@ def choose(
         remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
         reference=reference.about,
     )
+    rom = bench.rom_of(trial)
     if group.world.rank > 0:
         return Choice(chosen, None, selection)
-    record = trial.rom.record
+    record = rom.record
     record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
-    return Choice(chosen, replace(trial.rom, record=record), selection)
+    return Choice(chosen, replace(rom, record=record), selection)
 
 
 def modes_to_condense(scene: Scene) -> int:

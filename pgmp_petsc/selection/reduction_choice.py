@@ -197,7 +197,7 @@ class ReductionChoice:
     def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:
         """Say what stands in the way of the best of some rungs, none of which is good enough."""
         trials = [self._try(rung.entries | grid) for rung in rungs]
-        if all(trial.rom is None for trial in trials):
+        if not any(trial.built for trial in trials):
             raise RunError(trials[0].reason)
         while True:
             # some were looked at under one load only

@@ -50,7 +50,6 @@ class Known:
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         self.tried.append(reduction)
-        rom = object() if self._builds else None
         values = [self._grid(reduction) + share * self._basis(reduction) for share in (0.5, 1.0)]
         if not self._builds:
             values = [np.inf, np.inf]
@@ -58,7 +57,7 @@ class Known:
         if loads is not None:
             errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
         reason = "" if self._builds else "no convergence"
-        return Trial(reduction, n_steps, errors, reason, 0.0, rom, {})
+        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds, {})
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)
@@ -198,7 +197,7 @@ def test_a_second_look_takes_the_place_of_the_first() -> None:
     ledger, bench = Ledger(), Known(falling)
     reduction = bench.scene.reduction
     for values, n_steps in (((1e-4,), 100), ((1e-4, 3e-4), 100), ((9e-5,), 50), ((2e-3,), 100)):
-        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, None, {})
+        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, True, {})
         ledger.add_trial("basis", ("modes",), replace(trial, reduction=reduction), trial.errors)
     assert [attempt.largest for attempt in ledger.attempts] == [9e-5, 2e-3]
     assert ledger.best("basis").largest == 2e-3
@@ -226,7 +225,7 @@ def test_the_reduced_model_takes_the_longest_step_of_its_own(per_step: float, n_
     step.finish({})
     assert step.n_full == 64, "an error of nothing allows the coarsest run"
     assert step.n_basis == 4 * 256, "a basis is judged with steps that see the vibrations"
-    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, None, {}))
+    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, True, {}))
     assert step.n_steps == n_steps
     assert all(fine == fine_enough(coarse, 256) for coarse, fine in bench.compared)
     assert bench.compared[0][0] == 256, "those that see the vibrations come first"
