@@ -18,6 +18,7 @@ from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.experiments.reference import Reference
 from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -206,11 +207,19 @@ class Bench:
     def most_steps(self) -> float:
         """Steps of a run up to which all runs with halved steps, of the loads that the step is found with, are within
         ``reference.budget``; no limit where the reference was named, whatever it takes."""
-        if self.scene.reference.model != "auto":
-            return np.inf
         cases = self.training.n_samples * sum(load.for_step for load in self.training.loads)
         # runs of n, n / 2, n / 4 ... steps are 2 n of them
-        return self.scene.reference.budget / (2.0 * cases * self.reference.price.step)
+        return self.budget / (2.0 * cases * self.reference.price.step)
+
+    @property
+    def budget(self) -> float:
+        """Processor time that runs may be predicted to take (s); no limit where the reference was named."""
+        return self.scene.reference.budget if self.scene.reference.model == "auto" else np.inf
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What candidates are made of: bodies of cells are condensed."""
+        return self._subject.kinematics.mechanism
 
     def finer_meshes(self, n_steps: int) -> Errors | None:
         """Return how far the scene's own runs are from those with cells cut in two; None where that is not known: of
