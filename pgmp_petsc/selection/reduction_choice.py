@@ -105,6 +105,10 @@ class ReductionChoice:
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
+            if not trial.built and reduction.parameter_modes and "parameter_modes" not in self.given:
+                # beside many modes there may be no independent ones from other parameter values: they have them all
+                reduction = reduction.model_copy(update={"parameter_modes": 0})
+                trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:
                 self._worst_load = trial.errors.loads[trial.errors.place[0]]
             elif trial.errors.largest <= REDUCTION * self.tolerance:
