@@ -15,13 +15,18 @@ The reference has an error of its own. How much the last halving of its step mov
 error, stands beside (`doubt`): it must be small, or it is the reference that is measured. Fast vibrations, which lag
 behind with every step, want a hundred steps where the run has one; with 8, the reference of a sudden torque is as wrong
 as the run. `surely` counts the samples within the factor for any true error that the doubt leaves open.
+
+With ``--keep FOLDER`` runs of the reference are kept there, some samples at a time: the same command goes on where it
+was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,7 +46,7 @@ from pgmp_petsc.reduction.build import build_rom
 from pgmp_petsc.runtime.ending import end, guarded
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.petsc import start_petsc
-from pgmp_petsc.scene import Scene
+from pgmp_petsc.scene import Scene, scene_to_toml
 from pgmp_petsc.studies.inputs import read_scene
 from benchmarks.tables import Table
 
@@ -65,6 +70,8 @@ FACTOR = 3.0
 SEED = 123
 REFINEMENT = 128
 N_TIMED = 3
+COSTED = 32  # samples, at most, that costs are taken of
+AT_ONCE = 20  # samples of the reference that are run, and kept, together
 MOTOR = "motor"
 AS_IT_IS = "as it is"  # of the scene's own reduction or loads
 
@@ -167,13 +174,34 @@ def _history_of(model: Model, system: SecondOrderSystem, every: int) -> Historie
 
 def refer(case: Case, overrides: tuple[str, ...], values: Mapping[str, np.ndarray], refinement: int) -> Reference:
     """Integrate the samples of the reference with a step that is `refinement` times smaller, and with twice that."""
-    runs = []
+    runs, n = [], len(next(iter(values.values())))
     for finer in (refinement // 2, refinement):
         scene, _ = case.read(overrides)
         fine, meshes = case.read((*overrides, f"simulation.step={scene.simulation.step / finer!r}"))
-        runs.append(history(case.model(fine, meshes), values, finer))
+        model, parts = case.model(fine, meshes), []
+        for first in range(0, n, AT_ONCE):
+            some = {name: value[first : first + AT_ONCE] for name, value in values.items()}
+            task = (scene_to_toml(fine), model.name, finer, {name: value.tolist() for name, value in some.items()})
+            parts.append(kept(case.folder, task, lambda: history(model, some, finer)))
+        runs.append({name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]})
     before, exact = runs
     return Reference(exact, {name: np.max(np.abs(exact[name] - before[name]), axis=0) for name in exact})
+
+
+def kept(folder: Path | None, task: object, run: Callable[[], Histories]) -> Histories:
+    """Return what a run leaves, or left in a folder; a file there is whole or missing, however a run ended."""
+    if folder is None:
+        return run()
+    path = folder / f"{hashlib.sha256(repr(task).encode()).hexdigest()[:32]}.npz"
+    if path.exists():
+        with np.load(path) as file:
+            return dict(file)
+    found = run()
+    folder.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}.npz")
+    np.savez(part, **found)
+    part.replace(path)
+    return found
 
 
 def watched(model: ReducedModel, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -226,6 +254,8 @@ class Case:
         Whether that is the component model; the full-order model otherwise.
     settings, torques
         Reductions and torques to be measured.
+    folder
+        Where runs of the reference are kept; None where they are not.
     """
 
     path: Path
@@ -233,6 +263,7 @@ class Case:
     components: bool = False
     settings: tuple[str, ...] = tuple(SETTINGS)
     torques: tuple[str, ...] = tuple(TORQUES)
+    folder: Path | None = None
 
     def read(self, overrides: tuple[str, ...], purpose: Purpose | None = None) -> tuple[Scene, dict]:
         """Read the scene with more overrides, by default for the reference."""
@@ -264,7 +295,8 @@ def measure(case: Case, n_samples: int, refinement: int, seed: int = SEED) -> tu
             for output, found in compare(model, reference, values).items():
                 results.append(Effectivity(setting, torque, output, *found))
             if first:
-                times.append(costs(setting, model, case.model(scene, meshes), values))
+                few = {name: value[:COSTED] for name, value in values.items()}
+                times.append(costs(setting, model, case.model(scene, meshes), few))
     return results, times
 
 
@@ -314,14 +346,14 @@ def cost_table(times: Sequence[Cost], n_samples: int) -> Table:
 
 def print_tables(given: argparse.Namespace) -> None:
     """Measure what is asked for on the command line, and print both tables."""
-    case = Case(given.scene, tuple(given.override), given.reference == "components")
+    case = Case(given.scene, tuple(given.override), given.reference == "components", folder=given.keep)
     if given.as_it_is:
         case = replace(case, settings=(AS_IT_IS,), torques=(AS_IT_IS,))
     elif given.torque:
         case = replace(case, torques=tuple(given.torque))
     results, times = measure(case, given.samples, given.refinement, given.seed)
     print(table(results, given.samples, given.refinement).markdown(), end="\n\n")
-    print(cost_table(times, given.samples).markdown())
+    print(cost_table(times, min(given.samples, COSTED)).markdown())
 
 
 def main() -> int:
@@ -338,6 +370,7 @@ def main() -> int:
     parser.add_argument("--refinement", type=int, default=REFINEMENT, metavar="K", help=words)
     parser.add_argument("--seed", type=int, default=SEED, metavar="S", help="of the samples")
     parser.add_argument("--torque", action="append", choices=TORQUES, default=[])
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="for runs of the reference; taken up from there")
     given = parser.parse_args()
     if given.refinement < 2 or given.refinement % 2:
         parser.error(f"--refinement {given.refinement}: must be even, because runs with half of it are compared")

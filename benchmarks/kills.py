@@ -1,10 +1,11 @@
-"""Ensembles that are killed again and again, against one that nothing disturbs.
+"""Ensembles and trade-off studies that are killed again and again, against one that nothing disturbs.
 
-    python -m benchmarks.kills rom.h5 [--ensembles 8 -- -n 8000 --correct full=400]
+    python -m benchmarks.kills rom.h5 [--runs 8 -- -n 8000 --correct full=400]
+    python -m benchmarks.kills scenes/slider_crank_solid2d.toml --runs 1 -- --quick
 
-Each ensemble is started, killed at a random moment by SIGKILL, SIGTERM and SIGUSR1 in turn, and taken up with another
-number of ranks, up to three times; then it is left alone. Its file is compared with that of an undisturbed run on one
-rank, all datasets but times, bit by bit.
+An ensemble of a reduced model, or a study of a scene, is started, killed at a random moment by SIGKILL, SIGTERM and
+SIGUSR1 in turn, and taken up with another number of ranks, up to three times; then it is left alone. Its file is
+compared with that of an undisturbed run on one rank, bit by bit: all datasets but times and what is decided by them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -27,24 +29,40 @@ from benchmarks.tables import Table
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGUSR1)
 MOST_KILLS = 3  # of an ensemble
 PART = (0.35, 0.9)  # of an undisturbed run, at which it is killed
-ASKED = ("-n", "8000", "--correct", "full=400", "--correct", "full/2=200")
+ASKED = {
+    "montecarlo": ("-n", "8000", "--correct", "full=400", "--correct", "full/2=200"),
+    "tradeoff": ("--quick",),
+}
+TIMES = ("timings", "offline", "online", "processor")
+OF_TIMES = ("pareto", "advice")
 
 
-def start(rom: Path, output: Path, ranks: int, *options: str) -> subprocess.Popen[bytes]:
-    """Start an ensemble whose processes are killed together."""
-    launch = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-    command = [sys.executable, "-m", "pgmp_petsc.cli.main", "montecarlo", str(rom), *options, "-o", str(output)]
-    return subprocess.Popen(
-        [*launch, *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True
-    )
+@dataclass(frozen=True)
+class Command:
+    """What is started: a command of the program with a file and options."""
+
+    name: str
+    source: Path
+    options: tuple[str, ...]
+
+    def start(self, output: Path, ranks: int, *more: str) -> subprocess.Popen[bytes]:
+        """Start it; its processes are killed together."""
+        launch = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+        words = [self.name, str(self.source), *self.options, *more, "-o", str(output)]
+        return subprocess.Popen(
+            [*launch, sys.executable, "-m", "pgmp_petsc.cli.main", *words],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
 
 
 def datasets(path: Path) -> dict[str, np.ndarray]:
-    """Return all datasets of a file but times."""
+    """Return all datasets of a file but times and what follows from them."""
     found: dict[str, np.ndarray] = {}
 
     def visit(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("timings/"):
+        if isinstance(item, h5py.Dataset) and name.split("/")[0] not in (*TIMES, *OF_TIMES):
             found[name] = item[()]
 
     with h5py.File(path) as file:
@@ -52,11 +70,11 @@ def datasets(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
-def killed(rom: Path, output: Path, options: tuple[str, ...], number: int, seconds: float) -> list[str]:
-    """Kill an ensemble and take it up until it is there; return the signals' names."""
+def killed(command: Command, output: Path, number: int, seconds: float) -> list[str]:
+    """Kill a run and take it up until it is there; return the signals' names."""
     came, ranks, more = [], 1 + number % 2, ()
     while True:
-        job = start(rom, output, ranks, *options, *more)
+        job = command.start(output, ranks, *more)
         if len(came) < MOST_KILLS:
             time.sleep(random.uniform(*PART) * seconds)
             if job.poll() is None:
@@ -71,21 +89,21 @@ def killed(rom: Path, output: Path, options: tuple[str, ...], number: int, secon
         more, ranks = ("--resume",), 3 - ranks
 
 
-def kills(rom: Path, n_ensembles: int, options: tuple[str, ...], folder: Path) -> Table:
-    """Return what came of each ensemble."""
+def kills(command: Command, n_runs: int, folder: Path) -> Table:
+    """Return what came of each run."""
     begin = time.monotonic()
-    job = start(rom, folder / "undisturbed.h5", 1, *options)
+    job = command.start(folder / "undisturbed.h5", 1)
     _, said = job.communicate()
     if job.returncode:
         raise SystemExit(said.decode())
     seconds, expected, rows = time.monotonic() - begin, datasets(folder / "undisturbed.h5"), []
-    for number in range(n_ensembles):
-        came = killed(rom, folder / f"{number}.h5", options, number, seconds)
+    for number in range(n_runs):
+        came = killed(command, folder / f"{number}.h5", number, seconds)
         found = datasets(folder / f"{number}.h5")
         differing = [name for name in expected if name not in found or not _same(found[name], expected[name])]
-        rows.append([str(number), ", ".join(came) or "none", str(len(expected)), str(len(differing))])
-    words = f"pgmp montecarlo {' '.join(options)}, killed and taken up with another number of ranks."
-    return Table("Killed ensembles", ["ensemble", "killed by", "datasets", "of these differ"], rows, words)
+        rows.append([str(number), ", ".join(came) or "none", str(len(expected)), ", ".join(differing) or "none"])
+    words = f"pgmp {command.name} {' '.join(command.options)}, killed and taken up with another number of ranks."
+    return Table("Killed runs", ["run", "killed by", "datasets", "of these differ"], rows, words)
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
@@ -94,11 +112,13 @@ def _same(one: np.ndarray, other: np.ndarray) -> bool:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rom", type=Path, help="reduced model of a scene with uncertain parameters")
-    parser.add_argument("--ensembles", type=int, default=8)
-    parser.add_argument("options", nargs="*", default=ASKED, help="of pgmp montecarlo, after --")
+    parser.add_argument("source", type=Path, help="reduced model of a scene with uncertain parameters, or a scene")
+    parser.add_argument("--runs", type=int, default=8)
+    parser.add_argument("options", nargs="*", help="of pgmp montecarlo, or of pgmp tradeoff, after --")
     arguments = parser.parse_args()
     random.seed(11)
+    name = "tradeoff" if arguments.source.suffix == ".toml" else "montecarlo"
+    asked = Command(name, arguments.source, tuple(arguments.options) or ASKED[name])
     with tempfile.TemporaryDirectory() as directory:
-        table = kills(arguments.rom, arguments.ensembles, tuple(arguments.options), Path(directory))
+        table = kills(asked, arguments.runs, Path(directory))
     print(table.markdown())

@@ -45,9 +45,7 @@ def njit(
             try:
                 dispatcher._cache = (_EntryCache if entry else _LenientCache)(function)
             except (RuntimeError, OSError) as error:  # no locator has a folder
-                _note(
-                    f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}"
-                )
+                _note(f"compiled code is not kept, and every run compiles for minutes ({_first(error)}); {CURE}")
         return dispatcher
 
     return decorate

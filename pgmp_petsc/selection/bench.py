@@ -18,6 +18,7 @@ from pgmp_petsc.experiments.finished import Finished
 from pgmp_petsc.experiments.history import History, errors_between, floors_of, round_off_of, run_history
 from pgmp_petsc.experiments.reference import Reference
 from pgmp_petsc.experiments.subject import Subject
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.mesh.line_mesh import LineMesh
 from pgmp_petsc.mesh.refinement import refined
 from pgmp_petsc.models import FullModel, ReducedModel
@@ -28,6 +29,7 @@ from pgmp_petsc.runtime.errors import InputError, PgmpError, RunError
 from pgmp_petsc.runtime.groups import RankGroup
 from pgmp_petsc.runtime.progress import Progress, without_progress
 from pgmp_petsc.scene.numerics import Reduction
+from pgmp_petsc.selection.shelf import Shelf
 from pgmp_petsc.selection.training import Training
 from pgmp_petsc.selection.trial import Errors, Trial
 
@@ -74,6 +76,7 @@ class Bench:
         with agreed(self.comm, "preparing training runs"):
             self._floors = floors_of(self.full_model)
         self._full: dict[tuple[str, int], History] = {}
+        self._shelf = Shelf(self.build)
 
     def moved(self, coarse: int, fine: int, loads: tuple[str, ...] | None = None) -> Errors:
         """Return how far full-order runs with two numbers of steps are apart."""
@@ -116,21 +119,26 @@ class Bench:
             rom = build_rom(scene, self._subject.shapes, self.group)
         return self.comm.bcast(rom)
 
+    def rom_of(self, trial: Trial) -> ReducedOrderModel:
+        """Return the reduced model of a trial that could be built, on all ranks; built again where it was let go."""
+        return self._shelf.take(trial.reduction)
+
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         """Build a candidate, run it under some loads (all, by default) and compare it with the full-order model."""
         names, start = self._names(loads), perf_counter()
         try:
             rom = self.build(reduction)
             reason = rom.indefinite
-            rom = None if reason else rom
+            if not reason:
+                self._shelf.put(reduction, rom)
         except PgmpError as error:
             # what the scene gives itself is wrong whatever is chosen beside it; a candidate of ours is just no use
             if isinstance(error, InputError) and "parameter_modes" in self.scene.reduction.model_fields_set:
                 raise
-            rom, reason = None, str(error)
+            reason = str(error)
         self._bar.update()
         seconds = self.comm.bcast(perf_counter() - start)
-        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, rom, {}), names)
+        return self.go_on(Trial(reduction, n_steps, self._endless(()), reason, seconds, not reason, {}), names)
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         """Run a candidate under further loads."""
@@ -140,14 +148,14 @@ class Bench:
             return trial
         self._run_full(names, n_steps)
         errors, histories, reason = self._endless(names), {}, trial.reason
-        if trial.rom is not None:
+        if trial.built:
             try:
-                histories = self._run_reduced(trial.rom, trial.reduction, names, n_steps)
+                histories = self._run_reduced(trial.reduction, names, n_steps)
                 errors = self._gather(names, lambda name: (histories[name], self._full[name, n_steps]))
                 if not np.isfinite(errors.largest):
                     reason = reason or self._failures(histories)
             except RunError as error:
-                trial, reason = replace(trial, rom=None), str(error)
+                trial, reason = replace(trial, built=False), str(error)
         together = replace(
             errors,
             values=np.concatenate([trial.errors.values, errors.values]),
@@ -162,18 +170,18 @@ class Bench:
     def run_again(self, trial: Trial, n_steps: int, loads: tuple[str, ...]) -> Errors:
         """Compare a candidate with the full-order model at another step."""
         self._run_full(loads, n_steps)
-        histories = self._run_reduced(trial.rom, trial.reduction, loads, n_steps)
+        histories = self._run_reduced(trial.reduction, loads, n_steps)
         return self._gather(loads, lambda name: (histories[name], self._full[name, n_steps]))
 
     def moved_reduced(self, trial: Trial, coarse: int, fine: int, loads: tuple[str, ...]) -> Errors:
         """Return how far runs of a candidate with two numbers of steps are apart."""
-        one, other = (self._run_reduced(trial.rom, trial.reduction, loads, n_steps) for n_steps in (coarse, fine))
+        one, other = (self._run_reduced(trial.reduction, loads, n_steps) for n_steps in (coarse, fine))
         return self._gather(loads, lambda name: (one[name], other[name]))
 
     def apart(self, one: Trial, other: Trial) -> Errors:
         """Return how far two candidates that ran with the same step are apart, under the loads that both ran with."""
         names = tuple(name for name in one.errors.loads if name in other.errors.loads)
-        if not (one.rom and other.rom):
+        if not (one.built and other.built):
             return replace(one.errors, values=np.full_like(one.errors.values, np.inf))
 
         errors = self._gather(names, lambda name: (one.histories[name], other.histories[name]))
@@ -186,11 +194,12 @@ class Bench:
         """Return the errors of a candidate under one load times a factor."""
         variant = next(item for item in self.training.loads if item.name == load)
         found: dict[str, tuple[History, History]] = {}
+        rom = self.rom_of(trial)
         with agreed(self.comm, "runs under another load"):
             if load in self._own((load,)):
                 scene = variant.of(self.scene, factor)
                 full = self._history(self.full_model.with_loads(scene), trial.n_steps)
-                reduced = self._reduced_model(trial.rom, trial.reduction).with_loads(scene)
+                reduced = self._reduced_model(rom, trial.reduction).with_loads(scene)
                 found[load] = (self._history(reduced, trial.n_steps), full)
         return self._gather((load,), found.__getitem__)
 
@@ -198,11 +207,19 @@ class Bench:
     def most_steps(self) -> float:
         """Steps of a run up to which all runs with halved steps, of the loads that the step is found with, are within
         ``reference.budget``; no limit where the reference was named, whatever it takes."""
-        if self.scene.reference.model != "auto":
-            return np.inf
         cases = self.training.n_samples * sum(load.for_step for load in self.training.loads)
         # runs of n, n / 2, n / 4 ... steps are 2 n of them
-        return self.scene.reference.budget / (2.0 * cases * self.reference.price.step)
+        return self.budget / (2.0 * cases * self.reference.price.step)
+
+    @property
+    def budget(self) -> float:
+        """Processor time that runs may be predicted to take (s); no limit where the reference was named."""
+        return self.scene.reference.budget if self.scene.reference.model == "auto" else np.inf
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What candidates are made of: bodies of cells are condensed."""
+        return self._subject.kinematics.mechanism
 
     def finer_meshes(self, n_steps: int) -> Errors | None:
         """Return how far the scene's own runs are from those with cells cut in two; None where that is not known: of
@@ -226,12 +243,12 @@ class Bench:
         its steps a few are taken, and the others counted.
         """
         n_own = self.training.n_samples
-        copies, times = -(-BATCH // n_own), (0.0, 0.0)
+        copies, times, rom = -(-BATCH // n_own), (0.0, 0.0), self.rom_of(trial)
         values = {name: np.tile(column, copies) for name, column in self.training.values.items()}
         with agreed(self.comm, "runs for the processor time"):
             if self.comm.rank == 0:
                 begin = process_time()
-                run_history(self._reduced_model(trial.rom, trial.reduction), values, copies * n_own, n_reduced)
+                run_history(self._reduced_model(rom, trial.reduction), values, copies * n_own, n_reduced)
                 reduced = (process_time() - begin) / (copies * n_own)
                 times = (reduced, n_full * self._seconds_of_step(values, copies * n_own, n_full))
         return self.comm.bcast(times)
@@ -295,10 +312,8 @@ class Bench:
         scene = self.scene.model_copy(update={"reduction": reduction})
         return ReducedModel(scene, rom, self._subject.kinematics)
 
-    def _run_reduced(
-        self, rom: ReducedOrderModel, reduction: Reduction, names: tuple[str, ...], n_steps: int
-    ) -> dict[str, History]:
-        histories = {}
+    def _run_reduced(self, reduction: Reduction, names: tuple[str, ...], n_steps: int) -> dict[str, History]:
+        histories, rom = {}, self._shelf.take(reduction)
         with agreed(self.comm, "reduced training runs"):
             own = self._own(names)
             if own:

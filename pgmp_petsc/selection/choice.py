@@ -38,8 +38,8 @@ from pgmp_petsc.selection.ladder import MOST_CONDENSED, Limits
 from pgmp_petsc.selection.ledger import REDUCTION, Ledger
 from pgmp_petsc.selection.reduction_choice import KNOBS, ReductionChoice
 from pgmp_petsc.selection.refusal import refuse
-from pgmp_petsc.selection.step import AHEAD, MOST_ANYWAY, SEEN, first_steps
-from pgmp_petsc.selection.step_choice import StepChoice
+from pgmp_petsc.selection.step import AHEAD, FIRST_PER_PERIOD, MOST_ANYWAY, SEEN, first_steps
+from pgmp_petsc.selection.step_choice import EARLY_PER_PERIOD, StepChoice
 from pgmp_petsc.selection.training import Training
 from pgmp_petsc.selection.trial import Trial
 
@@ -130,10 +130,11 @@ def choose(
             bench.check_references(step.n_basis)
             limits = Limits.of(scene, subject.kinematics, n_modes)
             reduction = ReductionChoice(bench, ledger, limits, step.n_basis, step.allowed)
+            say(reduction.price)
             allowed, trial = reduction.allowed, reduction.run()
             step.finish(allowed)
             trial = _at_the_chosen_step(bench, ledger, limits, step, trial)
-        if trial.rom is None:
+        if not trial.built:
             raise RunError(trial.reason)
         step.fit_reduced(trial)
         chosen = _chosen_scene(scene, step, trial)
@@ -156,11 +157,12 @@ def choose(
         remarks=(reference.why, *bench.remarks, *found, *(() if finished is None else map(str, finished.remarks))),
         reference=reference.about,
     )
+    rom = bench.rom_of(trial)
     if group.world.rank > 0:
         return Choice(chosen, None, selection)
-    record = trial.rom.record
+    record = rom.record
     record = replace(record, scene_toml=scene_to_toml(chosen), timings=timings.as_dict() | record.timings)
-    return Choice(chosen, replace(trial.rom, record=record), selection)
+    return Choice(chosen, replace(rom, record=record), selection)
 
 
 def modes_to_condense(scene: Scene) -> int:
@@ -183,8 +185,9 @@ def _demand(scene: Scene, training: Training, period: float, n_modes: int, entry
     if given:
         steps = n_loads * given + (AHEAD * of_step * given if scene.simulation.tolerance is not None else 0)
     else:
-        # runs with halved steps, up to those that see the vibrations, are together two of these
-        steps = (n_loads + 2 * of_step) * SEEN * first_steps(scene.simulation.duration, period)[1]
+        # runs with halved steps, up to the smallest that are tried before the reduction, are together two of these
+        early = EARLY_PER_PERIOD // FIRST_PER_PERIOD
+        steps = (n_loads * SEEN + 2 * of_step * early) * first_steps(scene.simulation.duration, period)[1]
     cases = f"{training.n_samples} samples under {n_loads} loads"
     cure = "shorten simulation.duration, or let fewer parameters vary"
     tolerance = scene.reduction.tolerance or scene.simulation.tolerance

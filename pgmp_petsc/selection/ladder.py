@@ -1,9 +1,11 @@
 """Candidate bases in the order of what they cost online, and the search for the cheapest that is good enough.
 
 A family is a way to make a basis bigger; its rungs differ in the number of modes alone, so that errors fall and costs
-rise along it. There are four: with terms of second order and without, each with the extensions that a few vectors make
-(the static answer to inertia forces, and modes at other parameter values where a parameter is uncertain) and without
-them; all with static modes where loads act, for one static mode does the work of many others.
+rise along it. There are four, or six: without terms of second order and with them, of slender bodies in two kinds, each
+with the extensions that a few vectors make (the static answer to inertia forces, and modes at other parameter values
+where a parameter is uncertain) and without them; all with static modes where loads act, for one static mode does the
+work of many others. Static stretching holds for larger deflections, but leaves out the vibrations that stretch bodies:
+where the deformation is small beside them, dynamic stretching goes further.
 """
 
 from __future__ import annotations
@@ -54,8 +56,7 @@ class Limits:
     condensed
         Whether it is condensing that ends the modes, and not the meshes.
     slender
-        Whether all flexible bodies have a long axis: terms of second order are then with static stretching, which holds
-        for larger deflections.
+        Whether all flexible bodies have a long axis: terms of second order are then tried with static stretching too.
     """
 
     n_modes: int
@@ -161,7 +162,8 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
             extensions.append(extension)
     families = [
         _family({"static_modes": static, **extension, "second_order": second, "stretching": kind}, given, limits)
-        for second, kind in ((second, _stretching(second, given, limits)) for second in orders)
+        for second in orders
+        for kind in _stretching(second, given, limits)
         for extension in extensions
     ]
     # with given modes there may be no room for an extension
@@ -169,8 +171,11 @@ def families_of(given: dict[str, Any], limits: Limits) -> list[list[Rung]]:
     return [family for family in fitting if family] or families[:1]
 
 
-def _stretching(second: bool, given: dict[str, Any], limits: Limits) -> str:
-    return given.get("stretching", "static" if second and limits.slender else "dynamic")
+def _stretching(second: bool, given: dict[str, Any], limits: Limits) -> tuple[str, ...]:
+    """Return the kinds to try; without terms of second order nothing is followed, and there is one."""
+    if "stretching" in given:
+        return (given["stretching"],)
+    return ("static", "dynamic") if second and limits.slender else ("dynamic",)
 
 
 def middle_of(family: Sequence[Rung]) -> Rung:

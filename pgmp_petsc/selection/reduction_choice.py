@@ -10,6 +10,7 @@ import numpy as np
 
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.selection.bench import Bench
+from pgmp_petsc.selection.candidates import CandidatePrices
 from pgmp_petsc.selection.ladder import (
     ANGLES,
     FIRST_ANGLES,
@@ -56,8 +57,14 @@ class ReductionChoice:
         self.given = {key: getattr(reduction, key) for key in KNOBS if key in reduction.model_fields_set}
         # with given angles, or those that a build adds by itself, what they leave is part of the basis's error
         self._fixed_grid = "angles" in self.given or reduction.sampling_tolerance is not None
-        self._limits, self._families = limits, families_of(self.given, limits)
+        self._limits = limits
         self._angles, self._first_angles = ANGLES[limits.n_coordinates], FIRST_ANGLES[limits.n_coordinates]
+        # what twice the angles change tells whether they are enough
+        most = reduction.angles if self._fixed_grid else 2 * self._first_angles
+        self._prices = CandidatePrices.of(bench.mechanism, limits, n_steps * bench.training.n_cases, most)
+        self._families, self._too_dear = self._prices.affordable(families_of(self.given, limits), bench.budget)
+        if self._too_dear and self._too_dear not in bench.remarks:
+            bench.remarks.append(self._too_dear)
         given = self.given.get("interpolation")
         self._schemes = SCHEMES[limits.n_coordinates] if given is None else (given,)
         self._trials: dict[tuple[Any, ...], Trial] = {}
@@ -70,6 +77,11 @@ class ReductionChoice:
                 f"reduction.static_modes = true: the mesh has only {limits.n_modes} flexible modes, the scene "
                 f"{limits.n_static} loads; take a finer mesh"
             )
+
+    @property
+    def price(self) -> str:
+        """What candidates are predicted to take, in words."""
+        return self._prices.text(self._families)
 
     def run(self) -> Trial:
         """Choose; the trial that is returned is the reduced model itself.
@@ -93,6 +105,10 @@ class ReductionChoice:
             reduction = self._reduction.model_copy(update=entries)
             loads = (self._worst_load,) if self._worst_load else None
             trial = self._bench.try_out(reduction, self._n_steps, loads)
+            if not trial.built and reduction.parameter_modes and "parameter_modes" not in self.given:
+                # beside many modes there may be no independent ones from other parameter values: they have them all
+                reduction = reduction.model_copy(update={"parameter_modes": 0})
+                trial = self._bench.try_out(reduction, self._n_steps, loads)
             if not self._worst_load:
                 self._worst_load = trial.errors.loads[trial.errors.place[0]]
             elif trial.errors.largest <= REDUCTION * self.tolerance:
@@ -197,7 +213,7 @@ class ReductionChoice:
     def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:
         """Say what stands in the way of the best of some rungs, none of which is good enough."""
         trials = [self._try(rung.entries | grid) for rung in rungs]
-        if all(trial.rom is None for trial in trials):
+        if not any(trial.built for trial in trials):
             raise RunError(trials[0].reason)
         while True:
             # some were looked at under one load only
@@ -210,11 +226,26 @@ class ReductionChoice:
         if self._fixed_grid and self._reduction.sampling_tolerance is None and 2 * grid["angles"] <= self._angles[-1]:
             self._apart(rungs[best], grid, grid | {"angles": 2 * grid["angles"]})
         kept = {name: value for name, value in self.given.items() if name in OF_BASIS or self._fixed_grid}
-        last = [kept_text(kept)] if kept else []
+        last = [text for text in (kept_text(kept) if kept else "", self._too_dear) if text]
         n_static = self._limits.n_static if complete.reduction.static_modes else 0
         if complete.reduction.modes + n_static >= self._limits.n_modes:
             last.append(self._limits.last_mode)
-        refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last)
+        rival = self._rival_of(complete, grid)
+        refuse_basis(self._bench, complete, self.tolerance, self.allowed, self._ledger, last, rival)
+
+    def _rival_of(self, trial: Trial, grid: dict[str, Any]) -> Trial | None:
+        """Return the largest basis that follows stretching in another way than one of second order does."""
+        kind = trial.reduction
+        others = [
+            family[-1]
+            for family in self._families
+            if family[-1].entries["second_order"] and family[-1].entries["stretching"] != kind.stretching
+        ]
+        if not (kind.second_order and others):
+            return None
+        rival = self._try(others[0].entries | grid)
+        self._ledger.add_trial("basis", OF_BASIS, rival, rival.errors, others[0].cost)
+        return rival if np.isfinite(rival.errors.largest) else None
 
     def _fewest_angles(self, rung: Rung, grid: dict[str, Any]) -> Trial:
         """Return the trial with the fewest angles, of any scheme, with which interpolation does not count."""

@@ -59,11 +59,17 @@ def refuse(
 
 
 def refuse_basis(
-    bench: Bench, trial: Trial, tolerance: float, allowed: Mapping[str, float], ledger: Ledger, last: Sequence[str]
+    bench: Bench,
+    trial: Trial,
+    tolerance: float,
+    allowed: Mapping[str, float],
+    ledger: Ledger,
+    last: Sequence[str],
+    rival: Trial | None = None,
 ) -> NoReturn:
     """Find out what is wrong with the best basis and raise an `InputError` that says so.
 
-    It may be the load's size, the parameters' distance, the step or round-off.
+    It may be the load's size, the parameters' distance, the step, how bodies stretch, or round-off.
 
     Parameters
     ----------
@@ -75,6 +81,8 @@ def refuse_basis(
         As for `refuse`.
     last
         Further lines.
+    rival
+        The largest basis that follows stretching in the other way; None where none was tried.
     """
     entry, errors = "reduction.tolerance", trial.errors
     if not np.isfinite(errors.largest):
@@ -104,7 +112,10 @@ def refuse_basis(
             causes.append(
                 "the deformation is too large for the terms of first and second order that a reduced model has"
             )
-        if nominal <= FELL * errors.largest:
+        other = [] if rival is None else _of_rival(bench, rival, half)
+        causes += other
+        # where a larger basis fails by the deformation, it is not the modes that miss these values
+        if nominal <= FELL * errors.largest and not other:
             causes.append("the modes are those of nominal parameters, and these values are too far from them")
         if unresolved > UNRESOLVED * errors.largest:
             causes.append("the loads set off vibrations that the step does not resolve and a small basis does not have")
@@ -126,6 +137,31 @@ def refuse_basis(
             f"{mesh.by_output[output]:.2g}"
         )
     refuse(entry, tolerance, part, allowed, ledger, [*hints, possible, *last])
+
+
+def _of_rival(bench: Bench, rival: Trial, half: float) -> list[str]:
+    """Return what the basis that follows stretching in the other way tells of the cause.
+
+    Parameters
+    ----------
+    half
+        What half the load leaves of the best basis's error.
+    """
+    load, output, sample = rival.errors.place
+    weak = bench.weakened(rival, rival.errors.loads[load], 0.5).values[0, output, sample]
+    kind, causes = rival.reduction.stretching, []
+    if weak <= FELL * rival.errors.largest:
+        causes.append(
+            f'with stretching = "{kind}", {rival.reduction.modes} modes leave {rival.errors.largest:.2g}, but '
+            f"{weak:.2g} under half the load: the deformation is too large for terms of second order; take smaller "
+            "loads, stiffer bodies, or parameters that vary less"
+        )
+    if kind == "dynamic" and weak <= FELL * half:
+        causes.append(
+            'stretching = "static" leaves out the vibrations that stretch bodies, under any load: where loads are '
+            "smaller, dynamic stretching keeps smaller tolerances"
+        )
+    return causes
 
 
 def kept_text(kept: Mapping[str, Any]) -> str:

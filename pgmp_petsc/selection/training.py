@@ -97,6 +97,11 @@ class Training:
             remarks.append("prescribed motions are not varied")
         return cls(values, n_samples, loads, tuple(remarks))
 
+    @property
+    def n_cases(self) -> int:
+        """Runs of a candidate: samples under loads."""
+        return self.n_samples * len(self.loads)
+
     def sample_text(self, sample: int) -> str:
         """Return the parameter values of a sample, ``r1 = 0.0056``."""
         return ", ".join(f"{name} = {column[sample]:.4g}" for name, column in self.values.items())

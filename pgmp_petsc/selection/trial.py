@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pgmp_petsc.reduction.rom import ReducedOrderModel
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.experiments.history import History
 from pgmp_petsc.selection.training import Training
@@ -78,8 +77,8 @@ class Trial:
         Why it could not be built or run; empty where it could.
     seconds
         Wall time of build and runs.
-    rom
-        The reduced model, on all ranks; None where it could not be built.
+    built
+        Whether it could be built.
     histories
         By load, on the load's rank.
     """
@@ -89,5 +88,5 @@ class Trial:
     errors: Errors
     reason: str
     seconds: float
-    rom: ReducedOrderModel | None = field(repr=False)
+    built: bool
     histories: Mapping[str, History] = field(repr=False)

@@ -46,7 +46,7 @@ def test_limits_of_the_slider_crank() -> None:
 
 
 def test_costs_rise_along_a_family_and_from_one_to_the_next() -> None:
-    plain, curved = families_of(PLAIN, PAPER)
+    plain, curved, _ = families_of(PLAIN, PAPER)
     for family in (plain, curved):
         assert [rung.cost for rung in family] == sorted(rung.cost for rung in family)
         assert [rung.entries["modes"] for rung in family] == [n for n in MODES if n < 29] + [29], (
@@ -63,22 +63,22 @@ def test_the_cost_of_terms_of_second_order_grows_with_the_third_power() -> None:
 
 
 def test_what_is_given_is_kept() -> None:
-    (family,) = families_of({"second_order": True, "modes": 11} | PLAIN, PAPER)
+    (family,) = families_of({"second_order": True, "modes": 11, "stretching": "static"} | PLAIN, PAPER)
     kept = {"modes": 11, "static_modes": True, "second_order": True, "stretching": "static"}
     assert [rung.entries for rung in family] == [kept | PLAIN]
-    plain, _ = families_of({"static_modes": False} | PLAIN, PAPER)
+    plain, *_ = families_of({"static_modes": False} | PLAIN, PAPER)
     kept = {"modes": 30, "static_modes": False, "second_order": False, "stretching": "dynamic"}
     assert plain[-1].entries == kept | PLAIN
-    no_load, _ = families_of(PLAIN, Limits(5, 0, 2))
+    no_load, *_ = families_of(PLAIN, Limits(5, 0, 2))
     assert [rung.entries["modes"] for rung in no_load] == [1, 2, 3, 4, 5]
     assert not any(rung.entries["static_modes"] for rung in no_load)
 
 
-def test_slender_bodies_follow_their_shortening_at_once() -> None:
+def test_slender_bodies_follow_their_shortening_at_once_or_by_coordinates() -> None:
     def kinds(given: dict, limits: Limits) -> list[str]:
         return [family[0].entries["stretching"] for family in families_of(given | PLAIN, limits)]
 
-    assert kinds({}, PAPER) == ["dynamic", "static"], "without terms of second order nothing is followed"
+    assert kinds({}, PAPER) == ["dynamic", "static", "dynamic"], "without terms of second order nothing is followed"
     assert kinds({}, replace(PAPER, slender=False)) == ["dynamic", "dynamic"]
     assert kinds({"stretching": "dynamic"}, PAPER) == ["dynamic", "dynamic"]
 
@@ -105,7 +105,9 @@ def test_few_vectors_extend_a_basis_where_a_parameter_is_uncertain() -> None:
         (True, 2, False),
         (False, 0, True),
         (True, 2, True),
+        (False, 0, True),
+        (True, 2, True),
     ]
-    assert [family[0].entries["parameter_modes"] for family in families_of({}, PAPER)] == [0, 0, 0, 0]
-    assert [family[0].entries["parameter_modes"] for family in families_of({"modes": 28}, UNCERTAIN)] == [0, 0]
-    assert len(families_of({"inertia_modes": True, "parameter_modes": 1}, UNCERTAIN)) == 2
+    assert [family[0].entries["parameter_modes"] for family in families_of({}, PAPER)] == [0] * 6
+    assert [family[0].entries["parameter_modes"] for family in families_of({"modes": 28}, UNCERTAIN)] == [0] * 3
+    assert len(families_of({"inertia_modes": True, "parameter_modes": 1}, UNCERTAIN)) == 3

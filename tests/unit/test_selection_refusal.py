@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
-from scenes import slider_crank
+from scenes import meshes_of, slider_crank
 
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.runtime.errors import InputError, RunError
 from pgmp_petsc.scene.numerics import Reduction
 from pgmp_petsc.selection.ladder import Limits
@@ -20,6 +22,11 @@ from pgmp_petsc.selection.trial import Errors, Trial
 
 LOADS = (Load("own", "", {}, True), Load("quick", "", {}, False))
 PAPER = Limits(n_modes=30, n_static=1, n_terms=3)
+
+
+@lru_cache(maxsize=1)
+def mechanism() -> Mechanism:
+    return Mechanism.from_scene(slider_crank(), meshes_of(slider_crank()))
 
 
 def training() -> Training:
@@ -37,11 +44,18 @@ class Known:
     """A bench that knows the errors of every candidate: of the basis under the quick load, of the angles under all."""
 
     def __init__(
-        self, basis, tolerance: float = 1e-2, round_off: float = 0.0, builds: bool = True, given: str = ""
+        self,
+        basis,
+        tolerance: float = 1e-2,
+        round_off: float = 0.0,
+        builds: bool = True,
+        given: str = "",
+        budget: float = np.inf,
     ) -> None:
         self.scene = slider_crank(f"reduction={{tolerance={tolerance}{given}}}")
         self.outputs, self.training = ("x",), training()
         self._basis, self._round_off, self._builds = basis, round_off, builds
+        self.budget, self.remarks, self.mechanism = budget, [], mechanism()
         self.tried: list[Reduction] = []
 
     def _grid(self, reduction: Reduction) -> float:
@@ -50,7 +64,6 @@ class Known:
 
     def try_out(self, reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
         self.tried.append(reduction)
-        rom = object() if self._builds else None
         values = [self._grid(reduction) + share * self._basis(reduction) for share in (0.5, 1.0)]
         if not self._builds:
             values = [np.inf, np.inf]
@@ -58,7 +71,7 @@ class Known:
         if loads is not None:
             errors = replace(errors, values=errors.values[1:], round_off=errors.round_off[1:], loads=loads)
         reason = "" if self._builds else "no convergence"
-        return Trial(reduction, n_steps, errors, reason, 0.0, rom, {})
+        return Trial(reduction, n_steps, errors, reason, 0.0, self._builds, {})
 
     def go_on(self, trial: Trial, loads: tuple[str, ...] | None = None) -> Trial:
         return trial if len(trial.errors.loads) == 2 else self.try_out(trial.reduction, trial.n_steps)
@@ -140,6 +153,54 @@ def test_a_basis_that_no_mode_helps_is_refused_with_its_figure() -> None:
     assert len(bench.tried) < 25, "a search without progress ends"
 
 
+def beyond_second_order(reduction: Reduction) -> float:
+    """With static stretching a floor, with dynamic stretching more."""
+    if not reduction.second_order:
+        return 0.1
+    return 0.01 + 0.001 / reduction.modes if reduction.stretching == "static" else 0.03
+
+
+def test_a_deformation_beyond_second_order_is_told_by_the_other_kind_of_stretching(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Under half the load static stretching leaves what it left, dynamic stretching a tenth."""
+    bench = Known(beyond_second_order)
+
+    def weakened(trial: Trial, load: str, factor: float) -> Errors:
+        return errors_of(((0.9 if trial.reduction.stretching == "static" else 0.1) * trial.errors.largest,))
+
+    monkeypatch.setattr(bench, "weakened", weakened)
+    with pytest.raises(InputError) as raised:
+        choice(bench).run()
+    for words in (
+        'with stretching = "dynamic", 29 modes leave 0.03, but 0.003 under half the load: the deformation is too large',
+        'stretching = "static" leaves out the vibrations that stretch bodies, under any load',
+    ):
+        assert words in str(raised.value), str(raised.value)
+    assert "modes are those of nominal parameters" not in str(raised.value)
+
+
+def test_what_is_too_dear_is_not_tried_and_is_said() -> None:
+    bench, free = (Known(lambda reduction: 0.03 / reduction.modes**0.5, budget=budget) for budget in (30.0, np.inf))
+    for each in (bench, free):
+        with pytest.raises(InputError) as raised:
+            choice(each).run()
+        limited = "flexible coordinates with terms of second order and what is dearer were not" in str(raised.value)
+        assert limited == (each is bench)
+    (remark,) = bench.remarks
+    assert "reference.budget = 30 s" in remark and "MB" in remark and not free.remarks
+
+
+def test_a_basis_that_is_given_is_tried_whatever_it_takes() -> None:
+    bench = Known(lambda reduction: 1e-5, budget=1e-3, given=", modes=20, second_order=true, stretching='static'")
+    assert choice(bench).run().reduction.modes == 20 and not bench.remarks
+
+
+def test_prices_of_candidates_are_said() -> None:
+    said = choice(Known(falling)).price
+    assert said.startswith("candidates: ") and "of processor time each, built and run" in said
+
+
 def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Known(lambda reduction: 0.03)
     monkeypatch.setattr(bench, "moved", lambda *_: errors_of((0.1,)))
@@ -151,6 +212,25 @@ def test_a_step_that_leaves_more_than_the_tolerance_is_named(monkeypatch: pytest
 def test_errors_that_are_round_off_are_said_to_be_so() -> None:
     with pytest.raises(InputError, match="round-off stands in the way"):
         choice(Known(lambda reduction: 0.03, round_off=0.1)).run()
+
+
+def test_parameter_modes_that_many_modes_leave_no_room_for_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside four modes and more none is independent: larger bases go without, and are good enough."""
+    bench = Known(lambda reduction: 0.1 / reduction.modes**2)
+    plain = bench.try_out
+
+    def try_out(reduction: Reduction, n_steps: int, loads: tuple[str, ...] | None = None) -> Trial:
+        trial = plain(reduction, n_steps, loads)
+        fits = reduction.parameter_modes == 0 or reduction.modes < 4
+        return trial if fits else replace(trial, built=False, reason="take fewer")
+
+    monkeypatch.setattr(bench, "try_out", try_out)
+    uncertain = replace(PAPER, uncertain=True)
+    found = ReductionChoice(bench, Ledger(), uncertain, 100, {"static_modes": 0.0}).run().reduction
+    assert found.modes >= 5 and found.parameter_modes == 0
+    asked = {(reduction.modes, reduction.parameter_modes) for reduction in bench.tried}
+    for modes, parameter_modes in asked:
+        assert parameter_modes == 0 or modes < 4 or (modes, 0) in asked
 
 
 def test_where_nothing_can_be_built_the_run_has_failed() -> None:
@@ -198,7 +278,7 @@ def test_a_second_look_takes_the_place_of_the_first() -> None:
     ledger, bench = Ledger(), Known(falling)
     reduction = bench.scene.reduction
     for values, n_steps in (((1e-4,), 100), ((1e-4, 3e-4), 100), ((9e-5,), 50), ((2e-3,), 100)):
-        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, None, {})
+        trial = Trial(reduction, n_steps, errors_of(values), "", 0.0, True, {})
         ledger.add_trial("basis", ("modes",), replace(trial, reduction=reduction), trial.errors)
     assert [attempt.largest for attempt in ledger.attempts] == [9e-5, 2e-3]
     assert ledger.best("basis").largest == 2e-3
@@ -226,7 +306,7 @@ def test_the_reduced_model_takes_the_longest_step_of_its_own(per_step: float, n_
     step.finish({})
     assert step.n_full == 64, "an error of nothing allows the coarsest run"
     assert step.n_basis == 4 * 256, "a basis is judged with steps that see the vibrations"
-    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, None, {}))
+    step.fit_reduced(Trial(bench.scene.reduction, step.n_basis, errors_of((0.0,), 0.0), "", 0.0, True, {}))
     assert step.n_steps == n_steps
     assert all(fine == fine_enough(coarse, 256) for coarse, fine in bench.compared)
     assert bench.compared[0][0] == 256, "those that see the vibrations come first"
