@@ -213,7 +213,7 @@ class WatchedRun:
         self, schedule: Schedule, chosen: np.ndarray, fine: np.ndarray, begin: np.ndarray | None
     ) -> dict[str, np.ndarray]:
         """Return errors (n_e, n) of some samples at the instants of a schedule; `begin` as of `ErrorSystem`."""
-        checking, n, r = self._indicator.checking, chosen.size, self._r
+        checking, r = self._indicator.checking, self._r
         states = self._states[schedule.places][:, :, chosen]
         # what cannot be placed stands still at the start, and is never advanced
         states[:, :, ~fine] = states[:1, :, ~fine]
