@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -308,6 +309,18 @@ def test_times_of_decimal_steps_are_written_as_they_are_read() -> None:
     seen: list[float] = []
     run(two_masses(), 0.8, 1e-3, 1.0, observer=lambda _, time, __: seen.append(time))
     assert [f"{time!r}" for time in seen] == [f"{number / 1000!r}" for number in range(1001)]
+
+
+def test_few_samples_go_further_at_once() -> None:
+    """A step of PETSc's TS is many of a system in compiled code, as many as the cache holds; few of one in Python."""
+    compiled = [SimpleNamespace(advance=None, n_samples=n, n_eta=8) for n in (1, 1000, 10**6)]
+    found = [generalised_alpha.steps_at_once(system) for system in compiled]
+    assert found == [generalised_alpha.MOST_AT_ONCE, generalised_alpha.LARGEST // 24_000, 1]
+    in_python = generalised_alpha.steps_at_once(SimpleNamespace(n_samples=1))
+    assert in_python == generalised_alpha.AT_ONCE
+    for at_once in (1, 7, 400, 4000):
+        stops = generalised_alpha.stops_of(400, at_once, "pgmp_ts_")
+        assert stops[0] == 0 and stops[-1] == 400 and 0 < np.diff(stops).min() <= np.diff(stops).max() <= at_once
 
 
 def test_the_observer_sees_the_start_and_every_step_as_it_is() -> None:

@@ -10,6 +10,7 @@ import pytest
 import synthetic
 from sealed import resealed
 
+from pgmp_petsc import results
 from pgmp_petsc.results import Ensemble, Frames, ModesTable, Trajectory
 from pgmp_petsc.runtime.errors import InputError
 
@@ -196,3 +197,10 @@ def test_a_file_whose_shapes_disagree_is_bad_input(tmp_path):
         file["outputs/crank_angle"].attrs["unit"] = "rad"
     with pytest.raises(InputError, match=r"damaged: 'crank_angle' has shape \(5,\); needed: \(9\)"):
         Ensemble.read(tmp_path / "f.h5")
+
+
+def test_results_are_imported_by_their_names_when_they_are_asked_for() -> None:
+    for name in results.__all__:
+        assert getattr(results, name).__name__ == name
+    with pytest.raises(AttributeError, match="no attribute 'Trajectories'"):
+        _ = results.Trajectories

@@ -11,7 +11,7 @@ from pgmp_petsc.dynamics.generalised_alpha import GeneralisedAlpha
 from pgmp_petsc.dynamics.second_order_system import Scheme, State
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.indicator.flexible_modes import FlexibleModes, Modes, _factors
-from pgmp_petsc.indicator.step_error import StepError
+from pgmp_petsc.indicator.step_error import StepError, Turns
 from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 STEP = 1e-3
@@ -109,6 +109,34 @@ def test_the_motion_and_its_error_are_the_exact_motion(held: int, ratios: tuple[
         motion.clear()
     if not any(ratios):
         assert np.abs(missing).max() > 0.1 * np.abs(delta).max(), "there was something to correct"
+
+
+def test_modes_are_taken_on_the_way_as_between_two_calls() -> None:
+    """Bit for bit, of two samples whose modes change after different steps, all samples or one at once."""
+    random = np.random.default_rng(5)
+    start, motion = random.normal(size=(3, 2, 4)), random.normal(size=(9, 3, 2, 4))
+
+    def modes(n: int) -> Modes:
+        shapes, omega = random.normal(size=(n, 3, 3)), random.uniform(50.0, 900.0, (n, 3))
+        return Modes(omega, 0.02 * omega, shapes, np.linalg.inv(shapes), random.normal(size=(n, 1, 3)))
+
+    first, others = modes(2), modes(4)
+    turns = ((3, [0, 1]), (5, [1]), (9, [0]))
+    at_once, in_parts = StepError(STEP, start, first), StepError(STEP, start, first)
+    places = np.repeat([place for place, _ in turns], [len(samples) for _, samples in turns])
+    who = np.concatenate([samples for _, samples in turns])
+    found = [at_once.advance(motion, Turns(places, who, others)), at_once.advance(motion)]
+    expected, done, taken = [], 0, 0
+    for place, samples in turns:
+        expected.append(in_parts.advance(motion[done:place]))
+        chosen = slice(taken, taken + len(samples))
+        parts = (part[chosen] for part in (others.omega, others.decay, others.shapes, others.inverse, others.follow))
+        in_parts.hold(np.array(samples), Modes(*parts))
+        done, taken = place, chosen.stop
+    expected.append(in_parts.advance(motion))
+    for which in range(2):
+        joined = np.concatenate([part[which] for part in expected])
+        np.testing.assert_array_equal(np.concatenate([part[which] for part in found]), joined)
 
 
 @pytest.fixture(scope="module")

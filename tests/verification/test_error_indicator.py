@@ -19,6 +19,7 @@ from runs import (
 )
 from scenes import RADIUS, slider_crank
 
+from pgmp_petsc.dynamics import generalised_alpha
 from pgmp_petsc.dynamics.generalised_alpha import integrate
 from pgmp_petsc.dynamics.status import Status
 from pgmp_petsc.ensemble.sampling import draw
@@ -215,6 +216,19 @@ def test_samples_have_no_part_in_each_others_estimates(model: ReducedModel) -> N
                 np.testing.assert_allclose(
                     found[0], getattr(together, kind)[name][k], rtol=1e-6, err_msg=f"{kind} {name}"
                 )
+
+
+def test_an_estimate_does_not_depend_on_the_steps_of_a_call(
+    model: ReducedModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit for bit: modes are taken anew after the same steps, whatever is shown together."""
+    values = draw(paper_scene(), SEED, 0, 2)
+    expected = estimated(model, values, 2)
+    monkeypatch.setattr(generalised_alpha, "MOST_AT_ONCE", 7)
+    found = estimated(model, values, 2)
+    for name, largest in expected.largest.items():
+        np.testing.assert_array_equal(found.largest[name], largest)
+        np.testing.assert_array_equal(found.at_end[name], expected.at_end[name])
 
 
 def test_a_sample_that_failed_has_no_estimate(model: ReducedModel) -> None:
