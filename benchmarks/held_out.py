@@ -4,9 +4,9 @@
     python -m benchmarks.held_out rom.h5 scenes/slider_crank_solid3d.toml E1 1.93e11 2.24e11 --reference components
 
 prints the largest error of every output over time and values, shares of their largest values: under the scene's own
-loads, and under others. These have a table of three slopes, up to 1.3 times its last value, for every torque and
-force over time, and harmonics 1.3 times as large and 1.3 times as fast. Where a mesh is dear, the component model
-with half as many modes again may take its place.
+loads, and under others. These have a table of three slopes, up to 1.3 times its last value, in the place of every
+torque and force over time, and harmonics 1.3 times as large and 1.3 times as fast. Where a mesh is dear, the component
+model with half as many modes again may take its place.
 """
 
 from __future__ import annotations

@@ -173,5 +173,7 @@ class Reference(Table):
         "its own alone, and hold for no others",
     )
     budget: PositiveNumber = Field(
-        600.0, description="processor time that the runs of the reference may be predicted to take, all ranks (s)"
+        600.0,
+        description="processor time that the runs of the reference may be predicted to take, all ranks, and five times "
+        "what a candidate basis may, built and run (s)",
     )

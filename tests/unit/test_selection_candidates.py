@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import kinematics_of, slider_crank
+from scenes import meshes_of, slider_crank
 
+from pgmp_petsc.mechanism.mechanism import Mechanism
 from pgmp_petsc.selection.candidates import MOST_BYTES, SHARE, CandidatePrices
 from pgmp_petsc.selection.ladder import Limits, families_of
 
@@ -58,7 +59,7 @@ def test_the_size_of_tables_is_that_of_a_built_model() -> None:
 def test_local_effects_cost_steps() -> None:
     damping = 'effects.bearing={type="joint_damping",joint="elbow",coefficient=0.1}'
     plain, damped = (
-        CandidatePrices.of(kinematics_of(scene).mechanism, LIMITS, 1000, 96)
+        CandidatePrices.of(Mechanism.from_scene(scene, meshes_of(scene)), LIMITS, 1000, 96)
         for scene in (slider_crank(), slider_crank(damping))
     )
     assert damped.step > plain.step and damped.n_unknowns == plain.n_unknowns

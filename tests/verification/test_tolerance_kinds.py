@@ -80,6 +80,8 @@ def test_the_step_keeps_its_tolerance_on_the_mesh() -> None:
 def test_what_errors_are_against_is_said_before_and_kept(kind: str) -> None:
     (found, said), model = choice(kind), ASKED[kind][1]
     about = found.selection.reference
-    assert about["model"] == model and said.startswith("reference: the ") and about["why"].startswith(said)
+    reference, candidates = said.splitlines()
+    assert about["model"] == model and reference.startswith("reference: the ") and about["why"].startswith(reference)
+    assert candidates.startswith("candidates: ") and "of processor time each" in candidates
     assert about["predicted_seconds"] > 0.0 and about["why"] in found.selection.remarks
     assert set(about["from_mesh"]) == (set(found.selection.outputs) if model == "components" else set())
