@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -168,7 +169,9 @@ def test_nothing_is_served_outside_the_range_of_a_length(rom: ReducedOrderModel)
         refuse_beyond(served, {"rod_length": np.array([0.7, 0.74])}, "--samples")
 
 
-def test_the_kinematics_of_a_length_are_exact_and_the_file_keeps_the_family(rom: ReducedOrderModel, tmp_path) -> None:
+def test_the_kinematics_of_a_length_are_exact_and_the_file_keeps_the_family(
+    rom: ReducedOrderModel, tmp_path: Path
+) -> None:
     rom.write(tmp_path / "rom.h5")
     again = ReducedOrderModel.read(tmp_path / "rom.h5")
     assert again.identity == rom.identity and again.family.grid == rom.family.grid
@@ -209,14 +212,14 @@ def test_the_basis_that_a_build_came_with_has_no_part_in_the_tables(
 
 
 def test_models_that_do_not_fit_together_are_refused_with_the_length(
-    rom: ReducedOrderModel, gauge: length_build._Gauge
+    rom: ReducedOrderModel, gauge: length_build._Gauge, tmp_path: Path
 ) -> None:
     member = rom.family.members[0]
     fewer = replace(member, projection=member.projection[:, :, 1:])
     line = "^at rod_length = 0.7: 7 vectors over 12 configurations, 8 over 12 at the nominal lengths: modes cross"
     with pytest.raises(RunError, match=line):
         gauge.turned(long_crank(*SMALL), fewer)
-    with h5py.File("family", "w", driver="core", backing_store=False) as file:
+    with h5py.File(tmp_path / "family.h5", "w") as file:
         others = tuple(replace(one, projection=one.projection[:, 3:]) for one in rom.family.members[1:])
         put_family(file.create_group("lengths"), replace(rom.family, members=(member, *others)))
         with pytest.raises(InputError, match="the models of lengths do not fit together; build it again"):

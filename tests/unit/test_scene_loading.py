@@ -97,6 +97,7 @@ def test_defaults(tmp_path: Path) -> None:
         "modes": 15,
         "angles": 629,
         "tolerance": None,
+        "length_points": 5,
         "sampling_tolerance": None,
         "max_angles": 2000,
         "static_modes": False,
