@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import imageio_ffmpeg
 import matplotlib
 import numpy as np
 import pytest
@@ -192,7 +193,6 @@ def test_pictures_of_a_run_with_solids(tmp_path: Path) -> None:
 
 def test_films(tmp_path: Path) -> None:
     """A GIF and an MP4 of the same run: their pictures are those of its frames, all of one size."""
-    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     flat_run().write(tmp_path / "run.h5")
     for name in ("film.gif", "film.mp4"):
         done = command(tmp_path / "run.h5", "-o", tmp_path / name, "--fps", 10)
