@@ -10,6 +10,7 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+import pyvista
 import synthetic
 from sealed import resealed
 from solids import box_mesh, rectangle_mesh
@@ -188,7 +189,6 @@ def test_bodies_are_series_beside_that_of_the_mechanism(tmp_path):
 
 
 def test_vtk_reads_the_series_at_their_times(tmp_path):
-    pyvista = pytest.importorskip("pyvista")
     run, fields = with_fields()
     run.write(tmp_path / "t.h5")
     write_xdmf(tmp_path / "t.h5", tmp_path / "t.xdmf")

@@ -10,10 +10,12 @@ from xml.etree import ElementTree
 import meshio
 import numpy as np
 import pytest
+import pyvista
 from mpi4py import MPI
 from runs import full_model, reduced_model
 from scenes import HEADER, slider_crank
 from solids import rectangle_mesh
+from spatial import bars_of, slider_crank_in_space
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.export.xdmf import write_xdmf
@@ -155,6 +157,12 @@ def test_a_cantilever_in_pure_bending_is_read_back_from_xdmf(name: str, tmp_path
     bound = 5e-3 * np.abs(deflection).max()
     np.testing.assert_allclose(found.point_data["deformation"][axis, 1], deflection, rtol=0, atol=bound)
     np.testing.assert_allclose(found.points[axis, 1], deflection, rtol=0, atol=bound)
+    reader = pyvista.get_reader(tmp_path / "run.xdmf")
+    assert reader.time_values == run.frames.time.tolist()
+    reader.set_active_time_value(run.frames.time[-1])
+    seen = reader.read()["bar"]
+    there = seen.find_closest_point((0.5 * LENGTH, 0.5 * HEIGHT, 0.0))
+    assert seen.point_data["von_mises"][there] == pytest.approx(outermost, rel=2e-3)
     assert np.abs(found.point_data["displacement"]).max() < bound  # it starts in equilibrium
 
 
@@ -209,9 +217,18 @@ def test_bodies_at_any_instant_of_a_reduced_run() -> None:
         fields_at(model, replace(run, model="full", modal=None), [0.01])
 
 
-def test_a_mode_is_the_derivative_of_the_motion() -> None:
+def cranks(kind: str) -> ReducedModel:
+    """Return a slider-crank of beams, one with a rigid crank, or one of solids in space with a rigid crank."""
+    if kind == "space":
+        scene = slider_crank_in_space("bodies.crank.flexible=false", "reduction.angles=6", "simulation.frames=1")
+        return model_of("reduced", scene, bars_of(scene))
+    return reduced_model(slider_crank("simulation.frames=1", f"bodies.crank.flexible={str(kind == 'plane').lower()}"))
+
+
+@pytest.mark.parametrize("kind", ["plane", "rigid", "space"])
+def test_a_mode_is_the_derivative_of_the_motion(kind: str) -> None:
     """Displacements of a mode against central differences of the positions; its frequency is that of the tables."""
-    model = reduced_model(slider_crank("simulation.frames=1"))
+    model = cranks(kind)
     theta = np.array([0.7])
     shape = mode_shape(model, 2, {"theta": 0.7})
     scheme = model.scene.reduction.interpolation
