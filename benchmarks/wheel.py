@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from configparser import ConfigParser
 from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -53,13 +52,8 @@ STARTS = {
     "import pgmp_petsc; pgmp_petsc.simulate": ("-c", "import pgmp_petsc; pgmp_petsc.simulate"),
 }
 REPEATS = 5
-
-
-def required(name: str = "install_requires") -> list[str]:
-    """Return the names of the packages that the package requires."""
-    setup = ConfigParser()
-    setup.read(ROOT / "setup.cfg")
-    return [line.split(">")[0].split("<")[0] for line in setup["options"][name].split("\n") if line]
+#: Packages that numbers and pictures depend on.
+OF_NUMBERS = ("numpy", "scipy", "numba", "llvmlite", "matplotlib")
 
 
 def make_environment(folder: Path, newest: bool) -> Path:
@@ -75,19 +69,10 @@ def make_environment(folder: Path, newest: bool) -> Path:
     pip = ("-m", "pip", "--disable-pip-version-check", "--quiet")
     run(sys.executable, *pip, "wheel", source, "--no-deps", "--wheel-dir", folder)
     run(base, "-m", "venv", folder / "bare")
-    known = [] if newest else [name for name in (*required(), "llvmlite") if has(name)]
-    versions = [f"{name}=={metadata.version(name)}" for name in known]
+    versions = [] if newest else [f"{name}=={metadata.version(name)}" for name in OF_NUMBERS]
     (folder / "versions.txt").write_text("\n".join(versions))
     run(python, *pip, "install", "--constraint", folder / "versions.txt", *folder.glob("*.whl"))
     return python
-
-
-def has(name: str) -> bool:
-    """Return whether .venv knows the version of a package; of Debian's h5py it does not."""
-    try:
-        return bool(metadata.version(name))
-    except metadata.PackageNotFoundError:
-        return False
 
 
 def run(*words: object, check: bool = True) -> subprocess.CompletedProcess[str]:
@@ -131,16 +116,21 @@ def compare(one: Path, other: Path) -> tuple[int, int, float, str]:
         raise SystemExit(f"{one} and {other} have other datasets: {', '.join(sorted(a.keys() ^ b.keys()))}")
     equal, largest, where = 0, 0.0, ""
     for name, value in a.items():
-        if value.shape == b[name].shape and value.tobytes() == b[name].tobytes() or value.dtype.kind == "O":
-            equal += bool(np.all(value == b[name]))
+        if bits(value) == bits(b[name]):
+            equal += 1
         elif (share := difference(value, b[name])) >= largest:
             largest, where = share, name
     return len(a), equal, largest, where
 
 
+def bits(value: np.ndarray) -> bytes:
+    """Return all of a dataset; of texts what they say."""
+    return repr(value.tolist()).encode() if value.dtype.kind == "O" else repr(value.shape).encode() + value.tobytes()
+
+
 def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the largest difference as a share of the largest value; infinite where there are other numbers of them."""
-    if a.shape != b.shape or np.any(np.isfinite(a) != np.isfinite(b)):
+    """Return the largest difference as a share of the largest value; infinite where they are not of a kind."""
+    if a.dtype.kind not in "fiu" or a.shape != b.shape or np.any(np.isfinite(a) != np.isfinite(b)):
         return np.inf
     finite = np.isfinite(a)
     return float(np.max(np.abs(a[finite] - b[finite]), initial=0.0) / np.max(np.abs(a[finite]), initial=1e-300))
