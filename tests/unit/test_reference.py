@@ -54,6 +54,19 @@ def prices() -> tuple[float, float]:
     return tuple(STEPS * step_seconds(model.kinematics.mechanism) for model in models)
 
 
+def test_bodies_from_matrices_have_the_component_model_alone() -> None:
+    scene = scene_of("matrices", "torque")
+    found = chosen(scene)
+    assert not found.is_mesh and "there is no full-order model with bodies.rod.matrices" in found.why
+    values = {name: np.array([value]) for name, value in scene.values.items()}
+    told = distance_from_mesh(found, meshes_for(scene), values, 1, 20, SELF)
+    assert told.from_mesh == {} and "how far it is from one is not known" in told.why
+    with pytest.raises(InputError, match='reference.model = "mesh": there is no full-order model .* take "components"'):
+        chosen(changed(scene, 'reference.model="mesh"'))
+    with pytest.raises(InputError, match="there is no full-order model with bodies.rod.matrices, of the component"):
+        chosen(changed(scene, "reference.budget=1e-9"))
+
+
 def test_the_mesh_where_it_is_within_the_budget() -> None:
     found = chosen(cells())
     assert found.is_mesh and found.model.name == "full" and found.from_mesh == {}
