@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from combinations import meshes_for, scene_of
 from mpi4py import MPI
 from runs import full_model, reduced_model
 
+from pgmp_petsc.cli.run import Job
 from pgmp_petsc.experiments import reference
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.period import first_period, period_of
@@ -65,6 +67,17 @@ def test_bodies_from_matrices_have_the_component_model_alone() -> None:
         chosen(changed(scene, 'reference.model="mesh"'))
     with pytest.raises(InputError, match="there is no full-order model with bodies.rod.matrices, of the component"):
         chosen(changed(scene, "reference.budget=1e-9"))
+
+
+def test_component_runs_with_bodies_from_matrices_have_no_better_model() -> None:
+    scene, said = scene_of("matrices", "torque"), []
+    job = SimpleNamespace(
+        scene=scene, model="components", n_steps=10, context=SimpleNamespace(obj=SimpleNamespace(comm=SELF))
+    )
+    job._made_from, job._is_finished, job._better = lambda: "", lambda name, known: False, lambda: Job._better(job)
+    job._say = lambda *words: said.append(words)
+    Job.compare(job)
+    assert said == [("compare", "left out: there is no full-order model with bodies.rod.matrices")]
 
 
 def test_the_mesh_where_it_is_within_the_budget() -> None:
