@@ -218,8 +218,7 @@ class Job:
             return choose_reference(self.scene, self.meshes, self.kinematics, demand, comm)
         missing = why_no_full_model(self.scene)
         if missing:
-            self._say("compare", f"left out: {missing}")
-            return None
+            raise InputError(missing)
         budget = self.scene.reference.budget
         with agreed(comm, "preparing the full-order model"):
             mesh = FullModel(self.scene, self.meshes, self.kinematics)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from combinations import meshes_for, scene_of
 from mpi4py import MPI
 from runs import full_model, reduced_model
 
+from pgmp_petsc.cli.run import Job
 from pgmp_petsc.experiments import reference
 from pgmp_petsc.experiments.history import errors_between, floors_of, run_history
 from pgmp_petsc.experiments.period import first_period, period_of
@@ -52,6 +54,30 @@ def prices() -> tuple[float, float]:
     scene = cells()
     models = FullModel(scene, meshes_for(scene)), component_model(scene, meshes_for(scene), SELF, DEMAND.n_modes)
     return tuple(STEPS * step_seconds(model.kinematics.mechanism) for model in models)
+
+
+def test_bodies_from_matrices_have_the_component_model_alone() -> None:
+    scene = scene_of("matrices", "torque")
+    found = chosen(scene)
+    assert not found.is_mesh and "there is no full-order model with bodies.rod.matrices" in found.why
+    values = {name: np.array([value]) for name, value in scene.values.items()}
+    told = distance_from_mesh(found, meshes_for(scene), values, 1, 20, SELF)
+    assert told.from_mesh == {} and "how far it is from one is not known" in told.why
+    with pytest.raises(InputError, match='reference.model = "mesh": there is no full-order model .* take "components"'):
+        chosen(changed(scene, 'reference.model="mesh"'))
+    with pytest.raises(InputError, match="there is no full-order model with bodies.rod.matrices, of the component"):
+        chosen(changed(scene, "reference.budget=1e-9"))
+
+
+def test_component_runs_with_bodies_from_matrices_have_no_better_model() -> None:
+    scene, said = scene_of("matrices", "torque"), []
+    job = SimpleNamespace(
+        scene=scene, model="components", n_steps=10, context=SimpleNamespace(obj=SimpleNamespace(comm=SELF))
+    )
+    job._made_from, job._is_finished, job._better = lambda: "", lambda name, known: False, lambda: Job._better(job)
+    job._say = lambda *words: said.append(words)
+    Job.compare(job)
+    assert said == [("compare", "left out: there is no full-order model with bodies.rod.matrices")]
 
 
 def test_the_mesh_where_it_is_within_the_budget() -> None:
