@@ -25,14 +25,13 @@ from pgmp_petsc.code.statements import (
 )
 from pgmp_petsc.dynamics import alpha_step, reduced_steps
 from pgmp_petsc.dynamics.generalised_alpha import count_steps
-from pgmp_petsc.dynamics.reduced_actions import nodes_of, rigid_places
+from pgmp_petsc.dynamics.reduced_actions import nodes_of
 from pgmp_petsc.dynamics.second_order_system import Scheme
 from pgmp_petsc.effects.time_function import Piece
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.reconstruction import Reconstruction
-from pgmp_petsc.reduction.rigid_inertia import fine_grid
 from pgmp_petsc.reduction.served_range import Served
 from pgmp_petsc.reduction.stencil import B_SPLINE, Axis, count_rows
 from pgmp_petsc.results.errors import limits_of
@@ -158,7 +157,7 @@ def constants_of(model: ReducedModel, what: str) -> Constants:
     loads = list(dict.fromkeys(terms.tables.load_effects))
     over_time = {name: effects[name].strength for name in loads}
     over_time |= {action.effect: action.amplitude for action in actions if action.amplitude is not None}
-    places, winding = _places(model)
+    places, winding = model.actions.rigid, model.actions.places.winding
     closure, wanted = closure_of(kinematics)
     tables = _tables(model, nodes, places)
     _check_size(tables, what)
@@ -204,14 +203,6 @@ def _nodes(sides: Sequence) -> list[int]:
 def _pieces_of(model: ReducedModel, coordinate: int) -> Sequence[Piece]:
     motion = model.motions.get(coordinate)
     return () if motion is None else motion.angle.pieces
-
-
-def _places(model: ReducedModel) -> tuple[Interpolant | None, np.ndarray]:
-    """Return where local effects hold on the rigid mechanism, None where there are none, and their angles' winding."""
-    if not model.actions.actions:
-        return None, np.zeros((0, 1))
-    fine = fine_grid(model.rom.tables.samples)
-    return rigid_places(model.actions.actions, model.kinematics, fine, model.start[0])
 
 
 def _tables(model: ReducedModel, nodes: Sequence[int], places: Interpolant | None) -> dict[str, np.ndarray]:

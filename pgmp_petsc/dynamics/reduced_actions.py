@@ -36,11 +36,14 @@ class ReducedActions:
         Where they hold; without actions all of its arrays are empty.
     dimension
         2 in the plane, 3 in space.
+    rigid
+        What the rigid part of `places` was made from, `rigid_places`; None without actions.
     """
 
     actions: tuple[Action, ...]
     places: Places
     dimension: int = 2
+    rigid: Interpolant | None = None
 
     @classmethod
     def of(
@@ -81,7 +84,7 @@ class ReducedActions:
             sides=np.array([-1 if s.on_ground else nodes.index(s.node) for s in sides], dtype=np.int64).reshape(-1, 2),
             n_nodes=len(nodes),
         )
-        return cls(tuple(actions), places, kinematics.mechanism.space.dimension)
+        return cls(tuple(actions), places, kinematics.mechanism.space.dimension, rigid)
 
     @classmethod
     def none(cls, n_theta: int) -> ReducedActions:
