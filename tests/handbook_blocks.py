@@ -51,7 +51,7 @@ class Block:
     page
         Path below the repository.
     line
-        Of its first line, from 1.
+        Of its first line, that of a fence included, from 1.
     kind
         ``sh``, ``toml``, ``python``, ``output`` or ``text`` (an equation).
     text
