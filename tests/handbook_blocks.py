@@ -5,6 +5,7 @@ A comment above a block is not seen by readers:
 ``<!-- not run: REASON -->``     what it needs is not here (a cluster, another PETSc), or it only shows a form
 ``<!-- dear: TIME -->``          run by ``scripts/check_docs --dear`` alone
 ``<!-- given: COMMAND -->``      what has to be there already: run before it; repeatable
+``<!-- ends with: STATUS -->``   the exit status of its last command, where that is not 0
 ``<!-- output -->``              what a program printed
 ``<!-- file: NAME -->``          the block is the content of a file
 ``<!-- into: NAME -->``          TOML: its tables take the place of those of the same names in a file
@@ -30,7 +31,7 @@ OF_README = {
     ". scripts/mpi_env.sh": {"dear": ["1 min"]},
     "PGMP_PYTHON=": {"not run": ["needs another PETSc"]},
 }
-MARKS = ("not run", "dear", "given", "output", "file", "into", "shown in")
+MARKS = ("not run", "dear", "given", "ends with", "output", "file", "into", "shown in")
 _MARK = re.compile(r"<!-- (" + "|".join(MARKS) + r")(?:: (.*?))? -->")
 #: Words that begin a line of a shell block.
 _COMMANDS = re.compile(
@@ -50,7 +51,7 @@ class Block:
     page
         Path below the repository.
     line
-        Of its first line, from 1.
+        Of its first line, that of a fence included, from 1.
     kind
         ``sh``, ``toml``, ``python``, ``output`` or ``text`` (an equation).
     text

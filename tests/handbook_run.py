@@ -60,7 +60,8 @@ class Page:
             done = self.shell("python blocks.py")
         else:
             done = self.shell(shell_of(block))
-        return _end_of(done) if done.returncode else ""
+        wanted = int(block.marks.get("ends with", ["0"])[0])
+        return _end_of(done) if done.returncode != wanted else ""
 
     def _toml(self, block: Block) -> str:
         """Keep a scene, or put a part of one into it."""

@@ -15,6 +15,8 @@ from types import SimpleNamespace
 
 import click
 import fastjsonschema
+import handbook_blocks
+import handbook_run
 import pytest
 from conftest import ROOT
 from handbook_blocks import Block, blocks_of, commands_of, merged, pages, shell_of, without_launcher
@@ -228,6 +230,42 @@ def exists(check: str) -> bool:
     if check.startswith("pgmp "):
         return check.split()[1] in COMMANDS
     return (ROOT / check.split()[0]).exists()
+
+
+def test_ten_minutes_types_what_the_first_steps_say() -> None:
+    script = (ROOT / "scripts" / "ten_minutes").read_text(encoding="utf-8")
+    block = next(block for block in SHELL if block.page == "README.md" and block.text.startswith("scripts/setup"))
+    said = [" ".join(words) for words in commands_of(block.text)]
+    assert said[0] == "scripts/setup" and len(said) == 3
+    typed = re.findall(r"^typed (.*)$", script, flags=re.MULTILINE)
+    assert [one for one in typed if one in said] == said
+
+
+@pytest.mark.parametrize("name", ["docs", "check_docs", "ten_minutes"])
+def test_scripts_are_shell_and_can_be_run(name: str) -> None:
+    path = ROOT / "scripts" / name
+    assert path.stat().st_mode & 0o111
+    subprocess.run(["bash", "-n", path], check=True)
+
+
+def test_ten_minutes_keeps_what_is_there(tmp_path: Path) -> None:
+    done = subprocess.run([ROOT / "scripts" / "ten_minutes", tmp_path], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "exists; give the name of a new folder" in done.stderr
+
+
+def test_blocks_that_fail_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    """What `scripts/check_docs` says of a page: blocks that end as they should, others, and what is not run."""
+    page = tmp_path / "page.md"
+    fence = "```"
+    page.write_text(
+        f"<!-- given: touch there -->\n\n{fence}sh\nls there\n{fence}\n\n{fence}sh\nfalse\n{fence}\n"
+        f"\n<!-- ends with: 1 -->\n\n{fence}sh\nfalse\n{fence}\n"
+        f"\n<!-- not run: no cluster -->\n\n{fence}sh\nsbatch x\n{fence}\n"
+    )
+    monkeypatch.setattr(handbook_blocks, "ROOT", tmp_path)
+    assert handbook_run.check(page, dear=False) == 1
+    said = capsys.readouterr().out
+    assert said.count("FAILED") == 1 and "page.md:7: FAILED" in said and "not run: no cluster" in said
 
 
 def code_of(notebook: dict) -> list[str]:
