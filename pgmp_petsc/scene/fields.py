@@ -236,7 +236,7 @@ Place = Annotated[
     tuple[float | str, ...],
     BeforeValidator(_two_or_three_or_parameters),
     AfterValidator(_sensible_numbers),
-    WithJsonSchema({"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 3}),
+    WithJsonSchema({"type": "array", "items": _either().json_schema, "minItems": 2, "maxItems": 3}),
 ]
 #: A vector other than zero; its length does not matter.
 Direction = Annotated[Vector, AfterValidator(_nonzero)]
