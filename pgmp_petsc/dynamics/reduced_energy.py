@@ -9,6 +9,7 @@ import numpy as np
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.dynamics.reduced_terms import ReducedTerms
+from pgmp_petsc.reduction.interpolation import Interpolant
 from pgmp_petsc.reduction.second_order import unpacked
 
 
@@ -30,10 +31,9 @@ def reduced_energy(
         Each of shape (n,), J. Terms of second order in the deformation are in them where the model has them.
     """
     layout = terms.layout
-    weights = np.broadcast_to(evaluate_weights(terms.weights, values).T, (len(q), len(terms.weights)))
-    r = len(layout.rigid)
-    entries = np.einsum("nt,nte->ne", weights, terms.terms(q[:, :r]))
-    entries[:, : layout.n_rigid] = np.einsum("nt,nte->ne", weights, terms.rigid(q[:, :r]))
+    weights, r = evaluate_weights(terms.weights, values), len(layout.rigid)
+    entries = _weighted(terms.terms, weights, q[:, :r])
+    entries[:, : layout.n_rigid] = _weighted(terms.rigid, weights, q[:, :r])
     delta, rate = q[:, r:], v[:, r:]
     mass, coupling, stiffness, cubic, swing, gyroscopic, _ = np.split(entries, layout[2:8], axis=1)
     k, j, times = _pairs(r)
@@ -49,6 +49,17 @@ def reduced_energy(
             kinetic -= 0.5 * turning[:, pair] * _form(part, delta)
         strain += _cubic_form(cubic, delta) / 6.0
     return kinetic, strain
+
+
+def _weighted(terms: Interpolant, weights: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return the sum of all terms at theta (n, n_theta), shape (n, n_entries).
+
+    Weights have the shape (n_terms,) for several states of one sample, whose terms are added up before they are
+    interpolated, or (n_terms, n).
+    """
+    if weights.ndim == 1:
+        return Interpolant(terms.axes, np.tensordot(weights, terms.rows, (0, terms.n_theta)))(theta)
+    return np.einsum("tn,nte->ne", weights, terms(theta))
 
 
 def least_stiffness(terms: ReducedTerms, values: Mapping[str, float | np.ndarray], q: np.ndarray) -> np.ndarray:
