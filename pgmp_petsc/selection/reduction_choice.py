@@ -206,9 +206,17 @@ class ReductionChoice:
             return None
         for family in self._families:
             cheaper = [rung for rung in family if rung.cost < found.cost]
-            if found not in family and cheaper and error(cheaper[-1]) <= allowed:
+            if found in family or not cheaper or self._last_resort(family):
+                continue
+            if error(cheaper[-1]) <= allowed:
                 found = climb(cheaper, len(cheaper) - 1)
         return found
+
+    def _last_resort(self, family: list[Rung]) -> bool:
+        """Return whether a family is tried only where others fail: dynamic stretching, where there is static."""
+        entries = family[0].entries
+        static = self._limits.slender and "stretching" not in self.given
+        return static and entries["second_order"] and entries["stretching"] == "dynamic"
 
     def _refuse(self, grid: dict[str, Any], rungs: list[Rung]) -> NoReturn:
         """Say what stands in the way of the best of some rungs, none of which is good enough."""
