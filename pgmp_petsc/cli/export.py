@@ -54,7 +54,7 @@ def export(
 
     n_frames = on_root(context.obj.comm, write_xdmf, file, output)
     say(context, f"{output}: {n_frames} frames, stored in {file}")
-    for line in on_root(context.obj.comm, stopped_runs, file):
+    for line in (*on_root(context.obj.comm, _truncated, file), *on_root(context.obj.comm, stopped_runs, file)):
         say(context, line)
 
 
@@ -77,6 +77,17 @@ def _write_table(file: Path, output: Path) -> tuple[int, int]:
     write_result(result, output)
     columns = columns_of(result)
     return len(next(iter(columns.values()))[1]), len(columns)
+
+
+def _truncated(file: Path) -> list[str]:
+    """Return what the stresses of a reduced run lack; by one process."""
+    from pgmp_petsc.results.body_fields import GROUP, truncated
+    from pgmp_petsc.runtime.files import open_file
+
+    with open_file(file, "trajectory") as opened:
+        reduced, scene = str(opened.attrs["model"]) == "reduced", str(opened.attrs["scene"])
+        lacking = truncated(scene) if reduced and GROUP in opened else ""
+    return [f"  note: {lacking}"] if lacking else []
 
 
 def _is_rom(file: Path) -> bool:

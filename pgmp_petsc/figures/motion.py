@@ -15,7 +15,7 @@ from pgmp_petsc.figures import cautions
 from pgmp_petsc.figures.style import MODELS, axis_label, axis_unit, heading
 from pgmp_petsc.figures.surfaces import outer_faces, outlines, triangles
 from pgmp_petsc.results import Trajectory
-from pgmp_petsc.results.body_fields import BodyField
+from pgmp_petsc.results.body_fields import BodyField, truncated
 from pgmp_petsc.results.mode_shape import ModeShape
 from pgmp_petsc.runtime.errors import InputError
 
@@ -145,6 +145,8 @@ def motion_of(run: Trajectory, colour: str = "mises", scale: float | None = None
     if bare:
         notes.append(f"{', '.join(bare)}: drawn as lines between joints, their fields are not stored (see pgmp info)")
     notes += _uncoloured(skins, run.fields, colour)
+    if colour == "mises" and run.model == "reduced":
+        notes += filter(None, [truncated(run.record.scene_toml)])
     skins, quantity, largest, peak = in_unit(skins, colour, "Pa" if colour == "mises" else "m")
     if colour != "none" and not quantity:
         raise InputError(

@@ -22,6 +22,7 @@ dataset                       shape                content
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, field
 
 import h5py
@@ -32,6 +33,7 @@ from pgmp_petsc.runtime.files import put, take
 
 GROUP = "fields"
 PLACES = ("at_nodes", "at_cells")
+ANSWERS = {"static_modes": "loads", "inertia_modes": "inertia forces"}
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,18 @@ class BodyField:
             rigid=bool(about["rigid"]),
             radius=float(about["radius"]) if "radius" in about else None,
         )
+
+
+def truncated(scene_toml: str) -> str:
+    """Return what the stresses of a reduced model of a scene lack, empty where that is nothing."""
+    reduction = tomllib.loads(scene_toml).get("reduction", {})
+    lacking = [name for name in ANSWERS if not reduction.get(name, False)]
+    if not lacking:
+        return ""
+    return (
+        f"stresses of the modes alone, without the static answers to {' and '.join(ANSWERS[name] for name in lacking)} "
+        f"(reduction.{', reduction.'.join(lacking)}): they may be far off"
+    )
 
 
 def write_fields(file: h5py.File, fields: dict[str, BodyField]) -> None:

@@ -107,6 +107,20 @@ def test_what_is_drawn_of_a_run() -> None:
     assert motion_of(run, "deformation").quantity == "deformation (mm)"
 
 
+def test_stresses_of_modes_alone_are_said() -> None:
+    run = flat_run()
+    reduced = replace(run, model="reduced")
+    assert not any("modes alone" in note for note in motion_of(run).notes)
+    (said,) = motion_of(reduced).notes
+    assert said.startswith("stresses of the modes alone, without the static answers to loads and inertia forces")
+    answered = f"{run.record.scene_toml}[reduction]\nstatic_modes = true\n"
+    reduced = replace(reduced, record=replace(run.record, scene_toml=answered))
+    assert "answers to inertia forces (reduction.inertia_modes)" in motion_of(reduced).notes[0]
+    both = replace(run.record, scene_toml=f"{answered}inertia_modes = true\n")
+    assert motion_of(replace(reduced, record=both)).notes == []
+    assert motion_of(replace(run, model="reduced"), "deformation").notes == []
+
+
 @pytest.mark.parametrize(("deformation", "scale"), [(1e-4, 1000.0), (3.1e-4, 200.0), (0.5, 1.0), (0.0, 1.0)])
 def test_the_scale_is_round_and_shows_a_twentieth(deformation: float, scale: float) -> None:
     """The bar and its way are 2 m long: 0.1 m is shown at most."""
