@@ -21,7 +21,7 @@ from exported import (
     with_scene,
 )
 from mpi4py import MPI
-from runs import QUICK_RETURN, accurate_scene, reduced_model
+from runs import QUICK_RETURN, accurate_scene, built_rom, reduced_model
 from two_coordinates import five_bar
 
 from pgmp_petsc.code.constants import constants_of
@@ -207,7 +207,8 @@ def test_two_coordinates_of_a_closed_loop(tmp_path, monkeypatch) -> None:
     A coarser table of the rigid motion than the usual one does: both have the same.
     """
     monkeypatch.setattr(rigid_inertia, "N_FINE_OF_MORE", 24)
-    model = reduced_model(five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2"))
+    scene = five_bar(*IN_FIVE_BAR, "reduction.angles=5", "reduction.modes=2")
+    model = ReducedModel(scene, built_rom(scene))
     found, wanted = outputs_of(compiled(model, tmp_path)), simulated(model).outputs
     bent = wanted.pop("bent")
     assert_equal(found, wanted)
