@@ -28,6 +28,7 @@ from pgmp_petsc.dynamics.generalised_alpha import count_steps
 from pgmp_petsc.dynamics.reduced_actions import nodes_of
 from pgmp_petsc.dynamics.second_order_system import Scheme
 from pgmp_petsc.effects.time_function import Piece
+from pgmp_petsc.mechanism.closure import CLOSURE_TOLERANCE
 from pgmp_petsc.mechanism.pose_branch import PoseBranch
 from pgmp_petsc.models import ReducedModel
 from pgmp_petsc.reduction.interpolation import Interpolant
@@ -317,6 +318,7 @@ def _steps(model: ReducedModel) -> dict[str, int | float]:
         "CORRECTIONS": CORRECTIONS,
         "REFRESH_EVERY": alpha_step.REFRESH_EVERY,
         "CLOSURES": CLOSURES,
+        "CLOSURE_TOLERANCE": CLOSURE_TOLERANCE,
         "NEWTON_TOLERANCE": reduced_steps.NEWTON_TOLERANCE,
         "ROUND_OFF": alpha_step.ROUND_OFF,
         "PROBED_EVERY": alpha_step.PROBED_EVERY,

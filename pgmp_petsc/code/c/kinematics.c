@@ -97,7 +97,7 @@ static void frame_of_point(const struct side *side, double poses[N_BODIES][N_POS
 /* One Newton step, of the normal equations; lengths are in units of the mechanism's size. */
 static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
     static const int n_rows = N_CLOSURE;
-    double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0};
+    double normal[N_UNKNOWNS][N_UNKNOWNS] = {{0}}, right[N_UNKNOWNS] = {0}, largest = 0.0;
     for (int number = 0; number < n_rows + R; number++) {
         const struct statement *s = number < n_rows ? closure + number : coordinates + number - n_rows;
         double wanted = number < n_rows ? closure_wanted[number] : theta[number - n_rows];
@@ -108,6 +108,7 @@ static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
         if (s->a.body >= 0) add_to_pose(bodies[0], s->a.point, gradient, row + N_POSE * s->a.body);
         if (s->b.body >= 0) add_to_pose(bodies[1], s->b.point, gradient + N_FRAME, row + N_POSE * s->b.body);
         double unit = s->kind == PERPENDICULAR || s->kind == WITHIN || s->kind == ANGLE ? 1.0 : 1.0 / SIZE;
+        if (!(fabs(gap) * unit <= largest)) largest = fabs(gap) * unit;
         for (int i = 0; i < N_UNKNOWNS; i++) row[i] *= unit * (i % N_POSE < D ? SIZE : 1.0);
         for (int i = 0; i < N_UNKNOWNS; i++) {
             if (row[i] == 0.0) continue;
@@ -128,7 +129,8 @@ static void close_loops(const double theta[R], double poses[N_BODIES][N_POSE]) {
     for (int i = N_UNKNOWNS - 1; i >= 0; i--) {
         for (int j = i + 1; j < N_UNKNOWNS; j++) right[i] -= normal[j][i] * right[j];
         right[i] /= normal[i][i];
-        poses[i / N_POSE][i % N_POSE] -= right[i] * (i % N_POSE < D ? SIZE : 1.0);
+        double step = right[i] * (i % N_POSE < D ? SIZE : 1.0);
+        if (!(largest < CLOSURE_TOLERANCE)) poses[i / N_POSE][i % N_POSE] -= step; /* else closed, as the program has it */
     }
 }
 
