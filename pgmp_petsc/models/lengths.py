@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from mpi4py import MPI
 
 from pgmp_petsc.dynamics.reduced_damping import ReducedDamping
 from pgmp_petsc.dynamics.reduced_system import ReducedSystem
@@ -24,6 +24,9 @@ from pgmp_petsc.outputs.outputs import OutputSet
 from pgmp_petsc.reduction.reconstruction import Reconstruction
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.lengths import length_names
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
 
 @dataclass(frozen=True)

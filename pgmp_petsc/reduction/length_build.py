@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
-from mpi4py import MPI
 
 from pgmp_petsc.bodies.affine import evaluate_weights
 from pgmp_petsc.bodies.line_bodies import at_lengths
@@ -31,6 +30,8 @@ from pgmp_petsc.scene.lengths import length_names
 from pgmp_petsc.scene.spanning_values import spanning_values
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from pgmp_petsc.reduction.rom import ReducedOrderModel
 
 Build = Callable[[Scene, Mapping[str, BodyShape]], "ReducedOrderModel | None"]
