@@ -110,7 +110,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
         (("build", "scenes/scene.toml"), "meshes/crank_5.msh", "the ending .msh is that of another format"),
         (("build", "scenes/scene.toml"), "trajectory.h5", "holds a trajectory, not a reduced model"),
         (("simulate", "rom.h5"), "modes.h5", "holds a table of modes, not a trajectory"),
-        (("simulate", "rom.h5"), "x.csv", "the ending .csv is that of another format"),
+        (("simulate", "rom.h5"), "x.xdmf", "the ending .xdmf is that of another format"),
         (("simulate", "rom.h5"), "/dev/null", "is a device, a pipe or a socket"),
         (("simulate", "rom.h5"), "nowhere/x.h5", "does not exist; create it first"),
         (("simulate", "rom.h5"), "x" * 250, "its name has 250 bytes"),
@@ -152,7 +152,7 @@ def test_models_for_other_programs(folder: Path, capsys: pytest.CaptureFixture[s
         ends_with(0, "export", folder / "rom.h5", "-o", folder / "model/", "--override", "simulation.step=5e-4")
         ends_with(0, "export", folder / "rom.h5", "-o", folder / "model.fmu")
     said = capsys.readouterr().out
-    assert "C99" in said and "FMI 2.0, co-simulation, sources" in said and "error estimates" in said
+    assert "C99" in said and "FMI 2.0, co-simulation and model exchange, sources" in said and "error estimates" in said
     assert "#define STEP 0.0005" in (folder / "model" / "sizes.h").read_text()
 
 
