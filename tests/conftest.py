@@ -45,6 +45,26 @@ MPI_ENVIRONMENT = {
     "OMPI_MCA_pml": "ob1",
     "OMP_NUM_THREADS": "1",
 } | _sleeping()
+# What takes long and has a shorter sibling in the suite: more ranks, a larger scene, another kind of compiled code. They
+# are left out where nobody asks for them, so that the suite ends within half an hour; `scripts/test --thorough` has them.
+THOROUGH = (
+    "parallel/test_ensemble_effects.py::test_samples_do_not_depend_on_ranks[double_pendulum]",
+    "parallel/test_sweep.py::test_every_command_ends_as_it_should[slider_crank_solid3d-1]",
+    "parallel/test_sweep.py::test_every_command_ends_as_it_should[spatial_mixed-1]",
+    "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[reduced.h5-3]",
+    "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[full.h5-3]",
+    "parallel/test_build.py::test_frequencies_do_not_depend_on_ranks_and_signs[5-",
+    "parallel/test_build.py::test_tables_are_the_same_but_for_one_constant_rotation[5-",
+    "parallel/test_solid_build.py::test_the_condensed_bodies_do_not_depend_on_ranks[3-",
+    "parallel/test_spatial_beam_ranks.py::test_models_do_not_depend_on_ranks[3-3]",
+    "commands/test_component_command.py::test_the_scenes_run_as_they_are[six_joint_arm]",
+    "unit/test_linearisation.py::test_the_residual_is_that_of_the_engine[two coordinates]",
+    "unit/test_components.py::test_a_component_does_not_depend_on_ranks_but_for_its_internal_coordinates[quad8-3]",
+    "unit/test_contacts_benchmark.py::test_contacts_are_counted_and_timed",
+    "verification/test_effect_benchmarks.py::test_all_effects_together_on_several_ranks[3]",
+    "verification/test_full_order.py::test_the_distributed_model_on_several_ranks_with_a_turning_line[5]",
+    "verification/test_interpolation_order.py::test_the_order_in_the_angle_spacing[overhauser-3.0]",
+)
 # Random cases are the same in every run, and none has a limit of time: neither luck nor load decides about a test.
 hypothesis.settings.register_profile("suite", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("suite")
@@ -85,6 +105,13 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
         shown = f"{' '.join(arguments)} ended with {process.returncode}\n{out}\n{err}"
         assert process.returncode == check_status, shown
     return subprocess.CompletedProcess(arguments, process.returncode, out, err)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `THOROUGH` names; setup.cfg leaves it out."""
+    for item in items:
+        if item.nodeid.removeprefix("tests/").startswith(THOROUGH):
+            item.add_marker("thorough")
 
 
 @pytest.fixture(scope="session")
