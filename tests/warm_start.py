@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import array
 import atexit
+import gc
 import json
 import os
 import selectors
@@ -73,6 +74,7 @@ def stand_in(path: str, arguments: Sequence[str]) -> NoReturn:
 def serve(path: str) -> None:
     """Fork a process for every connection to a socket, until stdin is closed."""
     _preload()
+    gc.freeze()  # Python looks through what it will collect when a process ends, and would copy all of it for that
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(path)
     listener.listen()
