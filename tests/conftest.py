@@ -84,6 +84,8 @@ def run_mpi(n: int, *command: object, check_status: int | None = 0) -> subproces
     """
     paths = [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | MPI_ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    if n == 1:  # mpirun waits two seconds for what else it could have to kill after a status other than zero
+        environment["OMPI_MCA_odls_base_sigkill_timeout"] = "0"
     arguments = ["mpirun", "-n", str(n), *warm_start.python(environment), *(str(word) for word in command)]
     process = subprocess.Popen(
         arguments,
