@@ -55,6 +55,7 @@ THOROUGH = (
     "parallel/test_settled_ranks.py::test_samples_are_those_of_one_rank[full.h5-3]",
     "parallel/test_build.py::test_frequencies_do_not_depend_on_ranks_and_signs[5-",
     "parallel/test_build.py::test_tables_are_the_same_but_for_one_constant_rotation[5-",
+    "parallel/test_build.py::test_even_the_constant_rotation_is_the_identity_without_a_reflection[5-",
     "parallel/test_solid_build.py::test_the_condensed_bodies_do_not_depend_on_ranks[3-",
     "parallel/test_spatial_beam_ranks.py::test_models_do_not_depend_on_ranks[3-3]",
     "commands/test_component_command.py::test_the_scenes_run_as_they_are[six_joint_arm]",
