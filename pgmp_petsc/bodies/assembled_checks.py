@@ -24,6 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from pgmp_petsc.bodies.assembled import Assembled, MassProperties
+from pgmp_petsc.bodies.linear_fields import linear_fields, rigid_motions
 from pgmp_petsc.runtime.errors import InputError
 from pgmp_petsc.scene.matrices import Stated
 
@@ -136,8 +137,9 @@ def check_free(body: Assembled, received: str) -> None:
             f"{body.labels[0]}; each body is one piece"
         )
     arms = body.nodes - body.nodes.mean(axis=0)
-    rigid = _rigid(arms / np.abs(arms).max())
-    fields = np.hstack([rigid, _bending(arms / np.abs(arms).max())])
+    places = arms / np.abs(arms).max()
+    rigid = linear_fields(places) @ rigid_motions(np.zeros(d))
+    fields = np.hstack([rigid, _bending(places)])
     n = rigid.shape[1]
     energies, momenta = (fields.T @ (matrix @ fields) for matrix in (stiffness, mass))
     # the least of all that is no rigid motion: fields M-orthogonal to these
@@ -190,18 +192,6 @@ def _by_nodes(matrix: sp.csr_matrix, d: int) -> sp.csr_matrix:
     pairs = (entries.row[chosen] // d, entries.col[chosen] // d)
     n = matrix.shape[0] // d
     return sp.coo_matrix((np.ones(chosen.sum()), pairs), shape=(n, n)).tocsr()
-
-
-def _rigid(places: np.ndarray) -> np.ndarray:
-    """Return rigid motions of places (n, d), shape (n d, n_rigid)."""
-    n, d = places.shape
-    turns = [(i, j) for i in range(d) for j in range(i)]
-    found = np.zeros((n, d, d + len(turns)))
-    for i in range(d):
-        found[:, i, i] = 1.0
-    for column, (i, j) in enumerate(turns, d):
-        found[:, i, column], found[:, j, column] = places[:, j], -places[:, i]
-    return found.reshape(n * d, -1)
 
 
 def _bending(places: np.ndarray) -> np.ndarray:

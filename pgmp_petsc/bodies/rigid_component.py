@@ -14,6 +14,7 @@ import numpy as np
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.framed_solid import FramedSolid
+from pgmp_petsc.bodies.linear_fields import TURNS, linear_fields, rigid_motions
 from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.section import SpatialSection
 from pgmp_petsc.bodies.solid import Solid
@@ -42,12 +43,8 @@ def rigid_component(meshed: FramedSolid) -> Component:
     component = _component(frames, centres, weight, second, solid.n_dofs)
     if not isinstance(solid, Solid):  # matrices have no cells to be drawn
         return component
-    mesh = solid.mesh
-    fields = _rigid(mesh.dimension, component.centre_of_mass)
-    d = mesh.dimension
-    shapes = fields[:d] + np.einsum("nj,ijr->nir", mesh.nodes, fields[d:].reshape(d, d, -1))
-    shapes = shapes.reshape(-1, fields.shape[1])
-    return replace(component, recovery=Recovery(mesh, shapes))
+    shapes = linear_fields(solid.mesh.nodes) @ rigid_motions(component.centre_of_mass)
+    return replace(component, recovery=Recovery(solid.mesh, shapes))
 
 
 def rigid_line(name: str, mesh: LineMesh, section: SpatialSection, axes: np.ndarray) -> Component:
@@ -85,7 +82,7 @@ def _component(
     mass, centre = second[d, d], second[:d, d] / second[d, d]
     about = second[:d, :d] - mass * np.outer(centre, centre)  # int rho x x^T about the centre of mass
     momenta = _momenta(mass, centre, about)
-    matrix = momenta @ _rigid(d, centre)
+    matrix = momenta @ rigid_motions(centre)
     return Component(
         frames=frames,
         centres=centres,
@@ -100,30 +97,14 @@ def _component(
     )
 
 
-def _spins(d: int) -> list[tuple[int, int]]:
-    """Return the pairs of axes (from, to) that each rotation turns into each other."""
-    return [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]
-
-
-def _rigid(d: int, centre: np.ndarray) -> np.ndarray:
-    """Return the rigid motions of the centre of mass as linear fields, shape (d (d + 1), n_rigid)."""
-    fields = np.zeros((d + d * d, d + len(_spins(d))))
-    fields[:d, :d] = np.eye(d)
-    for column, (i, j) in enumerate(_spins(d), d):
-        # a rotation from axis i to axis j about the centre: u_j = x_i - c_i, u_i = -(x_j - c_j)
-        fields[d + d * j + i, column], fields[d + d * i + j, column] = 1.0, -1.0
-        fields[j, column], fields[i, column] = -centre[i], centre[j]
-    return fields
-
-
 def _momenta(mass: float, centre: np.ndarray, about: np.ndarray) -> np.ndarray:
     """Return the momentum and the angular momentum about the centre of every linear field, (n_rigid, d (d + 1))."""
     d = centre.size
-    found = np.zeros((d + len(_spins(d)), d + d * d))
+    found = np.zeros((d + len(TURNS[d]), d + d * d))
     found[:d, :d] = mass * np.eye(d)
     for i in range(d):
         found[i, d + d * i : d + d * (i + 1)] = mass * centre
-    for row, (i, j) in enumerate(_spins(d), d):
+    for row, (i, j) in enumerate(TURNS[d], d):
         found[row, d + d * j : d + d * (j + 1)] += about[i]
         found[row, d + d * i : d + d * (i + 1)] -= about[j]
     return found

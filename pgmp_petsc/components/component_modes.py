@@ -33,7 +33,7 @@ from pgmp_petsc.bodies.recovery import Recovery
 from pgmp_petsc.bodies.assembled import AssembledBody
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.body_problem import BodyProblem
-from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.components.petsc_terms import Terms, petsc_terms
 from pgmp_petsc.components.section_coordinates import SectionCoordinates, axial_fields, axial_part
 from pgmp_petsc.components.subspace import Operator, Subspace

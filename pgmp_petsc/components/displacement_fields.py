@@ -1,5 +1,4 @@
-"""Displacement fields that are polynomials of the place: rigid motion, what stretches a body, first guesses of
-modes."""
+"""Displacement fields that are polynomials of the place: first guesses of modes."""
 
 from __future__ import annotations
 
@@ -13,26 +12,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 DEGREE = 3
-
-
-def linear_fields(places: np.ndarray) -> np.ndarray:
-    """Return the displacement fields that are linear in the place, in the order of `Component.fields`.
-
-    Parameters
-    ----------
-    places
-        Shape (n, d), m.
-
-    Returns
-    -------
-    ndarray, shape (n d, d (d + 1))
-    """
-    n, d = places.shape
-    fields = np.zeros((n, d, d + d * d))
-    for i in range(d):
-        fields[:, i, i] = 1.0
-        fields[:, i, d + d * i : d + d * (i + 1)] = places
-    return fields.reshape(n * d, -1)
 
 
 def polynomial_fields(places: np.ndarray, comm: MPI.Comm, degree: int = DEGREE) -> np.ndarray:

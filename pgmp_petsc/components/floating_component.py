@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.component import Component
 from pgmp_petsc.bodies.floating import FloatingBody, second_moments
+from pgmp_petsc.bodies.linear_fields import rigid_motions
 from pgmp_petsc.components.component_modes import weighted_sum_dense
 
 
@@ -23,7 +24,8 @@ def in_floating_frame(component: Component, nominal: Mapping[str, float]) -> Flo
 
     It follows its foreshortening where that is known.
     """
-    d, rigid, modes = component.centres.shape[1], rigid_motions(component), elastic_modes(component, nominal)
+    d, modes = component.centres.shape[1], elastic_modes(component, nominal)
+    rigid = component.fields @ rigid_motions(np.zeros(d))
     n_frames, n = len(component.frames), modes.shape[1]
     stiffness = {weight: modes.T @ matrix @ modes for weight, matrix in component.stiffness.items()}
     shapes, moments = modes[: component.n_frame_dofs].reshape(n_frames, -1, n), _moments_of(component, modes)
@@ -48,7 +50,7 @@ def elastic_modes(component: Component, nominal: Mapping[str, float]) -> np.ndar
     """Return the elastic free modes of a condensed body at the nominal parameters, of a mean square displacement of 1
     m2, shape (n, n - n_rigid)."""
     mass, stiffness = (weighted_sum_dense(terms, nominal) for terms in (component.mass, component.stiffness))
-    along = rigid_motions(component)[:, 0]
+    along = component.fields[:, 0]  # the unit displacement along x
     return np.sqrt(along @ mass @ along) * free_modes(mass, stiffness, component.centres.shape[1])
 
 
@@ -61,14 +63,6 @@ def foreshortened(
         weight: np.einsum("klm,mij->klij", second_moments(part, d)[1], curvature) for weight, part in moments.items()
     }
     return np.einsum("fkm,mij->fkij", shapes[:, :d], curvature), curved
-
-
-def rigid_motions(component: Component) -> np.ndarray:
-    """Return the unknowns of unit displacements and rotations about the origin of a condensed body's frame, shape (n,
-    d (d + 1) / 2)."""
-    d, of = component.centres.shape[1], component.fields
-    axes = [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]  # from the first axis to the second one
-    return np.column_stack([of[:, :d], *(of[:, d * (1 + j) + i] - of[:, d * (1 + i) + j] for i, j in axes)])
 
 
 def _moments_of(component: Component, modes: np.ndarray) -> dict[Monomial, np.ndarray]:

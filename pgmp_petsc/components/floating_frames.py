@@ -26,7 +26,7 @@ from pgmp_petsc.bodies.shape import BodyShape
 from pgmp_petsc.bodies.third_derivative import ThirdDerivative
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import check_slender, serving_points
-from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.components.floating_component import foreshortened, free_modes, in_floating_frame
 from pgmp_petsc.components.foreshortening import contraction_of, foreshortening
 from pgmp_petsc.components.large_deformation import with_second_order

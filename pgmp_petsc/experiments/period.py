@@ -17,6 +17,7 @@ from scipy.linalg import block_diag, eigh, null_space
 
 from pgmp_petsc.bodies.affine import Monomial
 from pgmp_petsc.bodies.body import Body
+from pgmp_petsc.bodies.linear_fields import rigid_motions
 from pgmp_petsc.bodies.matrices import assemble_mass
 from pgmp_petsc.experiments.history import AnyModel
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
@@ -85,7 +86,7 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     clamped = [coordinate for coordinate in kinematics.coordinates if coordinate.prescribed]
     moved, masses, stiffnesses = [], [], []
     for body in mechanism.bodies:
-        rigid = rigid_motions(body)
+        rigid = linear_fields(body)[: body.node_dofs * body.n_nodes] @ rigid_motions(np.zeros(body.mesh.nodes.shape[1]))
         columns = np.zeros((mechanism.n_dofs, rigid.shape[1] + (0 if body.floating is None else body.floating.n)))
         columns[body.dofs[: len(rigid)], : rigid.shape[1]] = rigid
         mass, stiffness = np.zeros((2, columns.shape[1], columns.shape[1]))
@@ -110,33 +111,15 @@ def _of_floating_bodies(model: ComponentModel) -> float:
     return _period(free.T @ block_diag(*stiffnesses) @ free, free.T @ mass @ free, n_rigid)
 
 
-def rigid_motions(body: Body) -> np.ndarray:
-    """Return the rigid motions of a body at its nodes, in its own frame, shape (n_nodes node_dofs, 3), in space
-    (..., 6)."""
-    d = body.mesh.nodes.shape[1]
-    fields = linear_fields(body)[: body.node_dofs * body.n_nodes]
-    turns = []
-    for k, j in [(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)]:
-        spin = np.zeros((d, d))
-        spin[j, k], spin[k, j] = 1.0, -1.0
-        turns.append(fields[:, d:] @ spin.ravel())
-    return np.column_stack([fields[:, :d], *turns])
-
-
 def _inertia(body: Body, nominal: dict[str, float]) -> np.ndarray:
     """Return the mass of rigid motions and amplitudes of a body in a floating frame, in its own frame."""
     floating, d = body.floating, body.mesh.nodes.shape[1]
     moments, n_rigid = _sum(floating.moments, nominal), d * (d + 1) // 2
-    total = np.zeros((n_rigid + floating.n,) * 2)
+    rigid, total = rigid_motions(np.zeros(d)), np.zeros((n_rigid + floating.n,) * 2)
     for k in range(d):
         # the k-th component of the displacement, by the scalar fields (1, X, Psi_1, .. Psi_d)
         fields = np.zeros((len(moments), n_rigid + floating.n))
-        fields[0, k] = 1.0
-        for column, (a, b) in enumerate([(0, 1)] if d == 2 else [(1, 2), (2, 0), (0, 1)], d):
-            if k == a:
-                fields[1 + b, column] = -1.0
-            if k == b:
-                fields[1 + a, column] = 1.0
+        fields[0, :n_rigid], fields[1 : 1 + d, :n_rigid] = rigid[k], rigid[d + d * k : d + d * (k + 1)]
         own = slice(1 + d + k * floating.n, 1 + d + (k + 1) * floating.n)
         fields[own, n_rigid:] = np.eye(floating.n)
         total += fields.T @ moments @ fields

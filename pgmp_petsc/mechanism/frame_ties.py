@@ -29,11 +29,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pgmp_petsc.bodies.face_frame import FaceFrame
+from pgmp_petsc.bodies.linear_fields import TURNS
 from pgmp_petsc.mechanism.curved_ties import PHI, CurvedTies, Quadratics
 from pgmp_petsc.mechanism.unknowns import Unknowns
 from pgmp_petsc.runtime.compiled import njit
-
-PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}  # of rotations, in their order
 
 
 class Products(NamedTuple):
@@ -87,7 +86,7 @@ class FrameTies:
         for frame, positions, faces in _faces_of(unknowns):
             linear.append(_means(self.n, frame, positions, faces))
             products.append(_rotations(self.n + self._d, frame[0], positions, faces))
-            self.n += self._d + len(PLANES[self._d])
+            self.n += self._d + len(TURNS[self._d])
         for held in _held_by_floating(unknowns):
             for parts, found in zip((linear, products, arms), held.ties(self.n)):
                 parts.append(found)
@@ -251,7 +250,7 @@ def _rotations(first_row: int, frame: int, positions: np.ndarray, faces: FaceFra
     arms = faces.arms / second
     used = np.flatnonzero(np.abs(arms).max(axis=0) > 1e-12 * np.abs(arms).max())
     parts = []
-    for row, plane in enumerate(PLANES[d], first_row):
+    for row, plane in enumerate(TURNS[d], first_row):
         for sign, (one, other) in zip((-1.0, 1.0), permutations(plane)):
             for k in used:
                 same = (np.full(n, value, dtype=np.int64) for value in (row, frame, d * k + one))

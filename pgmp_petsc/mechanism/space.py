@@ -18,6 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pgmp_petsc.bodies.linear_fields import TURNS
 from pgmp_petsc.mechanism.statements import Statement
 
 
@@ -291,7 +292,7 @@ def at_nodes(coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
     """
     d = points.shape[1]
     gradient = coefficients[d:].reshape(d, d, *coefficients.shape[1:])
-    turn = [0.5 * (gradient[j, i] - gradient[i, j]) for i, j in (((0, 1),) if d == 2 else ((1, 2), (2, 0), (0, 1)))]
+    turn = [0.5 * (gradient[j, i] - gradient[i, j]) for i, j in TURNS[d]]
     moved = at_points(coefficients, points)
     return np.concatenate([moved, np.broadcast_to(np.array(turn), (len(points), len(turn), *moved.shape[2:]))], axis=1)
 

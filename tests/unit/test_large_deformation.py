@@ -21,7 +21,7 @@ from pgmp_petsc.bodies.section_scale import SectionScale
 from pgmp_petsc.bodies.solid import Solid
 from pgmp_petsc.components.component_modes import condense, weighted_sum_dense
 from pgmp_petsc.components.condensing import condensed
-from pgmp_petsc.components.displacement_fields import linear_fields
+from pgmp_petsc.bodies.linear_fields import linear_fields
 from pgmp_petsc.components.foreshortening import contraction_of
 from pgmp_petsc.components.large_deformation import FieldsOnRanks, with_second_order
 from pgmp_petsc.reduction.build_checkpoint import BuildCheckpoint
