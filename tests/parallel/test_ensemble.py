@@ -287,11 +287,11 @@ def test_the_balance_of_energy_is_kept_where_it_is_asked_for(folder: Path, rom: 
 
 
 def test_groups_of_ranks_share_samples(mpirun: Callable, folder: Path) -> None:
-    """Two groups, of two ranks and of three; a rank alone has the samples in a batch."""
+    """Two groups, of two ranks and of one; a rank alone has the samples in a batch."""
     asked = ("-n", 5, "--seed", SEED, "--full", *overridden("simulation.duration=0.02"))
     alone, shared = folder / "alone.h5", folder / "shared.h5"
     pgmp("montecarlo", PAPER_SCENE, *asked, "-o", alone)
-    mpirun(5, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)
+    mpirun(3, *PGMP, "montecarlo", PAPER_SCENE, *asked, "-o", shared, "--ranks-per-sample", 2)
     one, other = Ensemble.read(alone), Ensemble.read(shared)
     for name, values in one.outputs.items():
         np.testing.assert_allclose(other.outputs[name], values, rtol=0, atol=1e-9 * max(1e-3, np.abs(values).max()))
