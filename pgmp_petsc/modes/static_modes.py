@@ -1,6 +1,14 @@
-"""Static modes: what modes miss of the static answers to loads, orthonormal beside them."""
+"""Static modes: what modes miss of the static answers to loads, orthonormal beside them.
+
+At single configurations an answer r(theta) may be a combination of the modes and of the answers before it: where a
+rod's motion is a translation, its weight along the motion is its inertia force. The space that the answers span has a
+limit there: what is left of r beside the others vanishes with a power of the distance, odd or even, and the basis
+continues with the direction of ``r(theta + h) - r(theta - h)`` or ``r(theta + h) + r(theta - h)``, the larger one.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -8,8 +16,14 @@ from pgmp_petsc.modes.mode_set import ModeSet
 from pgmp_petsc.modes.problem import DEPENDENT_TOLERANCE, ModalProblem
 from pgmp_petsc.runtime.errors import RunError
 
+# h of a limit, as a share of a coordinate's range: the direction is off by the square of this, and where what is left
+# of an answer vanishes with the square, 7 of its 13 digits are left
+LIMIT_STEP = 1e-3
 
-def static_modes(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
+LoadsAt = Callable[[ModalProblem, ModeSet], np.ndarray]
+
+
+def static_modes(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
     """Return what the modes miss of the static answers to loads (`ModalProblem.static_answers`).
 
     Collective on the problem's communicator.
@@ -20,8 +34,8 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np
         At a configuration.
     modes
         Modes there.
-    loads
-        In body frames, local rows, shape (n_local, n_loads).
+    loads_at
+        Gives the loads where the problem is, in body frames, local rows, shape (n_local, n_loads).
 
     Returns
     -------
@@ -31,40 +45,93 @@ def static_modes(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np
     Raises
     ------
     RunError
-        If an answer vanishes beside the others: the basis would not be continuous there.
+        If an answer is a combination of the modes and the others at neighbouring configurations too.
     """
-    basis, dependent = _with_answers(problem, modes.eigenvectors, loads)
+    kept, loads = modes.eigenvectors, loads_at(problem, modes)
+    if not len(loads.T):
+        return np.empty((len(kept), 0))
+    answers = problem.static_answers(kept, loads)
+    sizes = problem.norms(answers)
+    basis, dependent = _extended(problem, kept, answers, sizes)
+    if dependent.any():
+        basis, dependent = _extended(problem, kept, _limits(problem, modes, loads_at), sizes)
     if dependent.any():
         raise RunError(
             f"reduction.static_modes at {problem.kinematics.describe(modes.theta)}: a load's static "
-            "answer is a combination of the modes and the other answers; take fewer modes, or no static ones "
-            "(reduction.static_modes, reduction.spring_modes)"
+            "answer is a combination of the modes and the other answers, and so it is beside; take fewer modes, or no "
+            "static ones (reduction.static_modes, reduction.spring_modes)"
         )
-    return basis[:, modes.eigenvectors.shape[1] :]
+    return basis[:, kept.shape[1] :]
 
 
 def dependent_loads(problem: ModalProblem, modes: ModeSet, loads: np.ndarray) -> np.ndarray:
     """Return whose static answers are combinations of the modes and of the answers before, shape (n_loads,).
 
-    Parameters are those of `static_modes`.
+    Parameters
+    ----------
+    problem, modes
+        As those of `static_modes`.
+    loads
+        In body frames, local rows, shape (n_local, n_loads).
     """
-    return _with_answers(problem, modes.eigenvectors, loads)[1]
+    answers = problem.static_answers(modes.eigenvectors, loads)
+    return _extended(problem, modes.eigenvectors, answers, problem.norms(answers))[1]
 
 
-def _with_answers(problem: ModalProblem, kept: np.ndarray, loads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out."""
-    if not len(loads.T):
-        return kept, np.zeros(0, dtype=bool)
-    answers = problem.static_answers(kept, loads)
-    before = problem.norms(answers)
-    basis, m_basis, dependent = kept, problem.times_mass(kept), np.zeros(len(loads.T), dtype=bool)
-    for number, answer in enumerate(answers.T[..., None]):
-        gram = problem.inner(basis, m_basis)
-        for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
-            answer = answer - basis @ np.linalg.solve(gram, problem.inner(m_basis, answer))
-        m_answer = problem.times_mass(answer)
-        after = np.sqrt(problem.inner(answer, m_answer)[0, 0])
-        dependent[number] = not after > DEPENDENT_TOLERANCE * before[number]
+def _extended(
+    problem: ModalProblem, kept: np.ndarray, answers: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return vectors extended by orthonormal answers, and which answers depend on those before and are left out.
+
+    Sizes (n_loads,) are those of which round-off leaves a share of `DEPENDENT_TOLERANCE`.
+    """
+    basis, dependent = kept, np.zeros(len(sizes), dtype=bool)
+    for number, (answer, size) in enumerate(zip(answers.T[..., None], sizes)):
+        rest = _beside(problem, basis, answer)
+        left = problem.norms(rest)[0]
+        dependent[number] = not left > DEPENDENT_TOLERANCE * size
         if not dependent[number]:
-            basis, m_basis = np.hstack([basis, answer / after]), np.hstack([m_basis, m_answer / after])
+            basis = np.hstack([basis, rest / left])
     return basis, dependent
+
+
+def _beside(problem: ModalProblem, basis: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return what a basis misses of vectors."""
+    for _ in range(2):  # twice is enough (Kahan): the second pass removes what round-off left
+        vectors = vectors - problem.onto(basis, vectors)
+    return vectors
+
+
+def _limits(problem: ModalProblem, modes: ModeSet, loads_at: LoadsAt) -> np.ndarray:
+    """Return the directions of what is left of each answer in the limit of the configuration of the modes.
+
+    Along the coordinate that leaves most; shape (n_local, n_loads). All of them come from the neighbours: what is left
+    beside a limit vanishes with it only then. The problem returns to the configuration.
+    """
+    found = []
+    for k, coordinate in enumerate(problem.kinematics.coordinates):
+        step = LIMIT_STEP * (coordinate.upper - coordinate.lower)
+        ends = modes.theta[k] + np.array([-step, step])
+        if not coordinate.periodic:  # at an end of the range of one side alone
+            ends = np.clip(ends, coordinate.lower, coordinate.upper)
+        before, after = (_left_at(problem, modes, k, end, loads_at) for end in ends)
+        found += [after - before, after + before]
+    problem.resume(modes.theta, modes.eigenvalues, modes.flexible)
+    largest = np.argmax([problem.norms(vectors) for vectors in found], axis=0)
+    return np.array(found)[largest, :, np.arange(len(largest))].T
+
+
+def _left_at(problem: ModalProblem, modes: ModeSet, k: int, value: float, loads_at: LoadsAt) -> np.ndarray:
+    """Return what is left of each answer beside those before it, with coordinate k at a value, (n_local, n_loads)."""
+    theta = modes.theta.copy()
+    theta[k] = value
+    there = problem.solve(theta)
+    basis = there.eigenvectors
+    answers = problem.static_answers(basis, loads_at(problem, there))
+    for number in range(answers.shape[1]):
+        one = slice(number, number + 1)
+        answers[:, one] = _beside(problem, basis, answers[:, one])
+        size = problem.norms(answers[:, one])
+        if size > 0.0:
+            basis = np.hstack([basis, answers[:, one] / size])
+    return answers

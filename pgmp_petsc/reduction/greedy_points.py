@@ -132,7 +132,7 @@ class _Configuration:
     ) -> _Configuration:
         """Compute the products."""
         modes = problem.solve(theta)
-        static = static_modes(problem, modes, loads.at(problem, modes))
+        static = static_modes(problem, modes, loads.at)
         flexible = np.hstack([modes.flexible, static])
         found = snapshots.at(theta, flexible)
         rest = snapshots.missed(found, np.hstack([modes.rigid[:, modes.free], flexible]))

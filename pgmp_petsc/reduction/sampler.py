@@ -120,7 +120,7 @@ class Sampler:
         problem = self.problem
         modes = _ascending(scramble(problem.solve(theta)))
         loads = self._loads.at(theta)
-        static = static_modes(problem, modes, self._static_loads.at(problem, modes))
+        static = static_modes(problem, modes, self._static_loads.at)
         shape = kept = np.hstack([modes.flexible, static])
         if self._snapshots is not None:
             missed = self._snapshots.missed(

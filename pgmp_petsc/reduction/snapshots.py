@@ -61,7 +61,7 @@ class ParameterSnapshots:
 
     def _of_point(self, problem: ModalProblem, theta: np.ndarray, kept: np.ndarray) -> np.ndarray:
         modes = problem.solve(theta)
-        static = static_modes(problem, modes, self._loads.at(problem, modes))
+        static = static_modes(problem, modes, self._loads.at)
         own = np.hstack([modes.flexible, static])
         return own @ problem.inner(own, problem.times_mass(kept))
 

@@ -75,7 +75,7 @@ def curved(scene: Scene, theta: float, n_modes: int) -> Curved:
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
         patterns = problem.independent(patterns.fixed)
-        static = static_modes(problem, modes, patterns)
+        static = static_modes(problem, modes, lambda *_: patterns)
         shape, curvature = np.hstack([modes.flexible, static]), CurvatureProblem(problem)
         chi = curvature.solve(modes, shape, curvature.answered_loads(modes, static, patterns)).chi
     nonlinear = StaticEquilibrium(kinematics, scene.nominal, theta)

@@ -16,7 +16,7 @@ from pgmp_petsc.mechanism.body_frames import to_body
 from pgmp_petsc.mechanism.constraints import constraint_jacobian
 from pgmp_petsc.mechanism.kinematics import RigidKinematics
 from pgmp_petsc.modes.problem import ModalProblem, ModeSet
-from pgmp_petsc.modes.static_modes import static_modes
+from pgmp_petsc.modes.static_modes import dependent_loads, static_modes
 from pgmp_petsc.reduction.interpolation import interpolant
 from pgmp_petsc.reduction.sampler import Sampler
 from pgmp_petsc.reduction.static_loads import StaticLoads
@@ -75,7 +75,7 @@ def sampled(scene: Scene, theta: float, n_modes: int) -> tuple[ModeSet, np.ndarr
     dense = Dense(kinematics, scene, theta)
     with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
         modes = problem.solve(theta)
-        return modes, static_modes(problem, modes, dense.loads), dense
+        return modes, static_modes(problem, modes, lambda *_: dense.loads), dense
 
 
 @every_scene
@@ -233,7 +233,43 @@ def test_a_static_answer_that_the_modes_hold_already_is_noticed() -> None:
         load = np.zeros((36, 1))
         load[2] = 1.0
         with pytest.raises(RunError, match="reduction.static_modes at theta = 1 rad"):
-            static_modes(problem, modes, np.hstack([load, load]))
+            static_modes(problem, modes, lambda *_: np.hstack([load, load]))
+
+
+def test_answers_that_are_combinations_at_one_angle_are_continued_by_their_limit() -> None:
+    """Where the crank is upright the rod moves without turning: its weight along the motion is its inertia force."""
+    from mpi4py import MPI
+
+    scene = slider_crank(
+        GRAVITY,
+        STATIC,
+        "reduction.inertia_modes=true",
+        "bodies.crank.flexible=false",
+        "parameters={}",
+        "bodies.crank.section.radius=5.6e-3",
+        'bodies.crank.material="steel"',
+    )
+    kinematics, n_modes, upright = kinematics_of(scene), 3, 0.5 * np.pi
+    with ModalProblem(kinematics, scene.nominal, n_modes, MPI.COMM_SELF) as problem:
+        effects = effects_of(scene, problem.mechanism)
+        loads = StaticLoads.of(problem, patterns_of(effects, problem.matrices), scene.reduction)
+
+        def basis(angle: float) -> np.ndarray:
+            modes = problem.solve(angle)
+            return np.hstack([modes.flexible, static_modes(problem, modes, loads.at)])
+
+        def turned(before: float, after: float) -> float:
+            """Return the largest angle between the spaces at two angles of the crank."""
+            one, other = basis(before), basis(after)
+            return np.arccos(np.linalg.svd(problem.inner(one, problem.times_mass(other)), compute_uv=False).min())
+
+        modes = problem.solve(upright)
+        assert dependent_loads(problem, modes, loads.at(problem, modes)).any()
+        ahead, whole = turned(upright, upright + 0.02), turned(upright - 0.02, upright + 0.02)
+        # half the way is half the turn, but for what is of second order in the distance, and of second order in the
+        # step of the limit
+        assert ahead == pytest.approx(0.5 * whole, rel=0.05)
+        assert turned(upright, upright + 0.01) == pytest.approx(0.5 * ahead, rel=0.05)
 
 
 def test_a_solver_of_the_users_own_gives_the_same_answers() -> None:
