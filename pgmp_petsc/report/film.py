@@ -326,7 +326,7 @@ def _finite(value: float) -> float | None:
 
 def _decimals(time: np.ndarray) -> int:
     """Return digits behind the point that tell frames apart."""
-    return int(np.clip(1 - np.floor(np.log10(np.diff(time).min())), 0, 12)) if len(time) > 1 else 3
+    return int(np.clip(1 - np.floor(np.log10(np.diff(time).min()) + 1e-9), 0, 12)) if len(time) > 1 else 3
 
 
 def _scale(unit: float) -> tuple[int, str]:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from pgmp_petsc.figures.style import MODELS, axis_unit, scene_of
+from pgmp_petsc.figures.style import MODELS, axis_unit, quantity, scene_of
 from pgmp_petsc.figures.trajectories import Comparison, labels_of, paired
 from pgmp_petsc.report import charts
 from pgmp_petsc.report.budget import Line, error_budget, model_error
 from pgmp_petsc.report.charts import Chart, Curve
-from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words
+from pgmp_petsc.report.datum import Datum, Place, Sentence, in_words, sentence_case
 from pgmp_petsc.report.downloads import Download, downloads_of
 from pgmp_petsc.report.film import Film, film_of
 from pgmp_petsc.report.sources import Build, Source
@@ -72,14 +72,14 @@ def section_of(sources: Sequence[Source]) -> Section:
     comparisons = paired([source.result for source in runs])
     error = model_error(sources, comparisons)
     filmed = next((source for source in runs if source.result.frames is not None), None)
-    film = None if filmed is None else film_of(filmed.result)
+    film = None if filmed is None else film_of(filmed.result, filmed.name)
     labels = labels_of(comparisons, {id(source.result): source.path for source in runs})
     return Section(
         name=in_words(str(header.get("name", "scene without a name"))),
         description=str(header.get("description", "")),
         verdict=verdict(sources, error),
         film=film,
-        film_of="" if film is None else f"{MODELS[filmed.result.model]}, {filmed.name}",
+        film_of="" if film is None else _film_of(filmed, scene, bool(ensembles)),
         parameters=_parameters(scene, sources[0]),
         outputs=_outputs(scene, comparisons, labels, ensembles),
         statistics=[_statistics(source, len(ensembles) > 1) for source in ensembles if source.result.statistics],
@@ -102,6 +102,25 @@ def section_of(sources: Sequence[Source]) -> Section:
     )
 
 
+def _film_of(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
+    """Return what is seen in the film: which run, and where its parameters are not those of the scene."""
+    words = f"{sentence_case(MODELS[source.result.model])} model, {source.name}"
+    nominal = {name: entry.get("nominal") for name, entry in scene.get("parameters", {}).items()}
+    units = {name: str(entry.get("unit", "1")) for name, entry in scene.get("parameters", {}).items()}
+    other = [
+        f"{quantity(name, value, units[name])} (nominally {quantity(name, nominal[name], units[name]).split(' = ')[1]})"
+        for name, value in source.record.parameters.items()
+        if isinstance(nominal.get(name), (int, float)) and value != nominal[name]
+    ]
+    if other:
+        words += f", at {', '.join(other)}"
+    elif among_samples:
+        words += ", at the nominal parameters"
+    if among_samples:
+        words += ": a single run, none of the samples"
+    return f"{words}. Move the slider: the charts over time show the same instant."
+
+
 def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
     """Return the parameters with their units, values and distributions."""
     rows = []
@@ -113,14 +132,18 @@ def _parameters(scene: Mapping[str, Any], source: Source) -> Table:
         law = entry.get("distribution")
         drawn = "fixed"
         if isinstance(law, dict):
-            arguments = ", ".join(f"{key} = {item:g}" for key, item in law.items() if isinstance(item, (int, float)))
+            arguments = ", ".join(
+                f"{key} = {factor * item:.6g}{shown}" if key in ("loc", "scale") else f"{key} = {item:g}"
+                for key, item in law.items()
+                if isinstance(item, (int, float))
+            )
             drawn = f"{law.get('name', '')}({arguments})"
         bounds = entry.get("bounds")
         if bounds:
-            drawn += f", from {bounds[0]:g} to {bounds[1]:g}"
+            drawn += f", from {factor * bounds[0]:.6g} to {factor * bounds[1]:.6g}{shown}"
         shown_value = Datum(value, f"{factor * value:.6g}", source.name, f"@parameters/{name}")
         rows.append([[name], [str(entry.get("description", ""))], [shown_value, shown], [drawn]])
-    return Table(["parameter", "what it is", "value", "distribution (SI units)"], rows)
+    return Table(["parameter", "what it is", "value", "distribution"], rows)
 
 
 def _outputs(
@@ -340,8 +363,8 @@ def _absent(runs: Sequence[Source], ensembles: Sequence[Source], film: Film | No
     """Yield what the page does not show, and what would bring it."""
     if film is None:
         yield "no picture of the mechanism: no trajectory with frames is here; add a file of pgmp simulate"
-    elif film.note:
-        yield f"the film shows {film.note}; the file has all"
+    else:
+        yield from film.left_out
     if len(runs) > MOST_CURVES:
         yield f"{MOST_CURVES} of {len(runs)} runs are in the charts over time"
     if not ensembles:
