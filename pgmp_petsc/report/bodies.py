@@ -101,7 +101,17 @@ def _with_field(name: str, own: BodyField, most: int) -> FilmBody:
         edges = outlines(triangles, own.nodes[used])
     values = None if skin.values is None else skin.values[:, used]
     return FilmBody(
-        name, kind, own.nodes[used], skin.points[:, used], moved[:, used], known, nothing, triangles, edges, values, note
+        name,
+        kind,
+        own.nodes[used],
+        skin.points[:, used],
+        moved[:, used],
+        known,
+        nothing,
+        triangles,
+        edges,
+        values,
+        note,
     )
 
 

@@ -30,7 +30,7 @@ MOST_FRAMES = 241
 MOST_BYTES = 1_500_000
 TALLEST, FLATTEST = 1.1, 0.28  # of the picture over its width
 FOOT = 600  # below the mechanism, for the bar of the scale
-# An enlarged deformation may reach this share of the mechanism's size.
+# An enlarged deformation may reach this share of the picture's height.
 LARGEST_SHOWN = 0.3
 FACTORS = (1, 3, 10, 30, 100, 300, 1000)
 N_STOPS = 33  # colours that the page interpolates between
@@ -143,7 +143,6 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
     ]
     packed = [_packed(body, picture, stress) for body in shown]
     reach = max((entry["step"] * np.iinfo(np.int16).max for entry in packed if "step" in entry), default=0.0)
-    size = max(SIZE, height)
     time = frames.time[chosen]
     stops = [to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0.0, 1.0, N_STOPS))]
     legend = None if stress is None else _legend(stress, frames.time[stress.frame], name, stops)
@@ -154,7 +153,7 @@ def film_of(run: Trajectory, name: str = "") -> Film | None:
         "height": height + FOOT,
         "start": start,
         "bodies": [entry | {"colour": colour} for entry, colour in zip(packed, colours)],
-        "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * size],
+        "factors": [factor for factor in FACTORS if factor == 1 or 0.0 < factor * reach <= LARGEST_SHOWN * height],
         "outputs": {key: [_finite(v) for v in np.interp(time, run.time, own)] for key, own in run.outputs.items()},
     }
     if stress is not None:

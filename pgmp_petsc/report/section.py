@@ -79,7 +79,7 @@ def section_of(sources: Sequence[Source]) -> Section:
         description=str(header.get("description", "")),
         verdict=verdict(sources, error),
         film=film,
-        film_of="" if film is None else _film_of(filmed, scene, bool(ensembles)),
+        film_of="" if film is None else film_words(filmed, scene, bool(ensembles)),
         parameters=_parameters(scene, sources[0]),
         outputs=_outputs(scene, comparisons, labels, ensembles),
         statistics=[_statistics(source, len(ensembles) > 1) for source in ensembles if source.result.statistics],
@@ -102,7 +102,7 @@ def section_of(sources: Sequence[Source]) -> Section:
     )
 
 
-def _film_of(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
+def film_words(source: Source, scene: Mapping[str, Any], among_samples: bool) -> str:
     """Return what is seen in the film: which run, and where its parameters are not those of the scene."""
     words = f"{sentence_case(MODELS[source.result.model])} model, {source.name}"
     nominal = {name: entry.get("nominal") for name, entry in scene.get("parameters", {}).items()}

@@ -53,7 +53,7 @@ class Surfaces {
   constructor(canvas, shapes, width, height, palette) {
     Object.assign(this, { canvas, width, palette, ratio: height / width });
     this.shapes = shapes.filter((shape) => shape.triangles);
-    this.context = canvas.getContext("2d");
+    this.context = canvas.getContext("2d", { willReadFrequently: true }); // pixels are made here, not on a card
   }
   resize() {
     const wanted = this.canvas.clientWidth * Math.max(2, devicePixelRatio || 1);
